@@ -1,0 +1,54 @@
+# make demo: a hologram of a Blender scene and refocused pictures of it, in out/demo
+# make test: the tests          make env: only what both need, in .venv
+# make lint, make bench, make extension (the zip that Blender installs)
+
+VENV := .venv
+PY := $(VENV)/bin/python
+# Blender as a Python module exists for these versions only.
+PYTHON ?= $(firstword $(foreach v,3.11 3.13,$(shell command -v python$(v) 2>/dev/null)))
+
+RUN := $(VENV)/.holopath-run
+DEV := $(VENV)/.holopath-dev
+BPY_LIBRARIES := libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libegl1
+PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
+
+.PHONY: env demo test lint bench extension clean
+
+env: $(RUN) $(DEV)
+
+$(PY):
+	@test -n "$(PYTHON)" || { echo "make env: Python 3.11 or 3.13 is missing: install one, or name it with PYTHON=/path/to/python." >&2; exit 1; }
+	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { echo "make env: $(PYTHON) lacks the venv module: install it (Debian, Ubuntu: apt install python3-venv)." >&2; exit 1; }
+	"$(PYTHON)" -m venv $(VENV)
+
+# HoloPath, Blender as a module, and an LLVM.
+$(RUN): pyproject.toml install_llvm.sh | $(PY)
+	$(PIP_INSTALL) -e '.[blender]'
+	@$(PY) -c 'import bpy' >$(VENV)/bpy.log 2>&1 || { echo "make env: Blender's Python module cannot be loaded ($$(tail -n 1 $(VENV)/bpy.log)): install the library that it names (Debian, Ubuntu: apt install $(BPY_LIBRARIES))." >&2; exit 1; }
+	./install_llvm.sh $(VENV)
+	@touch $@
+
+# What tests, benchmarks and lint need besides.
+$(DEV): pyproject.toml | $(RUN)
+	$(PIP_INSTALL) -e '.[blender,test]'
+	@touch $@
+
+demo: $(RUN)
+	$(PY) -m holopath_addon render demo:suzanne --resolution 512x512 --pitch 8 --frames 8 \
+		--focus 0.5m,1m,4m --out out/demo
+
+test: $(RUN) $(DEV)
+	$(PY) -m pytest
+
+lint: $(RUN) $(DEV)
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+
+bench: $(RUN) $(DEV)
+	$(PY) -m benchmarks
+
+extension: $(RUN)
+	$(PY) build_extension.py
+
+clean:
+	rm -rf out build dist

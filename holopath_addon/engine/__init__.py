@@ -1,0 +1,34 @@
+"""The science of HoloPath: plan, trace, propagate, reconstruct. Imports no bpy, and Mitsuba only when used."""
+
+from .camera import Camera
+from .displays import DISPLAYS, Display
+from .errors import BackendUnavailable, Cancelled, InvalidInput
+from .hologram import Hologram, Settings
+from .metrics import psnr, ssim
+from .planner import Decision, Plan, plan
+from .reconstruction import Pupil, reconstruct, to_rgb
+from .reference import reference
+from .rendering import render
+from .wavefield import WaveField
+
+__all__ = [
+    "BackendUnavailable",
+    "Camera",
+    "Cancelled",
+    "DISPLAYS",
+    "Decision",
+    "Display",
+    "Hologram",
+    "InvalidInput",
+    "Plan",
+    "Pupil",
+    "Settings",
+    "WaveField",
+    "plan",
+    "psnr",
+    "reconstruct",
+    "reference",
+    "render",
+    "ssim",
+    "to_rgb",
+]

@@ -1,0 +1,77 @@
+"""The viewer's camera: where hologram space is anchored in the world."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole at the centre of the viewer's pupil.
+
+    Parameters
+    ----------
+    to_world : array_like, shape (4, 4)
+        Rigid transform from camera to world space, metres. The camera looks along its own -z, y is up
+        (Blender's convention).
+    fov_x : float
+        Full horizontal field of view, radians, in (0, pi).
+    shift_x, shift_y : float
+        Offset of the principal point in fractions of the image *width*: positive values move the
+        view to the right and up (Blender's lens shift).
+    clip_start : float
+        Surfaces nearer than this depth are not seen, metres.
+
+    Raises
+    ------
+    InvalidInput
+        If the transform is not rigid or the angle is out of range.
+    """
+
+    to_world: np.ndarray = field(repr=False)
+    fov_x: float
+    shift_x: float = 0.0
+    shift_y: float = 0.0
+    clip_start: float = 0.0
+
+    def __post_init__(self):
+        matrix = np.asarray(self.to_world, dtype=np.float64)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise InvalidInput("The camera's transform must be a finite 4 x 4 matrix.")
+        rotation = matrix[:3, :3]
+        if not np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-4):
+            raise InvalidInput("The camera's transform must be rigid: remove its scale and shear.")
+        object.__setattr__(self, "to_world", matrix)
+        if not 0.0 < self.fov_x < np.pi:
+            raise InvalidInput(
+                f"The camera's field of view must lie between 0 and 180 degrees, not "
+                f"{np.degrees(self.fov_x):g}: set the lens to a usable focal length."
+            )
+
+    @property
+    def position(self):
+        """Centre of the pupil in the world, metres, shape (3,)."""
+        return self.to_world[:3, 3]
+
+    @property
+    def axes(self):
+        """Right, up and forward unit vectors in the world, shape (3, 3), one a row."""
+        right, up, back = self.to_world[:3, :3].T
+        return np.stack([right, up, -back])
+
+    def to_dict(self):
+        """JSON-able form, see `from_dict`."""
+        return {
+            "to_world": self.to_world.tolist(),
+            "fov_x": self.fov_x,
+            "shift_x": self.shift_x,
+            "shift_y": self.shift_y,
+            "clip_start": self.clip_start,
+        }
+
+    @classmethod
+    def from_dict(cls, values):
+        """Inverse of `to_dict`."""
+        return cls(**values)

@@ -1,0 +1,61 @@
+"""Resolution and pixel pitch of real phase-only spatial light modulators (SLMs), from their data sheets."""
+
+from dataclasses import dataclass
+
+from .errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class Display:
+    """A phase-only SLM.
+
+    Parameters
+    ----------
+    name : str
+        Key in `DISPLAYS` and value of `--display`.
+    label : str
+        Maker and model.
+    width, height : int
+        Pixels.
+    pitch : float
+        Pixel pitch, metres, the same in x and y.
+    bits : int
+        Bits of phase per pixel that the device's interface takes.
+    """
+
+    name: str
+    label: str
+    width: int
+    height: int
+    pitch: float
+    bits: int
+
+
+DISPLAYS = {
+    d.name: d
+    for d in (
+        Display("pluto-2", "HOLOEYE PLUTO-2", 1920, 1080, 8.0e-6, 8),
+        Display("leto-3", "HOLOEYE LETO-3", 1920, 1080, 6.4e-6, 8),
+        Display("gaea-2", "HOLOEYE GAEA-2", 4160, 2464, 3.74e-6, 8),
+        Display("meadowlark-1920", "Meadowlark Optics 1920 x 1152", 1920, 1152, 9.2e-6, 8),
+        Display("santec-slm-210", "Santec SLM-210", 1920, 1200, 8.0e-6, 10),
+        Display("ti-plm-067", 'Texas Instruments PLM 0.67"', 1358, 800, 10.8e-6, 4),
+    )
+}
+
+
+def display(name):
+    """Return the preset called `name` (case does not matter).
+
+    Raises
+    ------
+    InvalidInput
+        Where there is no such preset; the text lists the known ones.
+    """
+    try:
+        return DISPLAYS[str(name).lower()]
+    except KeyError:
+        known = ", ".join(DISPLAYS)
+        raise InvalidInput(
+            f"There is no display preset '{name}': choose one of {known}, or give a resolution and pitch."
+        ) from None

@@ -1,0 +1,177 @@
+"""What is to be displayed: the hologram's grid, colours and depth volume; and how it is to be computed."""
+
+import math
+from dataclasses import asdict, dataclass
+
+from .errors import InvalidInput
+
+QUALITIES = ("preview", "balanced", "full")
+METHODS = ("full",)
+ESTIMATORS = ("lattice", "paper")
+PHASE_FIELDS = ("random",)
+RADIANCES = ("grain", "ray")
+DEPTH_MAPPINGS = ("fit", "eyepiece")
+
+
+@dataclass(frozen=True)
+class Hologram:
+    """Grid, wavelengths and depth volume of a hologram. The SLM lies at z = 0, light runs to +z.
+
+    Parameters
+    ----------
+    width, height : int
+        Pixels.
+    pitch : float
+        Pixel pitch d, metres. The recordable cone is asin(wavelength / (2 d)).
+    wavelengths : tuple of float
+        Vacuum wavelengths, metres; each takes the red, green or blue radiance of the scene,
+        whichever is nearest (`channel`).
+    depth_far, depth_near : float
+        Distance from the SLM of the far end (world infinity) and of the near end, metres.
+    depth_mapping : {'fit', 'eyepiece'}
+        How world depth fills the volume, see `mapping.DepthMapping`.
+    near : float, optional
+        World depth that `fit` maps to `depth_near`, metres. Default: the nearest surface in view.
+
+    Raises
+    ------
+    InvalidInput
+        On a value that no display can have.
+    """
+
+    width: int
+    height: int
+    pitch: float
+    wavelengths: tuple = (640e-9, 516.5e-9, 455.4e-9)
+    depth_far: float = 80e-3
+    depth_near: float = 85e-3
+    depth_mapping: str = "fit"
+    near: float | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "wavelengths", tuple(float(w) for w in self.wavelengths))
+        if self.width < 1 or self.height < 1:
+            raise InvalidInput(
+                f"The hologram's resolution is {self.width} x {self.height}: both must be at least 1 pixel."
+            )
+        if self.width * self.height > 1 << 26:
+            raise InvalidInput(
+                f"The hologram's resolution {self.width} x {self.height} is over 67 megapixels: choose a smaller one."
+            )
+        if not (math.isfinite(self.pitch) and self.pitch > 0):
+            raise InvalidInput(f"The pixel pitch must be positive, not {self.pitch * 1e6:g} µm.")
+        if not self.wavelengths:
+            raise InvalidInput("The hologram needs at least one wavelength.")
+        for wavelength in self.wavelengths:
+            if not 100e-9 <= wavelength <= 10e-6:
+                raise InvalidInput(f"The wavelength {wavelength * 1e9:g} nm is outside 100 nm to 10000 nm.")
+            if wavelength >= 2 * self.pitch:
+                raise InvalidInput(
+                    f"The pixel pitch {self.pitch * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
+                    f"it must exceed half the wavelength."
+                )
+        if not (
+            math.isfinite(self.depth_far)
+            and math.isfinite(self.depth_near)
+            and self.depth_near > self.depth_far
+        ):
+            raise InvalidInput(
+                f"The depth range must run from far to near with near farther from the SLM, not "
+                f"{self.depth_far * 1e3:g} mm to {self.depth_near * 1e3:g} mm."
+            )
+        if self.depth_mapping not in DEPTH_MAPPINGS:
+            raise InvalidInput(
+                f"Unknown depth mapping '{self.depth_mapping}': choose one of {', '.join(DEPTH_MAPPINGS)}."
+            )
+        if self.near is not None and not (math.isfinite(self.near) and self.near > 0):
+            raise InvalidInput(f"The near end of the scene must be a positive distance, not {self.near:g} m.")
+
+    def max_slope(self, wavelength):
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge."""
+        return math.tan(math.asin(wavelength / (2 * self.pitch)))
+
+    def to_dict(self):
+        """JSON-able form, see `from_dict`."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values):
+        """Inverse of `to_dict`."""
+        return cls(**values)
+
+
+def channel(wavelength):
+    """Index (0 red, 1 green, 2 blue) of the scene's radiance channel that a wavelength in metres shows."""
+    return 0 if wavelength > 580e-9 else 1 if wavelength > 490e-9 else 2
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a hologram is computed. Defaults suit most scenes; the plan fills what is left open.
+
+    Parameters
+    ----------
+    frames : int
+        Time-multiplexed frames M; speckle contrast falls as 1/sqrt(M).
+    method : {'full'}
+        What is traced.
+    estimator : {'lattice', 'paper'}
+        Lattice of directions with the exact kernel, or the paper's random directions with a
+        spherical wave.
+    phase_field : {'random'}
+        Where the phases of the frames come from.
+    radiance : {'grain', 'ray'}
+        Average the path-traced radiance per grain before the root is taken, or take one path a ray.
+    quality : {'preview', 'balanced', 'full'}
+        Sets rays and radiance samples where `spp` does not.
+    spp : int, optional
+        Most rays a pixel.
+    wrp : 'auto' or float
+        Distance of the wave recording plane from the SLM, metres.
+    max_depth : int
+        Vertices of a radiance path, as Mitsuba counts them: 1 emission only, 2 direct light.
+    seed : int
+        Of every random number used.
+
+    Raises
+    ------
+    InvalidInput
+        On a value out of range.
+    """
+
+    frames: int = 8
+    method: str = "full"
+    estimator: str = "lattice"
+    phase_field: str = "random"
+    radiance: str = "grain"
+    quality: str = "balanced"
+    spp: int | None = None
+    wrp: str | float = "auto"
+    max_depth: int = 8
+    seed: int = 0
+
+    def __post_init__(self):
+        for name, known in (
+            ("method", METHODS),
+            ("estimator", ESTIMATORS),
+            ("phase_field", PHASE_FIELDS),
+            ("radiance", RADIANCES),
+            ("quality", QUALITIES),
+        ):
+            value = getattr(self, name)
+            if value not in known:
+                raise InvalidInput(
+                    f"Unknown {name.replace('_', ' ')} '{value}': choose one of {', '.join(known)}."
+                )
+        if not 1 <= self.frames <= 256:
+            raise InvalidInput(f"The number of frames must be between 1 and 256, not {self.frames}.")
+        if self.spp is not None and not 1 <= self.spp <= 1 << 20:
+            raise InvalidInput(f"Rays a pixel must be between 1 and {1 << 20}, not {self.spp}.")
+        if self.wrp != "auto" and not (isinstance(self.wrp, (int, float)) and math.isfinite(self.wrp)):
+            raise InvalidInput(
+                "The recording plane must be 'auto' or a distance from the SLM in millimetres."
+            )
+        if self.max_depth < 1:
+            raise InvalidInput(f"Paths need at least 1 vertex, not {self.max_depth}.")
+        if self.seed < 0:
+            raise InvalidInput(f"The seed must not be negative, not {self.seed}.")

@@ -1,0 +1,121 @@
+"""The lattice of directions and its kernel table W: how one ray's grain adds to a pixel of the recording plane."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+LEVELS = 768
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Directions (i, j) spacing, i, j integer, within a cone.
+
+    Attributes
+    ----------
+    indices : numpy.ndarray, int32, shape (rays, 2)
+        i (towards +x) and j (towards +y) of each direction, from the axis outwards.
+    spacing : float
+        Slope between neighbours; pitch / depth_limit for one ray a grain at the farthest depth.
+    depth_limit : float
+        Largest distance |dz| from the recording plane that the table serves, metres.
+    """
+
+    indices: np.ndarray
+    spacing: float
+    depth_limit: float
+
+    @classmethod
+    def of(cls, max_slope, depth_limit, pitch, cone=1.15, most=None):
+        """One direction a grain at `depth_limit`, to `cone` times the recordable slope.
+
+        Parameters
+        ----------
+        max_slope : float
+            Slope of the widest recordable cone, `Hologram.max_slope`.
+        depth_limit, pitch : float
+            Metres.
+        cone : float
+            The kernel's tails beyond the geometric cone, as a factor.
+        most : int, optional
+            Most directions; the lattice is coarsened to meet it, which aliases the far depths.
+        """
+        reach = max(cone * max_slope * depth_limit / pitch, 2.0)
+        while True:
+            n = math.floor(reach)
+            j, i = np.mgrid[-n : n + 1, -n : n + 1]
+            inside = i * i + j * j <= reach * reach
+            if most is None or inside.sum() <= most or reach <= 0:
+                break
+            reach *= min(0.999, math.sqrt(most / inside.sum()))
+        i, j = i[inside], j[inside]
+        order = np.lexsort((i, j, i * i + j * j))
+        spacing = cone * max_slope / reach if reach > 0 else max_slope
+        return cls(np.stack([i[order], j[order]], axis=1).astype(np.int32), spacing, depth_limit)
+
+    @property
+    def rays(self):
+        """Directions, hence rays a pixel."""
+        return len(self.indices)
+
+    def offsets(self, pitch):
+        """Grain offset |o| in pixels of lattice index |i| at each depth level.
+
+        The levels are (l + 1/2) / LEVELS of the depth limit, so that rounding never meets a tie.
+
+        Returns
+        -------
+        numpy.ndarray, int32, shape (LEVELS, largest index + 1)
+        """
+        index = np.arange(np.abs(self.indices).max() + 1)
+        step = self.spacing * self.depth_limit / pitch
+        level = (np.arange(LEVELS) + 0.5) / LEVELS
+        return np.floor(index[None, :] * (step * level[:, None]) + 0.5).astype(np.int32)
+
+
+def kernel_table(lattice, pitch, wavelength):
+    """W(dz, o) = K(dz, o) / count(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
+
+    K is the carrier-free, band-limited kernel that takes the field of a grain at distance dz behind the
+    plane (towards the viewer) back to the plane: the inverse DFT of exp(2 pi i dz / wavelength u / (1 +
+    sqrt(1 - u))), u = (wavelength f)^2, over the circular band; its conjugate serves -dz. count is how many
+    lattice directions share the grain, E the in-band energy of the kernel cut to the grains reached (pi/4
+    uncut). Each depth thereby becomes an exact discrete convolution at one ray a grain.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (LEVELS, reach + 1, reach + 1), indexed [level, |oy|, |ox|]
+    """
+    offsets = lattice.offsets(pitch)
+    side = int(offsets.max()) + 1
+    # even spectra on an even grid: cosines over half the bins replace the Fourier transform
+    n = max(128, 4 * side + 64)
+    bins = np.arange(n // 2 + 1)
+    twice = np.where((bins == 0) | (bins == n // 2), 1.0, 2.0)
+    images = np.where(np.arange(side) == 0, 1.0, 2.0)
+    cosine = np.cos(2 * math.pi / n * np.outer(np.arange(side), bins))
+    to_space, to_frequency = cosine * twice / n, (cosine * images[:, None]).T
+    f = bins / n
+    band = f[:, None] ** 2 + f**2 <= 0.25
+    u = (wavelength / pitch) ** 2 * (f[:, None] ** 2 + f**2)
+    detour = u / (1 + np.sqrt(np.maximum(1 - u, 0)))
+    weight = np.where(band, np.outer(twice, twice), 0) / n**2
+    i, j = np.abs(lattice.indices).T
+    table = np.empty((LEVELS, side, side), np.complex64)
+    together = max(1, (1 << 20) // detour.size)
+    for first in range(0, LEVELS, together):
+        levels = np.arange(first, min(first + together, LEVELS))
+        dz = (levels + 0.5) / LEVELS * lattice.depth_limit
+        spectrum = np.where(band, np.exp((2j * math.pi / wavelength) * dz[:, None, None] * detour), 0)
+        kernel = to_space @ spectrum @ to_space.T
+        cell = (np.arange(len(levels))[:, None] * side + offsets[levels[:, None], j]) * side + offsets[
+            levels[:, None], i
+        ]
+        count = np.bincount(cell.ravel(), minlength=kernel.size).reshape(kernel.shape) / np.outer(
+            images, images
+        )
+        kernel[count == 0] = 0
+        energy = (np.abs(to_frequency @ kernel @ to_frequency.T) ** 2 * weight).sum((1, 2))
+        table[levels] = kernel / np.maximum(count, 1) * np.sqrt(math.pi / 4 / energy)[:, None, None]
+    return table

@@ -1,0 +1,335 @@
+"""Looks at the scene and decides how much has to be modelled, and says why."""
+
+import math
+import time
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+
+from . import backend
+from .errors import InvalidInput
+from .hologram import Settings
+from .kernel_table import LEVELS, Lattice
+from .mapping import DepthMapping
+
+CONE = {
+    "preview": 1.0,
+    "balanced": 1.15,
+    "full": 1.3,
+}  # of the recordable slope: how much of the kernel's tails
+PASSES = {"preview": 16, "balanced": 48, "full": 192}  # radiance paths a pixel
+PAPER_RAYS = {"preview": 256, "balanced": 1024, "full": 4096}
+SLAB = 0.15e-3  # metres; a small part of the depth of focus, 2 wavelength / slope^2 = 1 mm at 8 µm
+MOST_SLABS = 48
+GLOSSY_BINS = 4
+MAP_BYTES = 1 << 30  # largest radiance map
+CELL_BYTES = 48  # three sums and a count of 8 bytes, and the amplitudes made of them
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One choice of the plan: what, which value, and why, in plain words."""
+
+    name: str
+    value: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will be computed. Distances in metres.
+
+    Attributes
+    ----------
+    near : float
+        World depth at the near end of the volume (`fit`), or of the nearest surface (`eyepiece`).
+    wrp : float
+        z of the recording plane.
+    z_low, z_high : float
+        Hologram-space depths between which surfaces were seen.
+    depth_limit : float
+        Largest distance of a surface from the recording plane.
+    rays_per_pixel, passes, slabs, bins : int
+        Rays of the wave, radiance paths, and the radiance map's slabs and pupil bins.
+    cone : float
+        Half-angle of the lattice in recordable slopes.
+    seconds : float
+        Estimated time on this machine.
+    memory_bytes : int
+        Estimated peak of the arrays.
+    decisions : tuple of Decision
+    warnings : tuple of str
+    """
+
+    near: float
+    wrp: float
+    z_low: float
+    z_high: float
+    depth_limit: float
+    rays_per_pixel: int
+    passes: int
+    slabs: int
+    bins: int
+    cone: float
+    seconds: float
+    memory_bytes: int
+    decisions: tuple = field(repr=False)
+    warnings: tuple = ()
+
+    def to_dict(self):
+        """JSON-able form."""
+        return asdict(self)
+
+    def __str__(self):
+        lines = [f"{d.name}: {d.value} ({d.reason})" for d in self.decisions]
+        lines.append(f"time: about {self.seconds:.0f} s, memory: about {self.memory_bytes / 1e6:.0f} MB")
+        return "\n".join(lines + [f"warning: {w}" for w in self.warnings])
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What a few rays saw: world depths in metres (inf where nothing was hit), and the surfaces' kinds."""
+
+    depth: np.ndarray
+    sky: bool
+    glossy: float
+    specular: float
+    emissive: float
+    rays_per_second: float
+
+
+def probe(scene, hologram, camera, mapping, plane, seed=0):
+    """Trace up to about a million rays over the hologram and the pupil, first hits only.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    hologram : Hologram
+    camera : Camera
+    mapping : DepthMapping
+        With beta = 0 the rays start at the pupil's centre.
+    plane : float
+        z of the plane that the rays start from, metres.
+    seed : int
+
+    Returns
+    -------
+    Probe
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    from .tracer import Rays
+
+    rays = Rays(hologram, camera, mapping, plane)
+    stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / (1 << 16))))
+    columns, rows, directions = -(-hologram.width // stride), -(-hologram.height // stride), 16
+    size = columns * rows * directions
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, size)
+    index = dr.arange(mi.UInt32, size)
+    pixel, number = index // directions, index % directions
+    jitter = sampler.next_2d()
+    column = dr.minimum((pixel % columns + jitter.x) * stride, hologram.width) - 0.5
+    row = dr.minimum((pixel // columns + jitter.y) * stride, hologram.height) - 0.5
+    turn = sampler.next_2d()
+    u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
+    limit = max(hologram.max_slope(w) for w in hologram.wavelengths)
+    slope = limit * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
+    ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
+    dr.eval(ray, depth_rate)
+    start = time.perf_counter()
+    si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=True)
+    hit = si.is_valid()
+    depth = dr.select(hit, camera.clip_start + si.t * depth_rate, dr.inf)
+    flags = si.bsdf().flags()
+    glossy = hit & mi.has_flag(flags, mi.BSDFFlags.Glossy)
+    specular = hit & mi.has_flag(flags, mi.BSDFFlags.Delta)
+    emissive = hit & (si.shape.is_emitter())
+    shares = [float(dr.mean(dr.select(mask, mi.Float(1), 0))[0]) for mask in (glossy, specular, emissive)]
+    depth = np.asarray(depth)
+    elapsed = time.perf_counter() - start
+    return Probe(depth, scene.environment() is not None, *shares, size / elapsed)
+
+
+def plan(scene, camera, hologram, settings=None):
+    """Decide what to compute for a scene on a display; computes nothing but a few probe rays.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings, optional
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InvalidInput
+        If nothing is in view.
+    BackendUnavailable
+        If Mitsuba cannot compute here.
+    """
+    backend.activate()
+    settings = settings or Settings()
+    decisions, warnings = [], []
+    near = near_end(scene, camera, hologram, settings.seed)
+    mapping = DepthMapping.of(hologram, camera, near)
+    seen = probe(scene, hologram, camera, mapping, mapping.z_far, settings.seed)
+    hit = np.isfinite(seen.depth)
+    z_high = float(mapping.depth_to_z(seen.depth[hit].min())) if hit.any() else mapping.z_far
+    z_low = mapping.z_far if seen.sky and not hit.all() else float(mapping.depth_to_z(seen.depth[hit].max()))
+    decisions.append(
+        Decision(
+            "depth",
+            f"{near:.3g} m to {'infinity' if z_low == mapping.z_far else f'{mapping.z_to_depth(z_low):.3g} m'} "
+            f"at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from the SLM",
+            "the volume ends at the nearest surface in view"
+            if hologram.depth_mapping == "fit" and not hologram.near
+            else f"{hologram.depth_mapping} mapping",
+        )
+    )
+
+    if settings.wrp == "auto":
+        wrp = 0.5 * (z_low + z_high)
+        reason = "the middle of the depths in view needs the fewest rays"
+    else:
+        wrp, reason = float(settings.wrp), "as asked"
+    decisions.append(Decision("recording plane", f"{wrp * 1e3:.3f} mm from the SLM", reason))
+    # rays between the probe's may meet surfaces a little beyond what it saw
+    depth_limit = 1.02 * max(z_high - wrp, wrp - z_low) + 0.1 * hologram.pitch / _slope(hologram)
+
+    cone = CONE[settings.quality]
+    if settings.estimator == "paper":
+        rays = settings.spp or PAPER_RAYS[settings.quality]
+        reach = math.ceil(_slope(hologram) * depth_limit / hologram.pitch) + 1
+        decisions.append(Decision("rays a pixel", str(rays), "random directions, the paper's estimator"))
+    else:
+        whole = Lattice.of(_slope(hologram), depth_limit, hologram.pitch, cone)
+        lattice = Lattice.of(_slope(hologram), depth_limit, hologram.pitch, cone, settings.spp)
+        rays, reach = lattice.rays, int(lattice.offsets(hologram.pitch).max())
+        decisions.append(
+            Decision(
+                "rays a pixel",
+                str(rays),
+                f"one a grain at {depth_limit * 1e3:.2f} mm from the recording plane, "
+                f"cone {cone:g} of the recordable",
+            )
+        )
+        if rays < whole.rays:
+            warnings.append(
+                f"{rays} rays a pixel are fewer than the {whole.rays} that this depth range needs: the farthest "
+                f"depths lose contrast; raise the rays a pixel or reduce the depth range."
+            )
+
+    if seen.glossy + seen.specular > 1e-3:
+        bins, why = GLOSSY_BINS, "glossy surfaces look different across the pupil"
+    else:
+        bins, why = 1, "all surfaces in view are diffuse"
+    passes = PASSES[settings.quality] * (2 if bins > 1 else 1)
+    if seen.emissive >= hit.mean() - 1e-3 and not seen.sky:
+        passes, why = 16, "only lamps in view, whose radiance has no noise"
+    margin = reach
+    slabs = max(1, min(MOST_SLABS, math.ceil((z_high - z_low) / SLAB)))
+    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
+    while slabs > 1 and columns * slabs * bins**2 * CELL_BYTES > MAP_BYTES:
+        slabs -= 1
+    while bins > 1 and columns * slabs * bins**2 * CELL_BYTES > MAP_BYTES:
+        bins -= 1
+    if settings.radiance == "grain":
+        decisions.append(
+            Decision(
+                "radiance",
+                f"{passes} paths a pixel, averaged in {slabs} depth slabs and {bins} x {bins} pupil bins",
+                f"the root of a mean is unbiased; {why}",
+            )
+        )
+    else:
+        passes = 0
+        decisions.append(Decision("radiance", "one path a ray", "as asked; dark where light is indirect"))
+
+    if seen.specular > 1e-3:
+        warnings.append(
+            f"{seen.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
+            f"surface, not at the depth of what it reflects."
+        )
+    captured = captured_share(hologram, 0.5 * (z_low + z_high))
+    if captured < 0.75:
+        warnings.append(
+            f"Only {captured:.0%} of the light fits through the SLM's aperture at {z_high * 1e3:.0f} mm: edges darken; "
+            f"bring the depth range nearer to the SLM or use more pixels."
+        )
+
+    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+    per_ray = 1.7 / seen.rays_per_second + 0.35e-9 * frames * colours
+    seconds = (
+        pixels * rays * per_ray
+        + columns * passes * 6 / seen.rays_per_second
+        + pixels * frames * colours * 0.3e-6
+        + 2
+    )
+    memory = (
+        pixels * frames * (colours + 1) * 8
+        + columns * slabs * bins**2 * CELL_BYTES
+        + LEVELS * (reach + 1) ** 2 * 8 * colours
+        + (1 << 22) * 8
+    )
+    decisions.append(Decision("frames", str(frames), f"speckle contrast about {1 / math.sqrt(frames):.0%}"))
+    return Plan(
+        near,
+        wrp,
+        z_low,
+        z_high,
+        depth_limit,
+        rays,
+        passes,
+        slabs,
+        bins,
+        cone,
+        seconds,
+        memory,
+        tuple(decisions),
+        tuple(warnings),
+    )
+
+
+def _slope(hologram):
+    return max(hologram.max_slope(w) for w in hologram.wavelengths)
+
+
+def near_end(scene, camera, hologram, seed=0):
+    """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
+    pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
+    nearest = probe(scene, hologram, camera, pinhole, pinhole.z_far, seed).depth.min()
+    if not math.isfinite(nearest):
+        if scene.environment() is None:
+            raise InvalidInput(
+                "Nothing is in the camera's view: point the camera at an object or light the world."
+            )
+        return hologram.near or 1.0
+    if hologram.near:
+        return hologram.near
+    if hologram.depth_mapping == "eyepiece":
+        return float(nearest)
+    mapping = DepthMapping.of(hologram, camera, nearest)
+    return float(min(nearest, probe(scene, hologram, camera, mapping, mapping.z_far, seed).depth.min()))
+
+
+def captured_share(hologram, distance):
+    """Share of the recordable cones' light, from a picture at `distance`, that passes the SLM's aperture.
+
+    Geometric: the overlap of the picture and its copies shifted by slope times distance, averaged over
+    the cone of the widest wavelength.
+    """
+    n = 33
+    axis = np.linspace(-1, 1, n)
+    slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
+    disk = slope_x**2 + slope_y**2 <= 1
+    walk = _slope(hologram) * abs(distance) / hologram.pitch
+    kept = np.clip(1 - np.abs(slope_x) * walk / hologram.width, 0, 1) * np.clip(
+        1 - np.abs(slope_y) * walk / hologram.height, 0, 1
+    )
+    return float(kept[disk].mean())

@@ -1,0 +1,128 @@
+"""The rendered wave field: complex amplitudes at the SLM plane, and their form on disk."""
+
+import json
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .camera import Camera
+from .errors import InvalidInput
+from .hologram import Hologram
+from .mapping import DepthMapping
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class WaveField:
+    """Complex fields at the SLM plane z = 0.
+
+    Attributes
+    ----------
+    data : numpy.ndarray, complex64, shape (frame, wavelength, y, x)
+        Row 0 is the top. The frame mean of the intensity refocused at a surface is its radiance.
+    hologram : Hologram
+    camera : Camera
+    near : float
+        World depth in metres at the volume's near end.
+    plan, report : dict
+        What was planned, and seconds and rays per stage.
+    """
+
+    data: np.ndarray = field(repr=False)
+    hologram: Hologram
+    camera: Camera
+    near: float
+    plan: dict = field(default_factory=dict, repr=False)
+    report: dict = field(default_factory=dict, repr=False)
+
+    @property
+    def mapping(self):
+        """World to hologram space, `DepthMapping`."""
+        return DepthMapping.of(self.hologram, self.camera, self.near)
+
+    def save(self, folder):
+        """Write ``field.npy`` and ``meta.json`` into a folder that appears only when complete.
+
+        Parameters
+        ----------
+        folder : path
+            Replaced if it holds an earlier wave field.
+
+        Raises
+        ------
+        InvalidInput
+            If the folder exists and is not a wave field's.
+        OSError
+            If it cannot be written; nothing is left behind.
+        """
+        folder = Path(folder)
+        if folder.exists() and any(folder.iterdir()) and not (folder / "meta.json").exists():
+            raise InvalidInput(
+                f"The folder {folder} holds something other than a wave field: choose another one."
+            )
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        try:
+            np.save(part / "field.npy", self.data)
+            meta = {
+                "format_version": FORMAT_VERSION,
+                "axes": ["frame", "wavelength", "y", "x"],
+                "units": "metres; intensity in scene radiance; time dependence exp(-i omega t)",
+                "resolution": [self.hologram.width, self.hologram.height],
+                "pitch_m": self.hologram.pitch,
+                "wavelengths_m": list(self.hologram.wavelengths),
+                "distance_far_m": self.hologram.depth_far,
+                "distance_near_m": self.hologram.depth_near,
+                "depth_mapping": self.hologram.depth_mapping,
+                "near_m": self.near,
+                "hologram": self.hologram.to_dict(),
+                "camera": self.camera.to_dict(),
+                "plan": self.plan,
+                "report": self.report,
+            }
+            (part / "meta.json").write_text(json.dumps(meta, indent=1))
+            os.chmod(part, 0o755)
+            if folder.exists():
+                shutil.rmtree(folder)
+            os.replace(part, folder)
+        except BaseException:
+            shutil.rmtree(part, ignore_errors=True)
+            raise
+
+    @classmethod
+    def load(cls, folder):
+        """Read what `save` wrote; the field is memory-mapped.
+
+        Raises
+        ------
+        InvalidInput
+            If the folder holds no readable wave field.
+        """
+        folder = Path(folder)
+        try:
+            meta = json.loads((folder / "meta.json").read_text())
+            if meta["format_version"] != FORMAT_VERSION:
+                raise InvalidInput(
+                    f"{folder} has format version {meta['format_version']}, this HoloPath reads "
+                    f"{FORMAT_VERSION}: render it again."
+                )
+            data = np.load(folder / "field.npy", mmap_mode="r", allow_pickle=False)
+            hologram, camera = Hologram.from_dict(meta["hologram"]), Camera.from_dict(meta["camera"])
+            near = float(meta["near_m"])
+        except FileNotFoundError as error:
+            raise InvalidInput(
+                f"{folder} holds no wave field ({Path(error.filename).name} is missing): render one first."
+            ) from None
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InvalidInput):
+                raise
+            raise InvalidInput(f"{folder} holds a damaged wave field ({error}): render it again.") from None
+        expected = (len(hologram.wavelengths), hologram.height, hologram.width)
+        if data.ndim != 4 or data.shape[1:] != expected or data.dtype != np.complex64:
+            raise InvalidInput(f"{folder}/field.npy does not fit its meta.json: render it again.")
+        return cls(data, hologram, camera, near, meta.get("plan", {}), meta.get("report", {}))

@@ -1,0 +1,111 @@
+"""Blender's camera to the engine's."""
+
+import math
+
+import numpy as np
+
+from ..engine import Camera, InvalidInput
+
+
+def find_camera(scene, camera=None):
+    """The camera object to render from.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    camera : bpy.types.Object, str or None
+        A camera object or its name; None takes the scene's active camera.
+
+    Raises
+    ------
+    InvalidInput
+        If there is none, or the object is no camera.
+    """
+    if isinstance(camera, str):
+        name, camera = camera, scene.objects.get(camera)
+        if camera is None:
+            raise InvalidInput(f"The scene has no object '{name}': give the name of one of its cameras.")
+    elif camera is None:
+        camera = scene.camera
+        if camera is None:
+            raise InvalidInput(
+                f"The scene '{scene.name}' has no active camera: add one (Add > Camera) and make it active."
+            )
+    if camera.type != "CAMERA":
+        raise InvalidInput(f"The object '{camera.name}' is not a camera: choose a camera object.")
+    return camera
+
+
+def export_camera(depsgraph, camera, resolution, scale, notes):
+    """Turn a Blender camera into an engine camera for square hologram pixels.
+
+    Parameters
+    ----------
+    depsgraph : bpy.types.Depsgraph
+    camera : bpy.types.Object
+        A camera object, see `find_camera`.
+    resolution : tuple of int
+        Hologram width and height, pixels.
+    scale : float
+        Metres a Blender unit.
+    notes : Notes
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    InvalidInput
+        If the camera is not a perspective one, or its transform is degenerate.
+    """
+    evaluated = camera.evaluated_get(depsgraph)
+    data = evaluated.data
+    if data.type != "PERSP":
+        kind = {"ORTHO": "orthographic", "PANO": "panoramic"}.get(data.type, data.type.lower())
+        raise InvalidInput(
+            f"The camera '{camera.name}' is {kind}: a hologram needs a perspective camera, so set its lens "
+            "type to Perspective."
+        )
+    width, height = resolution
+    horizontal = data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width >= height)
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    fitted = width if horizontal else height  # the side, in pixels, that the sensor size spans
+    tan_half_x = 0.5 * sensor / data.lens * width / fitted
+
+    _note_differences(depsgraph.scene, camera, data, notes)
+    return Camera(
+        to_world=_rigid(np.array(evaluated.matrix_world, dtype=np.float64), scale, camera.name, notes),
+        fov_x=2 * math.atan(tan_half_x),
+        shift_x=data.shift_x * fitted / width,
+        shift_y=data.shift_y * fitted / width,
+        clip_start=data.clip_start * scale,
+    )
+
+
+def _rigid(matrix, scale, name, notes):
+    """Drop scale and shear: Blender, too, only takes a camera's position and orientation."""
+    axes = matrix[:3, :3]
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(axes)) < 1e-30:
+        raise InvalidInput(f"The transform of camera '{name}' is degenerate: clear its scale (Alt S).")
+    back = axes[:, 2] / np.linalg.norm(axes[:, 2])
+    up = axes[:, 1] - back * (back @ axes[:, 1])
+    up /= np.linalg.norm(up)
+    right = np.cross(up, back)
+    if right @ axes[:, 0] < 0:
+        notes.add(name, "Mirrored camera (negative scale)", "rendered unmirrored")
+    rigid = np.eye(4)
+    rigid[:3, :3] = np.stack([right, up, back], axis=1)
+    rigid[:3, 3] = matrix[:3, 3] * scale
+    return rigid
+
+
+def _note_differences(scene, camera, data, notes):
+    if data.dof.use_dof:
+        notes.add(camera.name, "Depth of Field", "ignored: a hologram is focused when it is viewed")
+    if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
+        notes.add(camera.name, "Pixel aspect", "ignored: the pixels of a hologram are square")
+    if scene.render.use_border:
+        notes.add(camera.name, "Render Region", "ignored: the whole view is rendered")
+    if scene.render.use_motion_blur:
+        notes.add(camera.name, "Motion Blur", "ignored")

@@ -1,0 +1,75 @@
+"""Walking Blender's node trees: which output feeds a socket, through groups, reroutes and muted nodes."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A socket together with the group nodes that were entered to reach it, outermost first."""
+
+    socket: object
+    groups: tuple = ()
+
+    @property
+    def node(self):
+        """The node the socket belongs to."""
+        return self.socket.node
+
+    def input(self, name):
+        """Input socket `name` of the same node, or None where this Blender version has none."""
+        socket = self.node.inputs.get(name)
+        return None if socket is None else Pin(socket, self.groups)
+
+
+def follow(pin):
+    """Find where the value of an input socket comes from.
+
+    Parameters
+    ----------
+    pin : Pin
+        An input socket.
+
+    Returns
+    -------
+    Pin
+        The output socket that feeds it, or the input socket (of this node or of an outer group node)
+        whose own value counts because nothing is linked to it.
+    """
+    while True:
+        link = next((link for link in pin.socket.links if link.is_valid and not link.is_muted), None)
+        if link is None:
+            return pin
+        source, node = link.from_socket, link.from_node
+        if node.mute or node.bl_idname == "NodeReroute":
+            inner = _passed_through(node, source)
+            if inner is None:
+                return Pin(source, pin.groups)
+            pin = Pin(inner, pin.groups)
+        elif node.bl_idname == "NodeGroupInput" and pin.groups:
+            outer = _by_identifier(pin.groups[-1].inputs, source.identifier)
+            pin = Pin(outer, pin.groups[:-1])
+        elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
+            output = next(
+                (n for n in node.node_tree.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output),
+                None,
+            )
+            if output is None:
+                return Pin(source, pin.groups)
+            pin = Pin(_by_identifier(output.inputs, source.identifier), (*pin.groups, node))
+        else:
+            return Pin(source, pin.groups)
+
+
+def _passed_through(node, source):
+    if node.bl_idname == "NodeReroute":
+        return node.inputs[0]
+    return next((link.from_socket for link in node.internal_links if link.to_socket == source), None)
+
+
+def _by_identifier(sockets, identifier):
+    return next(socket for socket in sockets if socket.identifier == identifier)
+
+
+def output_node(tree):
+    """The active output node that Cycles would render, or None."""
+    return tree.get_output_node("CYCLES") or tree.get_output_node("ALL")

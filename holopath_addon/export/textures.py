@@ -1,0 +1,279 @@
+"""Values of shader sockets: constants, or images as Mitsuba bitmaps."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .node_graph import follow
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+MAGENTA = (1.0, 0.0, 1.0)
+_LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
+
+
+@dataclass(frozen=True)
+class ImageValue:
+    """A socket fed by an image.
+
+    Attributes
+    ----------
+    image : bpy.types.Image
+    alpha : bool
+        Read the alpha channel instead of the colour.
+    closest : bool
+        No interpolation between pixels.
+    extension : str
+        Blender's ``REPEAT``, ``EXTEND``, ``CLIP`` or ``MIRROR``.
+    uv_name : str or None
+        UV map; None for the active one.
+    uv_matrix : tuple of 9 floats
+        Row-major transform of the UVs.
+    scale : tuple of 3 floats
+        Factor on the linear colour.
+    power : float
+        Exponent on the linear colour, before the factor.
+    """
+
+    image: object
+    alpha: bool = False
+    closest: bool = False
+    extension: str = "REPEAT"
+    uv_name: str | None = None
+    uv_matrix: tuple = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    scale: tuple = (1.0, 1.0, 1.0)
+    power: float = 1.0
+
+    def scaled(self, factor):
+        """The same image times a number or a colour."""
+        factor = np.broadcast_to(np.asarray(factor, float), 3)
+        return replace(self, scale=tuple(float(v) for v in np.asarray(self.scale) * factor))
+
+
+def linear_pixels(image, notes):
+    """Pixels of an image in linear Rec.709, bottom row first.
+
+    Parameters
+    ----------
+    image : bpy.types.Image
+    notes : Notes
+
+    Returns
+    -------
+    float32 [y, x, 4] or None
+        None if the image cannot be read.
+    """
+    width, height = image.size
+    if width * height == 0 or not image.channels:
+        notes.add(image.name, "Image file", "missing: shown in magenta")
+        return None
+    if image.source in ("SEQUENCE", "MOVIE"):
+        notes.add(image.name, "Image sequence or movie", "only the frame loaded now is used")
+    elif image.source == "TILED":
+        notes.add(image.name, "UDIM tiles", "only the first tile is used")
+    pixels = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    pixels = pixels.reshape(height, width, 4)
+    space = image.colorspace_settings.name
+    if image.is_float or space in _LINEAR_SPACES:
+        return pixels
+    if space != "sRGB":
+        notes.add(image.name, f"Color Space {space}", "read as sRGB")
+    colour = pixels[..., :3]
+    pixels[..., :3] = np.where(
+        colour <= 0.04045, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4
+    )
+    return pixels
+
+
+class Textures:
+    """Reads socket values and builds each Mitsuba texture once.
+
+    Parameters
+    ----------
+    notes : Notes
+    """
+
+    def __init__(self, notes):
+        self._notes = notes
+        self._pixels = {}
+        self._built = {}
+
+    def value(self, pin, owner, fallback):
+        """What feeds a socket.
+
+        Parameters
+        ----------
+        pin : Pin or None
+            An input socket.
+        owner : str
+            Name for notes.
+        fallback : float or tuple of 3 floats
+            Used where the socket is missing or fed by nodes that cannot be exported.
+
+        Returns
+        -------
+        float, tuple of 3 floats, or ImageValue
+        """
+        if pin is None:
+            return fallback
+        source = follow(pin)
+        if not source.socket.is_output:
+            return _plain(source.socket.default_value)
+        node = source.node
+        if node.bl_idname in ("ShaderNodeRGB", "ShaderNodeValue"):
+            return _plain(source.socket.default_value)
+        if node.bl_idname == "ShaderNodeTexImage" and not node.mute:
+            return self._image(source, owner)
+        self._notes.add(
+            owner, f"{node.bl_label} node into {pin.socket.name}", "not supported: replaced by a constant"
+        )
+        return fallback
+
+    def constant(self, pin, owner, fallback):
+        """Like `value`, for parameters that take no texture; images are noted and replaced."""
+        value = self.value(pin, owner, fallback)
+        if isinstance(value, ImageValue):
+            self._notes.add(owner, f"Texture on {pin.socket.name}", "replaced by a constant")
+            return fallback
+        return value
+
+    def _image(self, source, owner):
+        node = source.node
+        if node.image is None:
+            self._notes.add(owner, "Image Texture without an image", "shown in magenta")
+            return MAGENTA
+        if node.projection != "FLAT":
+            self._notes.add(owner, f"{node.projection.title()} projection", "mapped by UV instead")
+        uv_name, matrix = self._coordinates(source.input("Vector"), owner)
+        return ImageValue(
+            node.image,
+            alpha=source.socket.name == "Alpha",
+            closest=node.interpolation == "Closest",
+            extension=node.extension,
+            uv_name=uv_name,
+            uv_matrix=tuple(float(v) for v in matrix.ravel()),
+        )
+
+    def _coordinates(self, pin, owner):
+        """UV map and 3x3 UV transform that feed a texture's Vector socket."""
+        source = follow(pin)
+        if not source.socket.is_output:
+            return None, np.eye(3)
+        node = source.node
+        if node.bl_idname == "ShaderNodeUVMap":
+            return node.uv_map or None, np.eye(3)
+        if node.bl_idname == "ShaderNodeTexCoord" and source.socket.name == "UV":
+            return None, np.eye(3)
+        if node.bl_idname == "ShaderNodeMapping" and node.vector_type in ("POINT", "TEXTURE"):
+            name, inner = self._coordinates(source.input("Vector"), owner)
+            return name, self._mapping(source, owner) @ inner
+        self._notes.add(owner, f"Texture coordinates from {node.bl_label}", "mapped by UV instead")
+        return None, np.eye(3)
+
+    def _mapping(self, source, owner):
+        node = source.node
+        location = self.constant(source.input("Location"), owner, (0.0, 0.0, 0.0))
+        rotation = self.constant(source.input("Rotation"), owner, (0.0, 0.0, 0.0))
+        scale = self.constant(source.input("Scale"), owner, (1.0, 1.0, 1.0))
+        if abs(rotation[0]) + abs(rotation[1]) > 1e-6:
+            self._notes.add(owner, "Mapping rotation about X or Y", "ignored")
+        cos, sin = math.cos(rotation[2]), math.sin(rotation[2])
+        matrix = np.array(
+            [
+                [cos * scale[0], -sin * scale[1], location[0]],
+                [sin * scale[0], cos * scale[1], location[1]],
+                [0, 0, 1],
+            ]
+        )
+        if node.vector_type == "POINT":
+            return matrix
+        if scale[0] * scale[1] == 0:
+            self._notes.add(owner, "Mapping with zero scale", "ignored")
+            return np.eye(3)
+        return np.linalg.inv(matrix)
+
+    def pixels(self, image):
+        """Cached `linear_pixels`."""
+        key = image.name_full
+        if key not in self._pixels:
+            self._pixels[key] = linear_pixels(image, self._notes)
+        return self._pixels[key]
+
+    def mean_colour(self, value):
+        """Mean linear colour of a value, shape (3,)."""
+        if not isinstance(value, ImageValue):
+            return np.broadcast_to(np.asarray(value, float), 3)
+        pixels = self.pixels(value.image)
+        if pixels is None:
+            return np.array(MAGENTA) * value.scale
+        channels = pixels[..., 3:] if value.alpha else pixels[..., :3]
+        return np.broadcast_to(channels.mean((0, 1)), 3) * value.scale
+
+    def build(self, value, grey=False, limit=None):
+        """A Mitsuba texture or constant.
+
+        Parameters
+        ----------
+        value : float, tuple of 3 floats, or ImageValue
+        grey : bool
+            One channel (luminance of a colour), for parameters such as roughness.
+        limit : float, optional
+            Largest value, e.g. 1 for reflectances.
+
+        Returns
+        -------
+        float, dict or mitsuba.Texture
+            To be placed in a dictionary for `mitsuba.load_dict`.
+        """
+        if isinstance(value, ImageValue):
+            return self._bitmap(value, grey, limit)
+        colour = np.broadcast_to(np.asarray(value, float), 3)
+        colour = np.clip(colour, 0, limit)
+        if grey:
+            return float(colour @ LUMINANCE)
+        return {"type": "rgb", "value": [float(v) for v in colour]}
+
+    def _bitmap(self, value, grey, limit):
+        import mitsuba as mi
+
+        key = (replace(value, image=None), value.image.name_full, grey, limit)
+        if key in self._built:
+            return self._built[key]
+        pixels = self.pixels(value.image)
+        if pixels is None:
+            return self.build(tuple(np.array(MAGENTA) * value.scale), grey, limit)
+        colour = np.repeat(pixels[..., 3:], 3, axis=2) if value.alpha else pixels[..., :3]
+        colour = np.maximum(colour, 0) ** np.float32(value.power)
+        colour = np.clip(colour * np.array(value.scale, np.float32), 0, limit)
+        if grey:
+            colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
+        to_uv = np.array(value.uv_matrix).reshape(3, 3)
+        if value.extension == "CLIP":
+            # a black frame of one pixel, repeated outwards
+            height, width = colour.shape[:2]
+            colour = np.pad(colour, ((1, 1), (1, 1), (0, 0)))
+            x, y = width / (width + 2), height / (height + 2)
+            frame = np.array([[x, 0, 1 / (width + 2)], [0, y, 1 / (height + 2)], [0, 0, 1]])
+            to_uv = frame @ to_uv
+        wrap = {"REPEAT": "repeat", "MIRROR": "mirror"}.get(value.extension, "clamp")
+        # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
+        texture = mi.load_dict(
+            {
+                "type": "bitmap",
+                "bitmap": mi.Bitmap(np.ascontiguousarray(colour, np.float32)),
+                "raw": True,
+                "format": "fp16" if not value.image.is_float and max(value.scale) <= 100 else "variant",
+                "filter_type": "nearest" if value.closest else "bilinear",
+                "wrap_mode": wrap,
+                "to_uv": mi.ScalarTransform3f(to_uv),
+            }
+        )
+        self._built[key] = texture
+        return texture
+
+
+def _plain(value):
+    if isinstance(value, (int, float)):
+        return float(value)
+    return tuple(float(v) for v in value)[:3]

@@ -1,0 +1,1 @@
+"""Spatial light modulators: drivers, calibration, streaming and focus control. Imports no bpy."""

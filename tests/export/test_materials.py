@@ -1,0 +1,266 @@
+"""Materials and textures against Cycles, which is inside the bpy module, and against known pictures."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+DIFFUSE = "ShaderNodeBsdfDiffuse"
+PRINCIPLED = "ShaderNodeBsdfPrincipled"
+EMISSION = "ShaderNodeEmission"
+MIDDLE = (slice(11, 21), slice(11, 21))
+QUADRANTS = {
+    "top left": (1, 0, 0),
+    "top right": (0, 1, 0),
+    "bottom left": (0, 0, 1),
+    "bottom right": (1, 1, 1),
+}
+
+
+def quadrant_image(stage, space="Non-Color"):
+    """Four colours, 8 x 8 pixels (linear: Cycles interpolates between sRGB values before it decodes them)."""
+    pixels = np.zeros((8, 8, 3))
+    pixels[:4, :4], pixels[:4, 4:], pixels[4:, :4], pixels[4:, 4:] = QUADRANTS.values()
+    return stage.image(pixels, space=space)
+
+
+def features(exported):
+    return {note.feature for note in exported.notes}
+
+
+@pytest.mark.parametrize(
+    "node, values, tolerance",
+    [
+        (DIFFUSE, dict(Color=(0.8, 0.5, 0.2, 1)), 0.01),
+        (PRINCIPLED, dict(Base_Color=(0.8, 0.5, 0.2, 1)), 0.01),
+        (PRINCIPLED, dict(Base_Color=(0.8, 0.5, 0.2, 1), Roughness=0.2), 0.02),
+        (PRINCIPLED, dict(Base_Color=(0.8, 0.5, 0.2, 1), Roughness=1.0), 0.03),
+        (PRINCIPLED, dict(Base_Color=(0.8, 0.5, 0.2, 1), Metallic=1.0, Roughness=0.3), 0.03),
+        (PRINCIPLED, dict(Base_Color=(0.1, 0.1, 0.1, 1), Roughness=0.4, IOR=2.0), 0.04),
+        (
+            PRINCIPLED,
+            dict(Base_Color=(0, 0, 0, 1), Emission_Color=(1, 0.5, 0.1, 1), Emission_Strength=3.0),
+            0.01,
+        ),
+        ("ShaderNodeBsdfAnisotropic", dict(Color=(0.8, 0.5, 0.2, 1), Roughness=0.3), 0.03),
+        (EMISSION, dict(Color=(0.8, 0.5, 0.2, 1), Strength=2.0), 0.001),
+    ],
+)
+@pytest.mark.parametrize("lit_by", ["world", "lamp"])
+def test_as_bright_as_in_cycles(stage, node, values, tolerance, lit_by):
+    stage.plane(6, stage.material(node, **values))
+    if lit_by == "world":
+        stage.world((0.3, 0.4, 0.5))
+    else:
+        stage.lamp("AREA", 100, (2, 1, 3), (0, 0.6, 0.4))
+    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=tolerance)
+    assert stage.export().notes == []
+
+
+@pytest.mark.parametrize(
+    "node, values",
+    [
+        ("ShaderNodeBsdfGlass", dict(Color=(0.8, 0.5, 0.2, 1), Roughness=0.0)),
+        (PRINCIPLED, dict(Base_Color=(0.8, 0.5, 0.2, 1), Transmission_Weight=1.0, Roughness=0.0)),
+        (PRINCIPLED, dict(Base_Color=(0.8, 0.5, 0.2, 1), Transmission_Weight=1.0, Roughness=0.3)),
+    ],
+)
+def test_glass_ball_tints_as_in_cycles(stage, node, values):
+    stage.sphere(1, stage.material(node, **values))
+    stage.world((0.5, 0.5, 0.5))
+    assert stage.ratio(MIDDLE, depth=12) == pytest.approx(np.ones(3), abs=0.03)
+
+
+def test_backs_reflect_and_emit(stage):
+    plane = stage.plane(6, stage.material(DIFFUSE, Color=(0.8, 0.5, 0.2, 1)))
+    plane.rotation_euler = (np.pi, 0, 0)
+    stage.world((0.4, 0.4, 0.4))
+    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=0.01)
+    plane.data.materials[0] = stage.material(EMISSION, Color=(1, 2, 3, 1))
+    for turn in (0, np.pi):
+        plane.rotation_euler = (turn, 0, 0)
+        bpy.context.view_layer.update()
+        assert stage.mitsuba(spp=4)[MIDDLE].min((0, 1)) == pytest.approx((1, 2, 3))
+
+
+def test_emitters_light_both_their_sides(stage):
+    """Two floors, one on each side of an emitting disk seen by neither camera nor floor edge-on."""
+    emitter = stage.plane(
+        0.5, stage.material(EMISSION, Color=(1, 1, 1, 1), Strength=20), "emitter", (0, 0, 1.5)
+    )
+    floor = stage.plane(2, stage.material(DIFFUSE, Color=(0.8, 0.8, 0.8, 1)))
+    emitter.location = (0, 1.5, 1)
+    region = (slice(8, 24), slice(4, 28))
+    for turn in (0, np.pi):
+        emitter.rotation_euler = (turn, 0, 0)
+        bpy.context.view_layer.update()
+        assert stage.ratio(region) == pytest.approx(np.ones(3), abs=0.03)
+    assert floor.name == "plane"
+
+
+@pytest.mark.parametrize("socket", ["emission", "base colour"])
+def test_textures_are_upright(stage, socket):
+    material = stage.material(EMISSION) if socket == "emission" else stage.material(DIFFUSE)
+    stage.texture(material, quadrant_image(stage), "Color")
+    stage.plane(2, material)
+    stage.world()
+    image = stage.mitsuba(spp=64)
+    near, far = 13, 19
+    corners = image[near, near], image[near, far], image[far, near], image[far, far]
+    for colour, seen in zip(QUADRANTS.values(), corners, strict=True):
+        assert seen == pytest.approx(colour, abs=0.05)
+    assert stage.ratio((slice(9, 23), slice(9, 23)), spp=64) == pytest.approx(np.ones(3), abs=0.02)
+
+
+@pytest.mark.parametrize("extension", ["REPEAT", "EXTEND", "CLIP", "MIRROR"])
+def test_extension_and_mapping(stage, extension):
+    material = stage.material(EMISSION)
+    texture = stage.texture(material, quadrant_image(stage), "Color")
+    texture.extension = extension
+    tree = material.node_tree
+    mapping = tree.nodes.new("ShaderNodeMapping")
+    mapping.inputs["Location"].default_value = (0.3, -0.6, 0)
+    mapping.inputs["Rotation"].default_value = (0, 0, 0.5)
+    mapping.inputs["Scale"].default_value = (1.7, 2.3, 1)
+    tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["UV"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
+    stage.plane(2.6, material)
+    ours, theirs = stage.mitsuba(spp=64), stage.cycles(spp=64)
+    assert np.abs(ours - theirs).mean() < 0.01
+    assert theirs.std() > 0.2
+
+
+@pytest.mark.parametrize(
+    "space, float_buffer", [("sRGB", False), ("Non-Color", False), ("Linear Rec.709", True)]
+)
+def test_colour_spaces(stage, space, float_buffer):
+    material = stage.material(EMISSION)
+    grey = stage.image(np.full((4, 4, 3), 0.5), float_buffer=float_buffer, space=space)
+    stage.texture(material, grey, "Color")
+    stage.plane(6, material)
+    ours, theirs = stage.mitsuba(spp=4)[MIDDLE].mean(), stage.cycles(spp=4)[MIDDLE].mean()
+    assert ours == pytest.approx(theirs, rel=0.005)
+    assert ours == pytest.approx(0.2140 if space == "sRGB" else 0.5, rel=0.01)
+
+
+def test_files_and_missing_files(stage, tmp_path):
+    image = quadrant_image(stage)
+    image.filepath_raw, image.file_format = str(tmp_path / "quadrants.png"), "PNG"
+    image.save()
+    loaded = bpy.data.images.load(str(tmp_path / "quadrants.png"))
+    material = stage.material(EMISSION)
+    texture = stage.texture(material, loaded, "Color")
+    stage.plane(2, material)
+    assert stage.mitsuba(spp=16)[13, 13] == pytest.approx((1, 0, 0), abs=0.02)
+    lost = bpy.data.images.new("lost", 4, 4)
+    lost.source, lost.filepath = "FILE", str(tmp_path / "nowhere.png")
+    lost.reload()
+    texture.image = lost
+    exported = stage.export()
+    assert ("lost", "Image file") in {(n.object, n.feature) for n in exported.notes}
+    assert stage.mitsuba(spp=4, exported=exported)[MIDDLE].mean((0, 1)) == pytest.approx((1, 0, 1))
+
+
+def test_named_uv_map(stage):
+    material = stage.material(EMISSION)
+    texture = stage.texture(material, quadrant_image(stage), "Color")
+    plane = stage.plane(2, material)
+    second = plane.data.uv_layers.new(name="second")
+    second.uv.foreach_set("vector", np.tile([0.25, 0.25], 4).astype(np.float32))
+    assert stage.mitsuba(spp=16)[13, 13] == pytest.approx((1, 0, 0), abs=0.02)
+    node = material.node_tree.nodes.new("ShaderNodeUVMap")
+    node.uv_map = "second"
+    material.node_tree.links.new(node.outputs["UV"], texture.inputs["Vector"])
+    assert stage.mitsuba(spp=16)[13, 13] == pytest.approx((0, 0, 1), abs=0.02)
+    second.active_render = True
+    material.node_tree.nodes.remove(node)
+    assert stage.mitsuba(spp=16)[13, 13] == pytest.approx((0, 0, 1), abs=0.02)
+
+
+def test_roughness_texture_equals_the_constant(stage):
+    constant = stage.material(PRINCIPLED, Base_Color=(0.2, 0.2, 0.2, 1), Roughness=0.3)
+    textured = stage.material(PRINCIPLED, Base_Color=(0.2, 0.2, 0.2, 1))
+    stage.texture(
+        textured, stage.image(np.full((4, 4, 3), 0.3), space="Non-Color", float_buffer=True), "Roughness"
+    )
+    plane = stage.plane(6, constant)
+    stage.lamp("AREA", 100, (0.5, 0, 3), size=0.3)
+    first = stage.mitsuba(spp=64)
+    plane.data.materials[0] = textured
+    assert stage.mitsuba(spp=64) == pytest.approx(first, rel=0.01)
+
+
+def test_mix_add_and_groups(stage):
+    material = stage.material(EMISSION, Color=(1, 0, 0, 1), Strength=2.0)
+    tree = material.node_tree
+    emission = next(n for n in tree.nodes if n.bl_idname == EMISSION)
+    output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    group = bpy.data.node_groups.new("inner", "ShaderNodeTree")
+    group.interface.new_socket("Tint", in_out="INPUT", socket_type="NodeSocketColor")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    inside, outside = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    diffuse = group.nodes.new(DIFFUSE)
+    group.links.new(inside.outputs["Tint"], diffuse.inputs["Color"])
+    group.links.new(diffuse.outputs[0], outside.inputs[0])
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    node.inputs["Tint"].default_value = (0.2, 0.6, 0.4, 1)
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    mix.inputs[0].default_value = 0.25
+    tree.links.new(emission.outputs[0], mix.inputs[1])
+    tree.links.new(node.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    plane = stage.plane(6, material)
+    stage.world((1, 1, 1))
+    assert stage.mitsuba()[MIDDLE].mean((0, 1)) == pytest.approx((1.55, 0.15, 0.1), abs=0.01)
+    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=0.02)
+    add = tree.nodes.new("ShaderNodeAddShader")
+    tree.links.new(emission.outputs[0], add.inputs[0])
+    tree.links.new(node.outputs[0], add.inputs[1])
+    tree.links.new(add.outputs[0], output.inputs["Surface"])
+    assert stage.mitsuba()[MIDDLE].mean((0, 1)) == pytest.approx((2.2, 0.6, 0.4), abs=0.02)
+    assert stage.export().notes == []
+    assert plane.data.materials[0] == material
+
+
+def test_finds_the_active_output(stage):
+    material = stage.material(EMISSION, Color=(1, 0, 0, 1))
+    tree = material.node_tree
+    other = tree.nodes.new(EMISSION)
+    other.inputs["Color"].default_value = (0, 1, 0, 1)
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(other.outputs[0], output.inputs["Surface"])
+    for node in tree.nodes:
+        if node.bl_idname == "ShaderNodeOutputMaterial":
+            node.is_active_output = node == output
+    stage.plane(6, material)
+    assert stage.mitsuba(spp=4)[MIDDLE].mean((0, 1)) == pytest.approx((0, 1, 0))
+
+
+def test_unsupported_features_are_noted(stage):
+    material = stage.material(PRINCIPLED, Subsurface_Weight=0.5, Alpha=0.5, Coat_Weight=1.0)
+    tree = material.node_tree
+    principled = next(n for n in tree.nodes if n.bl_idname == PRINCIPLED)
+    output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(tree.nodes.new("ShaderNodeTexNoise").outputs[1], principled.inputs["Base Color"])
+    tree.links.new(tree.nodes.new("ShaderNodeBump").outputs[0], principled.inputs["Normal"])
+    tree.links.new(tree.nodes.new("ShaderNodeVolumePrincipled").outputs[0], output.inputs["Volume"])
+    stage.plane(6, material)
+    stage.world()
+    assert features(stage.export()) == {
+        "Principled Subsurface Weight",
+        "Principled Alpha",
+        "Principled Coat Weight",
+        "Noise Texture node into Base Color",
+        "Normal input (bump or normal map)",
+        "Volume",
+    }
+
+
+def test_unknown_shaders_fall_back_to_the_viewport_colour(stage):
+    material = stage.material("ShaderNodeBsdfToon")
+    material.diffuse_color = (0.2, 0.4, 0.6, 1)
+    stage.plane(6, material)
+    stage.world()
+    assert stage.mitsuba()[MIDDLE].mean((0, 1)) == pytest.approx((0.2, 0.4, 0.6), abs=0.01)
+    assert features(stage.export()) == {"Toon BSDF node"}

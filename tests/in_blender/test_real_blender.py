@@ -1,0 +1,129 @@
+"""The built extension in a real Blender, named by HOLOPATH_BLENDER.
+
+It is installed from its file, used on the command line and in the background, and last in a window: that
+needs a display, or a HOLOPATH_BLENDER that brings one.
+"""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+WINDOW = Path(__file__).with_name("window.py")
+BLENDER = os.environ.get("HOLOPATH_BLENDER", "")
+
+pytestmark = [
+    pytest.mark.blender,
+    pytest.mark.slow,
+    pytest.mark.skipif(not BLENDER, reason="HOLOPATH_BLENDER names no Blender"),
+]
+
+
+class Blender:
+    """A Blender with its own, empty user folder."""
+
+    def __init__(self, folder):
+        self.environment = os.environ | {
+            "BLENDER_USER_RESOURCES": str(folder),
+            "BLENDER_USER_EXTENSIONS": str(folder / "extensions"),
+        }
+
+    def __call__(self, *arguments, timeout=300):
+        """Run Blender and return its status and all that it printed; it never outlives `timeout` seconds."""
+        process = subprocess.Popen(
+            [BLENDER, *map(str, arguments)],
+            cwd=ROOT,
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            output, _ = process.communicate(timeout=timeout)
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+        return process.returncode, output
+
+
+@pytest.fixture(scope="module")
+def blender(tmp_path_factory):
+    """A Blender with the extension installed from its zip and enabled."""
+    folder = tmp_path_factory.mktemp("blender")
+    blender = Blender(folder / "user")
+    # The first call may have to set the Blender up.
+    tell = "import sys; print('python=%d.%d' % sys.version_info[:2])"
+    status, output = blender("--background", "--factory-startup", "--python-expr", tell, timeout=900)
+    assert status == 0, output
+    python = re.search(r"^python=([\d.]+)$", output, re.MULTILINE)[1]
+    command = [sys.executable, ROOT / "build_extension.py", "--python", python, "--out", folder]
+    built = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
+    assert built.returncode == 0, built.stderr
+    status, output = blender(
+        "--command", "extension", "install-file", "-r", "user_default", "-e", built.stdout.strip()
+    )
+    assert status == 0, output
+    return blender
+
+
+def test_installs_and_enables(blender):
+    code = (
+        "import bpy, addon_utils\n"
+        "name = 'bl_ext.user_default.holopath'\n"
+        "print('enabled', name in bpy.context.preferences.addons, all(addon_utils.check(name)))\n"
+        "print('registered', hasattr(bpy.types.Scene, 'holopath'))\n"
+        "addon_utils.disable(name)\n"
+        "print('gone', not hasattr(bpy.types.Scene, 'holopath'))\n"
+    )
+    status, output = blender("--background", "--python-exit-code", "3", "--python-expr", code)
+    assert status == 0, output
+    for line in ("enabled True True", "registered True", "gone True"):
+        assert line in output, output
+
+
+def test_command_line(blender):
+    status, output = blender("--command", "holopath", "devices")
+    assert status == 0, output
+    assert "llvm_ad_rgb" in output
+
+
+def test_renders_in_the_background(blender, tmp_path):
+    target = tmp_path / "picture.exr"
+    code = (
+        "import bpy\n"
+        "scene = bpy.context.scene\n"
+        "scene.render.engine = 'HOLOPATH'\n"
+        "scene.render.resolution_x = scene.render.resolution_y = 128\n"
+        "scene.render.image_settings.file_format = 'OPEN_EXR'\n"
+        "scene.holopath.depth_far_mm, scene.holopath.depth_near_mm = 2, 3\n"
+        "scene.holopath.frames = 2\n"
+        "scene.holopath.quality = 'preview'\n"
+        f"scene.render.filepath = {str(target)!r}\n"
+        "bpy.ops.render.render(write_still=True)\n"
+        "image = bpy.data.images.load(scene.render.filepath)\n"
+        "print('size', *image.size, 'light', max(image.pixels[:][0::4]) > 0.05)\n"
+    )
+    status, output = blender("--background", "--python-exit-code", "3", "--python-expr", code)
+    assert status == 0, output
+    assert "size 128 128 light True" in output, output
+
+
+def test_window(blender, tmp_path):
+    target = tmp_path / "result.json"
+    status, output = blender("--python-exit-code", "3", "--python", WINDOW, "--", target)
+    assert target.exists(), output
+    result = json.loads(target.read_text(encoding="utf-8"))
+    assert "error" not in result, f"{result}\n{output}"
+    assert status == 0, output
+    assert result["steps"] == ["pressed", "pictured", "refocused", "rendered", "alive"]
+    assert result["size"] == [256, 256]
+    assert result["middle"] > 5 * result["corners"]
+    assert result["rendered"] is True
+    assert "camera" in str(result["without_camera"]) or result["without_camera"] == ["CANCELLED"]
