@@ -1,4 +1,7 @@
-"""The science of HoloPath: plan, trace, propagate, reconstruct. Imports no bpy, and Mitsuba only when used."""
+"""The science of HoloPath: plan, trace, propagate, reconstruct.
+
+Imports no bpy, and Mitsuba only when used.
+"""
 
 from .camera import Camera
 from .displays import DISPLAYS, Display

@@ -21,7 +21,10 @@ PASSES = {"preview": 16, "balanced": 48, "full": 192}  # radiance paths a pixel
 PAPER_RAYS = {"preview": 256, "balanced": 1024, "full": 4096}
 SLAB = 0.15e-3  # metres; a small part of the depth of focus, 2 wavelength / slope^2 = 1 mm at 8 µm
 MOST_SLABS = 48
-GLOSSY_BINS = 4
+GLOSSY_BINS = 2
+LAMP_PASSES = 16
+MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
+CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 MAP_BYTES = 1 << 30  # largest radiance map
 CELL_BYTES = 48  # three sums and a count of 8 bytes, and the amplitudes made of them
 
@@ -49,8 +52,9 @@ class Plan:
         Hologram-space depths between which surfaces were seen.
     depth_limit : float
         Largest distance of a surface from the recording plane.
-    rays_per_pixel, passes, slabs, bins : int
-        Rays of the wave, radiance paths, and the radiance map's slabs and pupil bins.
+    rays_per_pixel, passes, margin, slabs, bins : int
+        Rays of the wave, radiance paths, and the radiance map's pixels beyond each edge, depth slabs and
+        pupil bins.
     cone : float
         Half-angle of the lattice in recordable slopes.
     seconds : float
@@ -68,6 +72,7 @@ class Plan:
     depth_limit: float
     rays_per_pixel: int
     passes: int
+    margin: int
     slabs: int
     bins: int
     cone: float
@@ -119,7 +124,7 @@ def probe(scene, hologram, camera, mapping, plane, seed=0):
     import drjit as dr
     import mitsuba as mi
 
-    from .tracer import Rays
+    from .rays import Rays
 
     rays = Rays(hologram, camera, mapping, plane)
     stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / (1 << 16))))
@@ -202,54 +207,9 @@ def plan(scene, camera, hologram, settings=None):
     # rays between the probe's may meet surfaces a little beyond what it saw
     depth_limit = 1.02 * max(z_high - wrp, wrp - z_low) + 0.1 * hologram.pitch / _slope(hologram)
 
-    cone = CONE[settings.quality]
-    if settings.estimator == "paper":
-        rays = settings.spp or PAPER_RAYS[settings.quality]
-        reach = math.ceil(_slope(hologram) * depth_limit / hologram.pitch) + 1
-        decisions.append(Decision("rays a pixel", str(rays), "random directions, the paper's estimator"))
-    else:
-        whole = Lattice.of(_slope(hologram), depth_limit, hologram.pitch, cone)
-        lattice = Lattice.of(_slope(hologram), depth_limit, hologram.pitch, cone, settings.spp)
-        rays, reach = lattice.rays, int(lattice.offsets(hologram.pitch).max())
-        decisions.append(
-            Decision(
-                "rays a pixel",
-                str(rays),
-                f"one a grain at {depth_limit * 1e3:.2f} mm from the recording plane, "
-                f"cone {cone:g} of the recordable",
-            )
-        )
-        if rays < whole.rays:
-            warnings.append(
-                f"{rays} rays a pixel are fewer than the {whole.rays} that this depth range needs: the farthest "
-                f"depths lose contrast; raise the rays a pixel or reduce the depth range."
-            )
-
-    if seen.glossy + seen.specular > 1e-3:
-        bins, why = GLOSSY_BINS, "glossy surfaces look different across the pupil"
-    else:
-        bins, why = 1, "all surfaces in view are diffuse"
-    passes = PASSES[settings.quality] * (2 if bins > 1 else 1)
-    if seen.emissive >= hit.mean() - 1e-3 and not seen.sky:
-        passes, why = 16, "only lamps in view, whose radiance has no noise"
-    margin = reach
-    slabs = max(1, min(MOST_SLABS, math.ceil((z_high - z_low) / SLAB)))
-    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    while slabs > 1 and columns * slabs * bins**2 * CELL_BYTES > MAP_BYTES:
-        slabs -= 1
-    while bins > 1 and columns * slabs * bins**2 * CELL_BYTES > MAP_BYTES:
-        bins -= 1
-    if settings.radiance == "grain":
-        decisions.append(
-            Decision(
-                "radiance",
-                f"{passes} paths a pixel, averaged in {slabs} depth slabs and {bins} x {bins} pupil bins",
-                f"the root of a mean is unbiased; {why}",
-            )
-        )
-    else:
-        passes = 0
-        decisions.append(Decision("radiance", "one path a ray", "as asked; dark where light is indirect"))
+    rays, reach = _rays(hologram, settings, depth_limit, decisions, warnings)
+    margin = reach + 1
+    passes, slabs, bins = _radiance(hologram, settings, seen, margin, z_high - z_low, decisions)
 
     if seen.specular > 1e-3:
         warnings.append(
@@ -263,21 +223,14 @@ def plan(scene, camera, hologram, settings=None):
             f"bring the depth range nearer to the SLM or use more pixels."
         )
 
-    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
-    per_ray = 1.7 / seen.rays_per_second + 0.35e-9 * frames * colours
-    seconds = (
-        pixels * rays * per_ray
-        + columns * passes * 6 / seen.rays_per_second
-        + pixels * frames * colours * 0.3e-6
-        + 2
+    decisions.append(
+        Decision(
+            "settings.frames",
+            str(settings.frames),
+            f"speckle contrast about {1 / math.sqrt(settings.frames):.0%}",
+        )
     )
-    memory = (
-        pixels * frames * (colours + 1) * 8
-        + columns * slabs * bins**2 * CELL_BYTES
-        + LEVELS * (reach + 1) ** 2 * 8 * colours
-        + (1 << 22) * 8
-    )
-    decisions.append(Decision("frames", str(frames), f"speckle contrast about {1 / math.sqrt(frames):.0%}"))
+    seconds, memory = _costs(hologram, settings, seen, rays, passes, margin, slabs, bins)
     return Plan(
         near,
         wrp,
@@ -286,14 +239,73 @@ def plan(scene, camera, hologram, settings=None):
         depth_limit,
         rays,
         passes,
+        margin,
         slabs,
         bins,
-        cone,
+        CONE[settings.quality],
         seconds,
         memory,
         tuple(decisions),
         tuple(warnings),
     )
+
+
+def _rays(hologram, settings, depth_limit, decisions, warnings):
+    """Rays a pixel, and the farthest grain in pixels that they reach."""
+    slope, cone = _slope(hologram), CONE[settings.quality]
+    if settings.estimator == "paper":
+        rays = settings.spp or PAPER_RAYS[settings.quality]
+        decisions.append(Decision("rays a pixel", str(rays), "random directions, the paper's estimator"))
+        return rays, math.ceil(slope * depth_limit / hologram.pitch) + 1
+    if cone * slope * depth_limit / hologram.pitch > MOST_REACH:
+        raise InvalidInput(
+            f"The recording plane is {depth_limit * 1e3:.1f} mm from a surface, which would need over "
+            f"{math.pi * MOST_REACH**2:.0f} rays a pixel: put it nearer to the scene (auto does), reduce the depth "
+            f"range, or use the paper's estimator."
+        )
+    whole = Lattice.of(slope, depth_limit, hologram.pitch, cone)
+    lattice = Lattice.of(slope, depth_limit, hologram.pitch, cone, settings.spp)
+    reason = (
+        f"one a grain at {depth_limit * 1e3:.2f} mm from the recording plane, cone {cone:g} of the recordable"
+    )
+    decisions.append(Decision("rays a pixel", str(lattice.rays), reason))
+    if lattice.rays < whole.rays:
+        warnings.append(
+            f"{lattice.rays} rays a pixel are fewer than the {whole.rays} that this depth range needs: the farthest "
+            f"depths lose contrast; raise the rays a pixel or reduce the depth range."
+        )
+    return lattice.rays, int(lattice.offsets(hologram.pitch).max())
+
+
+def _radiance(hologram, settings, seen, margin, thickness, decisions):
+    """Radiance paths a pixel, depth slabs and pupil bins."""
+    if settings.radiance == "ray":
+        decisions.append(Decision("radiance", "one path a ray", "as asked; dark where light is indirect"))
+        return 0, 1, 1
+    passes, bins, why = PASSES[settings.quality], 1, "all surfaces in view are diffuse"
+    if seen.glossy + seen.specular > 1e-3:
+        passes, bins, why = 2 * passes, GLOSSY_BINS, "glossy surfaces look different across the pupil"
+    elif seen.emissive >= np.isfinite(seen.depth).mean() - 1e-3 and not seen.sky:
+        passes, why = LAMP_PASSES, "only lamps in view, whose radiance has no noise"
+    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
+    most_slabs = MAP_BYTES // (columns * bins**2 * CELL_BYTES)
+    slabs = max(1, min(MOST_SLABS, most_slabs, math.ceil(thickness / SLAB)))
+    value = f"{passes} paths a pixel, averaged in {slabs} depth slabs and {bins} x {bins} pupil bins"
+    decisions.append(Decision("radiance", value, f"the root of a mean is unbiased; {why}"))
+    return passes, slabs, bins
+
+
+def _costs(hologram, settings, seen, rays, passes, margin, slabs, bins):
+    """Estimated seconds and bytes, from the probe's speed and the sizes of the arrays."""
+    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
+    per_ray = 1 / seen.rays_per_second + 0.2e-9 * frames * colours
+    per_path = 3 * settings.max_depth / seen.rays_per_second
+    paths = columns * passes if settings.radiance == "grain" else pixels * rays
+    seconds = 2 + pixels * rays * per_ray + paths * per_path + pixels * frames * colours * 0.2e-6
+    fields = pixels * frames * (colours + 1) * 8
+    tables = LEVELS * margin**2 * 8 * colours
+    return seconds, fields + tables + columns * slabs * bins**2 * CELL_BYTES + CHUNK_BYTES
 
 
 def _slope(hologram):

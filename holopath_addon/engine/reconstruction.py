@@ -81,7 +81,7 @@ def reconstruct(field, focus, pupil=None, progress=None):
             transfers = [transfer * mask for transfer in transfers]
         for m in range(frames):
             waves = spectrum(field.data[m, k], padded)
-            for image, transfer in zip(images, transfers):
+            for image, transfer in zip(images, transfers, strict=True):
                 at_focus = field_of(waves * transfer, shape)
                 image[..., k] += at_focus.real**2 + at_focus.imag**2
             progress((k * frames + m + 1) / (frames * colours), "Refocusing")

@@ -37,7 +37,10 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     InvalidInput, BackendUnavailable, Cancelled
     """
     backend.activate()
-    from .tracer import GrainGrid, Rays, measure_grains, trace_field
+    from .estimators import LatticeEstimator, RandomEstimator
+    from .grains import GrainGrid, measure_grains
+    from .rays import Rays
+    from .tracer import trace_field
 
     settings = settings or Settings()
     progress = progress or (lambda done, message: None)
@@ -57,41 +60,43 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     mapping = DepthMapping.of(hologram, camera, plan.near)
     rays = Rays(hologram, camera, mapping, plan.wrp)
     max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
-    lattice = Lattice.of(max_slope, plan.depth_limit, hologram.pitch, plan.cone, plan.rays_per_pixel)
-    margin = int(lattice.offsets(hologram.pitch).max()) + 1
-    grid = GrainGrid(
-        hologram.width,
-        hologram.height,
-        margin,
-        plan.slabs,
-        plan.bins,
-        plan.z_low - plan.wrp,
-        plan.z_high - plan.wrp,
-    )
 
     progress(0.02, "Random phases")
     phasors = random_phasors(settings.frames, hologram.height, hologram.width, settings.seed)
     recordable = recordable_fraction(phasors)
-    if settings.estimator == "paper":
-        recordable *= pixel_transmission()
     lap("phase fields")
-    tables = None
-    if settings.estimator == "lattice":
-        tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
-        lap("kernel tables")
 
+    progress(0.04, "Kernel tables")
+    if settings.estimator == "lattice":
+        lattice = Lattice.of(max_slope, plan.depth_limit, hologram.pitch, plan.cone, plan.rays_per_pixel)
+        tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
+        estimator = LatticeEstimator(hologram, lattice, tables)
+    else:
+        estimator = RandomEstimator(hologram, plan.rays_per_pixel, settings.seed)
+        recordable *= pixel_transmission()
+    lap("kernel tables")
+
+    grid = GrainGrid(
+        hologram.width,
+        hologram.height,
+        plan.margin,
+        plan.slabs,
+        plan.bins,
+        plan.z_low - plan.wrp,
+        plan.z_high - plan.wrp,
+        plan.cone * max_slope,
+    )
     amplitudes = None
     if settings.radiance == "grain":
         amplitudes = measure_grains(
             scene,
             rays,
             grid,
-            plan.cone * max_slope,
             hologram.wavelengths,
             plan.passes,
             settings.max_depth,
             settings.seed,
-            lambda done: progress(0.05 + 0.3 * done, "Radiance"),
+            lambda done: progress(0.05 + 0.4 * done, "Radiance"),
         )
         rays_traced["radiance paths"] = grid.columns * grid.rows * plan.passes
         lap("radiance")
@@ -99,14 +104,13 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         scene,
         rays,
         hologram,
-        settings,
-        plan.rays_per_pixel,
-        lattice,
-        tables,
+        estimator,
         grid,
         amplitudes,
         phasors,
-        lambda done: progress(0.35 + 0.5 * done, "Wave tracing"),
+        settings.max_depth,
+        settings.seed,
+        lambda done: progress(0.45 + 0.45 * done, "Wave tracing"),
     )
     rays_traced["wave rays"] = hologram.width * hologram.height * plan.rays_per_pixel
     lap("wave tracing")
