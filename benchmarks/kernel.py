@@ -69,12 +69,12 @@ def run(size=512, repeats=5):
     estimator = LatticeEstimator(hologram, lattice, [kernel_table(lattice, hologram.pitch, GREEN)])
     depths = (plan.z_low - plan.wrp, plan.z_high - plan.wrp)
     grid = GrainGrid(size, size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
-    amplitudes = measure_grains(scene, rays, grid, (GREEN,), plan.passes, 8, 0, lambda done: None)
+    radiance = measure_grains(scene, rays, grid, (GREEN,), plan.passes, 8, 0, lambda done: None)
     phasors = random_phasors(max(FRAMES), size, size)
 
     def trace(frames):
         trace_field(
-            scene, rays, hologram, estimator, grid, amplitudes, phasors[:frames], 8, 0, lambda done: None
+            scene, rays, hologram, estimator, radiance, phasors[:frames], 8, 0, lambda done: None
         )
 
     works = {

@@ -5,23 +5,24 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from .buffers import row_stride
+from .buffers import gather_row, row_stride
 from .hologram import channel
 from .rays import intersect
 
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
-
-# The radiance map sums whole numbers: their order, which threads decide, then does not change the last bit.
+# Sums are whole numbers: their order, which threads decide, then does not change the last bit.
 RADIANCE_STEPS = 2.0**26
 RADIANCE_LIMIT = 2.0**30
 
 
 @dataclass(frozen=True)
 class GrainGrid:
-    """Cells of the radiance map: pixel columns, depth slabs and pupil bins.
+    """Cells that a grain's radiance is averaged over: pixel columns, depth slabs and pupil bins.
 
     Attributes
     ----------
+    width, height : int
+        The hologram's pixels.
     margin : int
         Pixels beyond the hologram's edge on every side that steep rays reach.
     slabs, bins : int
@@ -40,29 +41,51 @@ class GrainGrid:
 
     @property
     def columns(self):
+        """Pixels along x, margins included."""
         return self.width + 2 * self.margin
 
     @property
     def rows(self):
+        """Pixels along y, margins included."""
         return self.height + 2 * self.margin
 
-    @property
-    def cells(self):
-        return self.columns * self.rows * self.slabs * self.bins**2
-
-    def index(self, column, row, z, slope_x, slope_y):
-        """Cell of a grain seen along a slope, and whether it lies on the grid (Dr.Jit types)."""
+    def cell(self, column, row, dz):
+        """Number of the column and slab of a grain, and whether it lies on the grid (Dr.Jit types)."""
         column, row = column + self.margin, row + self.margin
         inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
         scale = self.slabs / max(self.z_high - self.z_low, 1e-12)
-        slab = dr.clip(mi.Int((z - self.z_low) * scale), 0, self.slabs - 1)
-        cell = (slab * self.rows + row) * self.columns + column
-        if self.bins > 1:
-            half = self.bins / (2 * self.max_slope)
-            bin_x = dr.clip(mi.Int((slope_x + self.max_slope) * half), 0, self.bins - 1)
-            bin_y = dr.clip(mi.Int((slope_y + self.max_slope) * half), 0, self.bins - 1)
-            cell = (cell * self.bins + bin_y) * self.bins + bin_x
-        return mi.UInt32(cell), inside
+        slab = dr.clip(mi.Int((dz - self.z_low) * scale), 0, self.slabs - 1)
+        return mi.UInt32((slab * self.rows + row) * self.columns + column), inside
+
+    def bin(self, slope_x, slope_y):
+        """Number of the pupil bin of a direction."""
+        if self.bins == 1:
+            return mi.UInt32(0)
+        half = self.bins / (2 * self.max_slope)
+        over = dr.clip(mi.Int((slope_x + self.max_slope) * half), 0, self.bins - 1)
+        up = dr.clip(mi.Int((slope_y + self.max_slope) * half), 0, self.bins - 1)
+        return mi.UInt32(up * self.bins + over)
+
+
+@dataclass(frozen=True)
+class RadianceMap:
+    """Amplitudes (roots of mean radiances) of the grains in view.
+
+    Only cells that hold a surface have values: `numbers` gives each cell of the grid its row, 0 for none.
+    """
+
+    grid: GrainGrid
+    numbers: "mi.UInt32"
+    amplitudes: "mi.Float"
+    colours: int
+
+    def amplitude(self, column, row, dz, slope_x, slope_y):
+        """Amplitude of each wavelength of the grain at a pixel column and depth, seen along a slope."""
+        cell, inside = self.grid.cell(column, row, dz)
+        number = dr.gather(mi.UInt32, self.numbers, cell, inside)
+        return gather_row(
+            self.amplitudes, number * self.grid.bins**2 + self.grid.bin(slope_x, slope_y), self.colours
+        )
 
 
 def radiance_integrator(max_depth):
@@ -71,10 +94,9 @@ def radiance_integrator(max_depth):
 
 
 def measure_grains(scene, rays, grid, wavelengths, passes, max_depth, seed, progress):
-    """Radiance map (s5): mean radiance of each grain, path-traced once for all pixels that see it.
+    """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
-    One path gives the grain it meets a sample; amplitudes are roots of means, since a root of a noisy
-    sample is biased dark. Empty cells take the mean of their neighbours.
+    A pixel takes the root of a mean over paths, since the root of a noisy sample is biased dark.
 
     Parameters
     ----------
@@ -91,86 +113,108 @@ def measure_grains(scene, rays, grid, wavelengths, passes, max_depth, seed, prog
 
     Returns
     -------
-    mitsuba.Float
-        Amplitudes, rows of `row_stride(len(wavelengths))`, one a cell.
+    RadianceMap
     """
-    integrator = radiance_integrator(max_depth)
-    sums = dr.zeros(mi.UInt64, 4 * grid.cells)
     pixels = grid.columns * grid.rows
     together = max(1, min(passes, CHUNK_PATHS // pixels))
-    for first in range(0, passes, together):
-        count = min(together, passes - first)
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed * 9973 + first, pixels * count)
-        index = dr.arange(mi.UInt32, pixels * count)
-        number, pixel = mi.Float(index // pixels + dr.opaque(mi.UInt32, first)), index % pixels
-        jitter, turn = sampler.next_2d(), sampler.next_2d()
-        column = mi.Float(pixel % grid.columns) - grid.margin + jitter.x - 0.5
-        row = mi.Float(pixel // grid.columns) - grid.margin + jitter.y - 0.5
-        # the R2 sequence spreads a pixel's passes over the pupil, the random turn decorrelates pixels
-        u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
-        slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
-        x, y = rays.place(column, row)
-        ray, depth_rate = rays.world(x, y, slope.x, slope.y)
-        distance, hit = intersect(scene, ray)
-        dz = rays.height_over_plane(distance, depth_rate, hit)
+    chunks = [(first, min(together, passes - first)) for first in range(0, passes, together)]
+    occupied = dr.zeros(mi.UInt32, pixels * grid.slabs)
+    for first, count in chunks:
+        _, ray, depth_rate, place, slope = _primary_rays(rays, grid, first, count, seed)
+        cell, inside, _ = _grain(scene, rays, grid, ray, depth_rate, place, slope)
+        dr.scatter(occupied, mi.UInt32(1), cell, inside)
+        dr.eval(occupied)
+        dr.sync_thread()
+        progress(0.1 * (first + count) / passes)
+    numbers, cells = _numbered(occupied, grid)
+
+    integrator = radiance_integrator(max_depth)
+    sums = dr.zeros(mi.UInt64, 4 * (cells + 1) * grid.bins**2)
+    for first, count in chunks:
+        sampler, ray, depth_rate, place, slope = _primary_rays(rays, grid, first, count, seed)
+        cell, inside, bin_ = _grain(scene, rays, grid, ray, depth_rate, place, slope)
         light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(ray), None, True)
-        cell, inside = grid.index(
-            mi.Int(dr.round(column + slope.x * dz / rays.pitch)),
-            mi.Int(dr.round(row - slope.y * dz / rays.pitch)),
-            dz,
-            slope.x,
-            slope.y,
-        )
         inside &= dr.all(dr.isfinite(light))
+        at = 4 * (dr.gather(mi.UInt32, numbers, cell, inside) * grid.bins**2 + bin_)
         for k, value in enumerate((*light, mi.Float(1))):
             steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
-            dr.scatter_add(sums, steps, 4 * cell + k, inside)
+            dr.scatter_add(sums, steps, at + k, inside)
         dr.eval(sums)
         dr.sync_thread()
-        progress((first + count) / passes)
-    return _amplitudes(sums, grid, wavelengths)
+        progress(0.1 + 0.9 * (first + count) / passes)
+    return RadianceMap(grid, numbers, _amplitudes(sums, grid.bins**2, wavelengths), len(wavelengths))
 
 
-def _amplitudes(sums, grid, wavelengths):
-    """Roots of the cells' mean radiance; empty cells filled from the 26 neighbours."""
+def _primary_rays(rays, grid, first, count, seed):
+    """Rays of `count` passes from number `first` on, spread over pixels and pupil; the same at every call."""
+    pixels = grid.columns * grid.rows
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed * 9973 + first, pixels * count)
+    index = dr.arange(mi.UInt32, pixels * count)
+    number, pixel = mi.Float(index // pixels + dr.opaque(mi.UInt32, first)), index % pixels
+    jitter, turn = sampler.next_2d(), sampler.next_2d()
+    column = mi.Float(pixel % grid.columns) - grid.margin + jitter.x - 0.5
+    row = mi.Float(pixel // grid.columns) - grid.margin + jitter.y - 0.5
+    # the R2 sequence spreads a pixel's passes over the pupil, the random turn decorrelates pixels
+    u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
+    slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
+    ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
+    return sampler, ray, depth_rate, (column, row), slope
 
-    def stored(cell, active):
-        values = [dr.gather(mi.UInt64, sums, 4 * cell + k, active) for k in range(4)]
+
+def _grain(scene, rays, grid, ray, depth_rate, place, slope):
+    """Cell, whether it is on the grid, and pupil bin of what a ray meets first."""
+    distance, hit = intersect(scene, ray)
+    dz = rays.height_over_plane(distance, depth_rate, hit)
+    column = mi.Int(dr.round(place[0] + slope.x * dz / rays.pitch))
+    row = mi.Int(dr.round(place[1] - slope.y * dz / rays.pitch))
+    return *grid.cell(column, row, dz), grid.bin(slope.x, slope.y)
+
+
+def _numbered(occupied, grid):
+    """Numbers 1, 2, ... of the occupied cells; the others borrow a neighbour's, or have 0."""
+    numbers = dr.cumsum(occupied)
+    cells = int(numbers[dr.width(numbers) - 1])
+    numbers = dr.select(occupied != 0, numbers, 0)
+    dr.eval(numbers)
+    cell = dr.arange(mi.Int, dr.width(numbers))
+    column, row = cell % grid.columns, (cell // grid.columns) % grid.rows
+    slab = cell // (grid.columns * grid.rows)
+    filled = mi.UInt32(numbers)
+    axes = (
+        (slab, grid.slabs, grid.columns * grid.rows),
+        (column, grid.columns, 1),
+        (row, grid.rows, grid.columns),
+    )
+    for position, size, step in axes:
+        for side in (-1, 1):
+            there = (position + side >= 0) & (position + side < size) & (filled == 0)
+            filled = dr.select(
+                there, dr.gather(mi.UInt32, numbers, mi.UInt32(cell + side * step), there), filled
+            )
+    dr.eval(filled)
+    return filled, cells
+
+
+def _amplitudes(sums, bins, wavelengths):
+    """Roots of the mean radiances; a pupil bin that no path came through takes the mean of its cell."""
+    rows = dr.width(sums) // 4
+
+    def stored(row, active=True):
+        values = [dr.gather(mi.UInt64, sums, 4 * row + k, active) for k in range(4)]
         return mi.Vector4f(*(mi.Float(value) / RADIANCE_STEPS for value in values))
 
-    cell = dr.arange(mi.UInt32, grid.cells)
-    total = stored(cell, True)
-    bins = grid.bins**2
-    place = mi.Int(cell // bins)
-    column, row = place % grid.columns, (place // grid.columns) % grid.rows
-    slab = place // (grid.columns * grid.rows)
+    row = dr.arange(mi.UInt32, rows)
+    total = stored(row)
     empty = total.w == 0
-    around = dr.zeros(mi.Vector4f, grid.cells)
-    step = mi.Int(0)
-    while_state = (step, around)
-
-    def body(step, around):
-        dx, dy, dz = step % 3 - 1, (step // 3) % 3 - 1, step // 9 - 1
-        near = (
-            (column + dx >= 0)
-            & (column + dx < grid.columns)
-            & (row + dy >= 0)
-            & (row + dy < grid.rows)
-            & (slab + dz >= 0)
-            & (slab + dz < grid.slabs)
-            & empty
-        )
-        other = mi.Int(cell) + ((dz * grid.rows + dy) * grid.columns + dx) * bins
-        return step + 1, around + stored(mi.UInt32(other), near)
-
-    _, around = dr.while_loop(while_state, lambda step, around: (step < 27) & empty, body)
-    total = dr.select(empty, around, total)
+    first = row // bins * bins
+    for other in range(bins if bins > 1 else 0):
+        total += dr.select(empty, stored(first + other, empty), 0)
     mean = dr.select(total.w > 0, total / total.w, 0)
     stride = row_stride(len(wavelengths))
-    amplitudes = dr.zeros(mi.Float, grid.cells * stride)
+    amplitudes = dr.zeros(mi.Float, rows * stride)
     for k, wavelength in enumerate(wavelengths):
-        dr.scatter(amplitudes, dr.sqrt(dr.maximum(mean[channel(wavelength)], 0)), cell * stride + k)
+        dr.scatter(amplitudes, dr.sqrt(mean[channel(wavelength)]), row * stride + k)
     dr.eval(amplitudes)
     dr.sync_thread()
     return amplitudes

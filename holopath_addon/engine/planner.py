@@ -17,16 +17,22 @@ CONE = {
     "balanced": 1.15,
     "full": 1.3,
 }  # of the recordable slope: how much of the kernel's tails
-PASSES = {"preview": 16, "balanced": 48, "full": 192}  # radiance paths a pixel
+GRAIN_NOISE = {"preview": 0.2, "balanced": 0.1, "full": 0.05}  # relative, of a grain's mean radiance
+PASSES = {
+    "preview": (8, 64),
+    "balanced": (16, 256),
+    "full": (32, 1024),
+}  # fewest and most radiance paths a pixel
 PAPER_RAYS = {"preview": 256, "balanced": 1024, "full": 4096}
 SLAB = 0.15e-3  # metres; a small part of the depth of focus, 2 wavelength / slope^2 = 1 mm at 8 µm
 MOST_SLABS = 48
 GLOSSY_BINS = 2
-LAMP_PASSES = 16
+PILOT_GRAINS, PILOT_PATHS = 4096, 32
 MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
-MAP_BYTES = 1 << 30  # largest radiance map
-CELL_BYTES = 48  # three sums and a count of 8 bytes, and the amplitudes made of them
+MAP_BYTES = 1 << 30  # largest index of the radiance map
+CELL_BYTES = 48  # of an occupied cell: three sums and a count of 8 bytes, and the amplitudes made of them
+SURFACES = 2  # occupied slabs of a pixel column, roughly
 
 
 @dataclass(frozen=True)
@@ -93,17 +99,32 @@ class Plan:
 
 @dataclass(frozen=True)
 class Probe:
-    """What a few rays saw: world depths in metres (inf where nothing was hit), and the surfaces' kinds."""
+    """What a few rays saw.
+
+    Attributes
+    ----------
+    depth : numpy.ndarray
+        World depths, metres; inf where nothing was hit.
+    sky : bool
+        Whether rays that hit nothing meet an environment.
+    glossy, specular : float
+        Shares of rays that meet glossy, and mirror-like or clear, surfaces.
+    rays_per_second, paths_per_second : float
+        Speed of this machine on this scene; 0 paths when the radiance was not asked for.
+    noise : float
+        Variance of one radiance path relative to its grain's squared mean, weighted by brightness.
+    """
 
     depth: np.ndarray
     sky: bool
     glossy: float
     specular: float
-    emissive: float
     rays_per_second: float
+    noise: float
+    paths_per_second: float
 
 
-def probe(scene, hologram, camera, mapping, plane, seed=0):
+def probe(scene, hologram, camera, mapping, plane, seed=0, max_depth=0):
     """Trace up to about a million rays over the hologram and the pupil, first hits only.
 
     Parameters
@@ -116,6 +137,8 @@ def probe(scene, hologram, camera, mapping, plane, seed=0):
     plane : float
         z of the plane that the rays start from, metres.
     seed : int
+    max_depth : int
+        Of radiance paths; 0 does not look at the radiance.
 
     Returns
     -------
@@ -142,19 +165,63 @@ def probe(scene, hologram, camera, mapping, plane, seed=0):
     limit = max(hologram.max_slope(w) for w in hologram.wavelengths)
     slope = limit * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
-    dr.eval(ray, depth_rate)
-    start = time.perf_counter()
     si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=True)
     hit = si.is_valid()
     depth = dr.select(hit, camera.clip_start + si.t * depth_rate, dr.inf)
     flags = si.bsdf().flags()
     glossy = hit & mi.has_flag(flags, mi.BSDFFlags.Glossy)
     specular = hit & mi.has_flag(flags, mi.BSDFFlags.Delta)
-    emissive = hit & (si.shape.is_emitter())
-    shares = [float(dr.mean(dr.select(mask, mi.Float(1), 0))[0]) for mask in (glossy, specular, emissive)]
-    depth = np.asarray(depth)
-    elapsed = time.perf_counter() - start
-    return Probe(depth, scene.environment() is not None, *shares, size / elapsed)
+    shares = [float(dr.mean(dr.select(mask, mi.Float(1), 0))[0]) for mask in (glossy, specular)]
+    noise, paths_per_second = _radiance_noise(scene, ray, max_depth, seed) if max_depth else (0.0, 0.0)
+    speed = size / _timed(lambda: dr.eval(scene.ray_intersect_preliminary(ray, coherent=True).t))
+    return Probe(np.asarray(depth), scene.environment() is not None, *shares, speed, noise, paths_per_second)
+
+
+def _timed(work):
+    """Seconds of the second of two calls, which compiles nothing."""
+    import drjit as dr
+
+    for _ in range(2):
+        dr.sync_thread()
+        start = time.perf_counter()
+        work()
+        dr.sync_thread()
+    return time.perf_counter() - start
+
+
+def _radiance_noise(scene, ray, max_depth, seed):
+    """Relative variance of a radiance path, and paths a second, from a few paths along some of the rays."""
+    import drjit as dr
+    import mitsuba as mi
+
+    from .grains import radiance_integrator
+
+    integrator = radiance_integrator(max_depth)
+    rays = dr.width(ray)
+    grains = min(rays, PILOT_GRAINS)
+    index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
+    chosen = dr.gather(mi.Ray3f, ray, mi.UInt32(mi.Float(index) * (rays / grains)))
+    dr.eval(chosen)
+    light = None
+
+    def trace():
+        nonlocal light
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed, grains * PILOT_PATHS)
+        colour, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(chosen), None, True)
+        light = colour.x + colour.y + colour.z
+        dr.eval(light)
+
+    seconds = _timed(trace)
+    light = np.nan_to_num(np.asarray(light, np.float64)).reshape(grains, PILOT_PATHS)
+    mean, variance = light.mean(1), light.var(1, ddof=1)
+    lit = mean > 0
+    if not lit.any():
+        return 0.0, grains * PILOT_PATHS / seconds
+    # weighted by brightness, in which lamps in view must not hide the rest
+    weight = np.minimum(mean[lit], np.percentile(mean[lit], 75))
+    noise = (weight * variance[lit] / mean[lit] ** 2).sum() / weight.sum()
+    return float(noise), grains * PILOT_PATHS / seconds
 
 
 def plan(scene, camera, hologram, settings=None):
@@ -183,7 +250,7 @@ def plan(scene, camera, hologram, settings=None):
     decisions, warnings = [], []
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
-    seen = probe(scene, hologram, camera, mapping, mapping.z_far, settings.seed)
+    seen = probe(scene, hologram, camera, mapping, mapping.z_far, settings.seed, settings.max_depth)
     hit = np.isfinite(seen.depth)
     z_high = float(mapping.depth_to_z(seen.depth[hit].min())) if hit.any() else mapping.z_far
     z_low = mapping.z_far if seen.sky and not hit.all() else float(mapping.depth_to_z(seen.depth[hit].max()))
@@ -282,16 +349,30 @@ def _radiance(hologram, settings, seen, margin, thickness, decisions):
     if settings.radiance == "ray":
         decisions.append(Decision("radiance", "one path a ray", "as asked; dark where light is indirect"))
         return 0, 1, 1
-    passes, bins, why = PASSES[settings.quality], 1, "all surfaces in view are diffuse"
-    if seen.glossy + seen.specular > 1e-3:
-        passes, bins, why = 2 * passes, GLOSSY_BINS, "glossy surfaces look different across the pupil"
-    elif seen.emissive >= np.isfinite(seen.depth).mean() - 1e-3 and not seen.sky:
-        passes, why = LAMP_PASSES, "only lamps in view, whose radiance has no noise"
+    fewest, most = PASSES[settings.quality]
+    wanted = GRAIN_NOISE[settings.quality]
+    passes = min(max(fewest, math.ceil(seen.noise / wanted**2)), most)
+    left = math.sqrt(seen.noise / passes)
+    glossy = seen.glossy + seen.specular > 1e-3
+    bins = GLOSSY_BINS if glossy else 1
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    most_slabs = MAP_BYTES // (columns * bins**2 * CELL_BYTES)
-    slabs = max(1, min(MOST_SLABS, most_slabs, math.ceil(thickness / SLAB)))
-    value = f"{passes} paths a pixel, averaged in {slabs} depth slabs and {bins} x {bins} pupil bins"
-    decisions.append(Decision("radiance", value, f"the root of a mean is unbiased; {why}"))
+    slabs = max(1, min(MOST_SLABS, MAP_BYTES // (4 * columns), math.ceil(thickness / SLAB)))
+    decisions.append(
+        Decision(
+            "radiance paths a pixel",
+            str(passes),
+            f"leaves {left:.1%} noise in a grain's mean, whose root is taken after; {wanted:.0%} was wanted",
+        )
+    )
+    decisions.append(
+        Decision(
+            "radiance map",
+            f"{slabs} depth slabs, {bins} x {bins} pupil bins",
+            "glossy surfaces look different across the pupil"
+            if glossy
+            else "all surfaces in view are diffuse",
+        )
+    )
     return passes, slabs, bins
 
 
@@ -299,13 +380,13 @@ def _costs(hologram, settings, seen, rays, passes, margin, slabs, bins):
     """Estimated seconds and bytes, from the probe's speed and the sizes of the arrays."""
     pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    per_ray = 1 / seen.rays_per_second + 0.2e-9 * frames * colours
-    per_path = 3 * settings.max_depth / seen.rays_per_second
+    seconds = 2.0 + pixels * rays * (1.3 / seen.rays_per_second + (2 + 0.3 * frames * colours) * 1e-9)
     paths = columns * passes if settings.radiance == "grain" else pixels * rays
-    seconds = 2 + pixels * rays * per_ray + paths * per_path + pixels * frames * colours * 0.2e-6
+    seconds += 0.6 * paths / seen.paths_per_second + pixels * frames * colours * 0.1e-6
     fields = pixels * frames * (colours + 1) * 8
     tables = LEVELS * margin**2 * 8 * colours
-    return seconds, fields + tables + columns * slabs * bins**2 * CELL_BYTES + CHUNK_BYTES
+    radiance = columns * (4 * slabs + SURFACES * bins**2 * CELL_BYTES)
+    return seconds, fields + tables + radiance + CHUNK_BYTES
 
 
 def _slope(hologram):

@@ -76,26 +76,20 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         recordable *= pixel_transmission()
     lap("kernel tables")
 
-    grid = GrainGrid(
-        hologram.width,
-        hologram.height,
-        plan.margin,
-        plan.slabs,
-        plan.bins,
-        plan.z_low - plan.wrp,
-        plan.z_high - plan.wrp,
-        plan.cone * max_slope,
-    )
-    amplitudes = None
+    radiance = None
     if settings.radiance == "grain":
-        amplitudes = measure_grains(
+        depths = (plan.z_low - plan.wrp, plan.z_high - plan.wrp)
+        size = (hologram.width, hologram.height)
+        grid = GrainGrid(*size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * max_slope)
+        colours, depth, seed = hologram.wavelengths, settings.max_depth, settings.seed
+        radiance = measure_grains(
             scene,
             rays,
             grid,
-            hologram.wavelengths,
+            colours,
             plan.passes,
-            settings.max_depth,
-            settings.seed,
+            depth,
+            seed,
             lambda done: progress(0.05 + 0.4 * done, "Radiance"),
         )
         rays_traced["radiance paths"] = grid.columns * grid.rows * plan.passes
@@ -105,8 +99,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         rays,
         hologram,
         estimator,
-        grid,
-        amplitudes,
+        radiance,
         phasors,
         settings.max_depth,
         settings.seed,

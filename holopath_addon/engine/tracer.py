@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .buffers import PHASOR_SCALE, gather_phasors, gather_row, packed_phasors
+from .buffers import PHASOR_SCALE, gather_phasors, packed_phasors
 from .grains import radiance_integrator
 from .hologram import channel
 from .rays import intersect
@@ -19,7 +19,7 @@ CHUNK_RAYS = 1 << 22  # between two looks at progress and cancel; well below a s
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
 
-def trace_field(scene, rays, hologram, estimator, grid, amplitudes, phasors, max_depth, seed, progress):
+def trace_field(scene, rays, hologram, estimator, radiance, phasors, max_depth, seed, progress):
     """The wave field on the recording plane: all frames and wavelengths from one traversal.
 
     Parameters
@@ -28,8 +28,7 @@ def trace_field(scene, rays, hologram, estimator, grid, amplitudes, phasors, max
     rays : Rays
     hologram : Hologram
     estimator : LatticeEstimator or RandomEstimator
-    grid : GrainGrid
-    amplitudes : mitsuba.Float or None
+    radiance : RadianceMap or None
         From `measure_grains`; None takes one radiance path a ray.
     phasors : numpy.ndarray, complex64, shape (frames, height, width)
     max_depth, seed : int
@@ -44,7 +43,7 @@ def trace_field(scene, rays, hologram, estimator, grid, amplitudes, phasors, max
     """
     width, height, colours = hologram.width, hologram.height, len(hologram.wavelengths)
     channels = [channel(w) for w in hologram.wavelengths]
-    integrator = radiance_integrator(max_depth) if amplitudes is None else None
+    integrator = radiance_integrator(max_depth) if radiance is None else None
 
     def trace_rows(first, rows, phasor_buffer, frames):
         size = rows * width
@@ -67,9 +66,7 @@ def trace_field(scene, rays, hologram, estimator, grid, amplitudes, phasors, max
             over, up, kernel = estimator.path(slope_x, slope_y, dz)  # s7
             grain_column, grain_row = column + over, row - up
             if integrator is None:  # s4, s5
-                cell, inside = grid.index(grain_column, grain_row, dz, slope_x, slope_y)
-                amplitude = gather_row(amplitudes, dr.select(inside, cell, 0), colours)
-                amplitude = [dr.select(inside, a, 0) for a in amplitude]
+                amplitude = radiance.amplitude(grain_column, grain_row, dz, slope_x, slope_y)
             else:
                 light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(ray), None, True)
                 amplitude = [dr.sqrt(dr.maximum(light[c], 0)) for c in channels]

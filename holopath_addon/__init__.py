@@ -1,0 +1,18 @@
+"""HoloPath renders phase holograms of Blender scenes by wave path tracing.
+
+`holopath_addon.engine` works without Blender on any Mitsuba scene.
+"""
+
+
+def register():
+    """Register everything with Blender; if one part fails, none stays."""
+    from . import registration
+
+    registration.register()
+
+
+def unregister():
+    """Undo `register`."""
+    from . import registration
+
+    registration.unregister()

@@ -1,0 +1,462 @@
+"""The command line: ``python -m holopath_addon`` and, in Blender, ``blender --command holopath``."""
+
+import argparse
+import json
+import math
+import signal
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from . import engine, failures, lengths, output, pipeline, sources
+from .engine import backend, displays
+from .engine import hologram as choices
+
+
+def main(argv=None):
+    """Run one command.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        The words. Default: those of this process, in Blender the ones after ``--``.
+
+    Returns
+    -------
+    int
+        0 done, 1 the work failed, 2 bad input.
+    """
+    if argv is None:
+        argv = sys.argv[1:]
+        if "--" in argv:
+            argv = argv[argv.index("--") + 1 :]
+    args = None
+    try:
+        args = _parser().parse_args(_attach_negative(argv))
+        with _interruptible():
+            args.run(args)
+        return failures.DONE
+    except SystemExit as stop:
+        return stop.code or failures.DONE
+    except (Exception, KeyboardInterrupt) as error:
+        if args is not None and args.debug:
+            raise
+        _close_line()
+        print(f"holopath: {failures.sentence(error)}", file=sys.stderr)
+        return failures.status(error)
+
+
+@contextmanager
+def _interruptible():
+    """Ctrl-C raises KeyboardInterrupt, in `blender --background` too, whose own handler only sets a flag."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+
+
+def _attach_negative(argv):
+    """Join ``--pupil -1,0,2`` to ``--pupil=-1,0,2``: argparse would take the value for an option."""
+    joined = []
+    for word in argv:
+        option = bool(joined) and joined[-1].startswith("--") and "=" not in joined[-1]
+        if option and word[:1] == "-" and word[1:2].isdigit():
+            joined[-1] += "=" + word
+        else:
+            joined.append(word)
+    return joined
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message):
+        print(f"holopath: {message}; see `{self.prog} --help`.", file=sys.stderr)
+        raise SystemExit(failures.BAD_INPUT)
+
+
+def _argument(parse):
+    """Argument type from a function that raises `InvalidInput` or `ValueError`."""
+
+    def convert(text):
+        try:
+            return parse(text)
+        except engine.InvalidInput as error:
+            raise argparse.ArgumentTypeError(str(error).rstrip(".")) from None
+
+    convert.__name__ = parse.__name__.replace("_", " ").strip()
+    return convert
+
+
+def _numbers(count, shape, unit):
+    def parse(text):
+        try:
+            values = [float(part) for part in text.split(",")]
+        except ValueError:
+            values = []
+        if not values or (count and len(values) != count):
+            raise engine.InvalidInput(f"'{text}' is not {shape} in {unit}")
+        return values
+
+    return _argument(parse)
+
+
+def _resolution(text):
+    width, x, height = text.lower().partition("x")
+    if not (x and width.isdigit() and height.isdigit()):
+        raise engine.InvalidInput(f"'{text}' is not WIDTHxHEIGHT in pixels, for example 512x512")
+    return int(width), int(height)
+
+
+def _wrp(text):
+    if text == "auto":
+        return text
+    try:
+        return float(text) * 1e-3
+    except ValueError:
+        raise engine.InvalidInput(f"'{text}' is neither auto nor a distance in millimetres") from None
+
+
+def _parser():
+    parser = _Parser(
+        prog="holopath",
+        description="Phase holograms of Blender and Mitsuba scenes by wave path tracing.",
+        epilog="Exit status: 0 done, 1 the work failed, 2 bad input.",
+        allow_abbrev=False,
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
+
+    def command(name, run, text):
+        sub = commands.add_parser(name, help=text, description=text, allow_abbrev=False)
+        sub.set_defaults(run=run)
+        sub.add_argument("--quiet", action="store_true", help="no progress on standard error")
+        sub.add_argument("--debug", action="store_true", help="show a traceback where an error occurs")
+        return sub
+
+    render = command("render", _render, "Render a scene's wave field and refocused pictures of it.")
+    _add_scene(render)
+    render.add_argument(
+        "--out", required=True, metavar="DIR", help="results: a new or empty folder, or HoloPath's own"
+    )
+    _add_focus(render, "three depths spread over the visible range")
+    render.add_argument("--encode", choices=("none",), default="none", help="phase encoding (default none)")
+    render.add_argument(
+        "--compare-reference",
+        action="store_true",
+        help="also render every picture with a thin-lens camera, and report PSNR and SSIM",
+    )
+
+    plan = command("plan", _plan, "Say what would be computed, why and how long it takes; compute nothing.")
+    _add_scene(plan)
+    plan.add_argument("--json", action="store_true", help="machine-readable")
+
+    reconstruct = command("reconstruct", _reconstruct, "Refocus a stored wave field without rendering again.")
+    reconstruct.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
+    _add_focus(reconstruct, "the depths of the stored pictures")
+    reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
+
+    command("devices", _devices, "List the Mitsuba backends of this machine.")
+    return parser
+
+
+def _add_scene(parser):
+    add = parser.add_argument
+    add("scene", metavar="SCENE", help="a .blend, a Mitsuba .xml, or demo:NAME")
+    add(
+        "--display",
+        type=_argument(displays.display),
+        metavar="PRESET",
+        help=f"resolution and pitch of a device: {', '.join(engine.DISPLAYS)}",
+    )
+    add("--resolution", type=_argument(_resolution), metavar="WxH", help="default: the file's, 512x512")
+    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometres (default: the file's, 8)")
+    add(
+        "--wavelengths",
+        type=_numbers(0, "a list of wavelengths", "nanometres"),
+        metavar="NM[,NM..]",
+        help="default: the file's, 640,516.5,455.4",
+    )
+    add("--frames", type=int, metavar="M", help="time-multiplexed frames (default: the file's, 8)")
+    add("--method", choices=choices.METHODS, help="what is traced")
+    add("--estimator", choices=choices.ESTIMATORS, help="lattice with exact kernel, or as published")
+    add("--phase-field", choices=choices.PHASE_FIELDS, help="where the frames' phases come from")
+    add("--radiance", choices=choices.RADIANCES, help="average per grain, or one path a ray")
+    quality = parser.add_mutually_exclusive_group()
+    quality.add_argument("--quality", choices=choices.QUALITIES)
+    quality.add_argument("--spp", type=int, metavar="N", help="most rays a pixel")
+    add("--wrp", type=_argument(_wrp), metavar="auto|MM", help="recording plane's distance from the SLM")
+    add(
+        "--depth-range",
+        type=_numbers(2, "FAR,NEAR", "millimetres"),
+        metavar="FAR_MM,NEAR_MM",
+        help="infinity's and the near end's distances from the SLM (default: what the display can show)",
+    )
+    add(
+        "--depth-mapping",
+        choices=choices.DEPTH_MAPPINGS,
+        help="fit the scene into the depth range, or map it as an eyepiece does",
+    )
+    add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
+    add("--seed", type=int, metavar="S")
+    add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
+
+
+def _add_focus(parser, default):
+    parser.add_argument(
+        "--focus",
+        type=_argument(lengths.parse_focus),
+        metavar="0.5m,1m,inf",
+        help=f"focus distances in m, cm, mm, D (dioptres) or inf (default: {default})",
+    )
+    parser.add_argument(
+        "--pupil",
+        type=_numbers(3, "X,Y,DIAMETER", "millimetres"),
+        metavar="X,Y,DIAMETER",
+        help="part of the viewer's pupil, mm right and up of the axis (default: all of it)",
+    )
+
+
+def _hologram_of(args, base):
+    """Hologram from the flags over the scene's own."""
+    changes = {}
+    if args.display is not None:
+        if args.resolution or args.pitch:
+            raise engine.InvalidInput(
+                "--display sets resolution and pitch: leave out --resolution and --pitch."
+            )
+        changes.update(width=args.display.width, height=args.display.height, pitch=args.display.pitch)
+    if args.resolution is not None:
+        changes.update(width=args.resolution[0], height=args.resolution[1])
+    if args.pitch is not None:
+        changes["pitch"] = args.pitch * 1e-6
+    if args.depth_range is not None:
+        changes.update(depth_far=args.depth_range[0] * 1e-3, depth_near=args.depth_range[1] * 1e-3)
+    elif changes:
+        size = [changes.get(k, getattr(base, k)) for k in ("width", "height", "pitch")]
+        if min(size) > 0:
+            changes["depth_far"], changes["depth_near"] = pipeline.default_depth_range(*size)
+    if args.wavelengths is not None:
+        changes["wavelengths"] = tuple(w * 1e-9 for w in args.wavelengths)
+    if args.depth_mapping is not None:
+        changes["depth_mapping"] = args.depth_mapping
+    if args.near is not None:
+        changes["near"] = args.near
+    return replace(base, **changes)
+
+
+def _settings_of(args, base):
+    names = ("frames", "method", "estimator", "phase_field", "radiance", "quality", "spp", "wrp", "seed")
+    changes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    if "quality" in changes:
+        changes["spp"] = None
+    return replace(base, **changes)
+
+
+def _pupil_of(args):
+    if args.pupil is None:
+        return None
+    return engine.Pupil(*(v * 1e-3 for v in args.pupil))
+
+
+def _open(args, progress):
+    """Scene, hologram and settings that the words ask for."""
+    progress(0.0, "Opening the scene")
+    source = sources.open_source(args.scene)
+    hologram, settings = _hologram_of(args, source.hologram), _settings_of(args, source.settings)
+    progress(0.5, "Exporting the scene")
+    with sources.native_output_to_stderr():
+        loaded = source.load(hologram.width, hologram.height, args.camera)
+    return loaded, hologram, settings
+
+
+def _render(args):
+    progress = Progress(quiet=args.quiet)
+    pupil = _pupil_of(args)
+    start = time.perf_counter()
+    with output.output_folder(args.out) as folder:
+        loaded, hologram, settings = _open(args, pipeline.stage(progress, 0.0, 0.05))
+        seconds = {"export": time.perf_counter() - start}
+        end = 0.7 if args.compare_reference else 0.97
+        result = pipeline.compute(
+            loaded.scene,
+            loaded.camera,
+            hologram,
+            settings,
+            args.focus,
+            pupil,
+            progress=pipeline.stage(progress, 0.05, end),
+        )
+        rgb = engine.to_rgb(result.images, hologram.wavelengths)
+        white = output.exposure(rgb)
+        progress(end, "Writing")
+        result.field.save(folder / "wavefield")
+        output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
+        report = {
+            "scene": args.scene,
+            "camera": loaded.camera.to_dict(),
+            "hologram": hologram.to_dict(),
+            "settings": asdict(settings),
+            "plan": result.plan.to_dict(),
+            "focus_m": result.focus,
+            "pupil_m": asdict(pupil) if pupil else None,
+            "exposure_white": white,
+            "rays": result.field.report.get("rays", {}),
+            "spp": result.plan.rays_per_pixel,
+            "variant": result.field.report.get("variant"),
+            "warnings": list(result.plan.warnings),
+            "export_notes": loaded.notes,
+        }
+        if args.compare_reference:
+            truth = engine.reference(
+                loaded.scene,
+                loaded.camera,
+                hologram,
+                result.focus,
+                pupil,
+                near=result.field.near,
+                max_depth=settings.max_depth,
+                progress=pipeline.stage(progress, end, 0.97),
+            )
+            truth_rgb = engine.to_rgb(truth, hologram.wavelengths)
+            output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
+            report["comparison"] = _compare(result, truth)
+        seconds.update(result.field.report.get("seconds", {}), total=time.perf_counter() - start)
+        output.write_report(folder, {**report, "seconds": seconds, "versions": output.versions()})
+    progress(1.0, f"Done in {seconds['total']:.1f} s: {args.out}")
+    for line in [*report["warnings"], *map(note_text, loaded.notes)]:
+        progress.say(f"note: {line}")
+    for row in report.get("comparison", []):
+        depth = lengths.format_distance(row["focus_m"])
+        progress.say(f"focus {depth} m: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}")
+
+
+def _compare(result, truth):
+    """PSNR and SSIM of every picture, leaving out the border that light from outside the view reaches."""
+    hologram, plan = result.field.hologram, result.plan
+    slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
+    rows = []
+    for depth, image, reference in zip(result.focus, result.images, truth, strict=True):
+        z = float(result.field.mapping.depth_to_z(depth))
+        border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / hologram.pitch)
+        border = min(border, (min(hologram.width, hologram.height) - 12) // 2)
+        rows.append(
+            {
+                "focus_m": depth,
+                "psnr_db": engine.psnr(image, reference, border),
+                "ssim": engine.ssim(image, reference, border),
+                "border_pixels": border,
+            }
+        )
+    return rows
+
+
+def note_text(note):
+    """One line about what the exporter changed or left out."""
+    return f"{note['object']}: {note['feature']}: {note['effect']}"
+
+
+def _plan(args):
+    loaded, hologram, settings = _open(args, Progress(quiet=True))
+    plan = engine.plan(loaded.scene, loaded.camera, hologram, settings)
+    if args.json:
+        print(
+            json.dumps(
+                {
+                    **plan.to_dict(),
+                    "hologram": hologram.to_dict(),
+                    "settings": asdict(settings),
+                    "export_notes": loaded.notes,
+                },
+                indent=1,
+            )
+        )
+        return
+    print(plan)
+    for note in loaded.notes:
+        print(f"note: {note_text(note)}")
+
+
+def _reconstruct(args):
+    progress = Progress(quiet=args.quiet)
+    folder = Path(args.folder)
+    if not folder.is_dir():
+        raise engine.InvalidInput(
+            f"The folder {folder} does not exist: give `holopath render`'s output folder."
+        )
+    inner = folder / "wavefield"
+    field = engine.WaveField.load(inner if inner.is_dir() else folder)
+    report = output.read_report(folder)
+    focus = args.focus or [float(f) for f in report.get("focus_m", [])]
+    if not focus:
+        raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
+    images = engine.reconstruct(field, focus, _pupil_of(args), progress=progress)
+    rgb = engine.to_rgb(images, field.hologram.wavelengths)
+    white = report.get("exposure_white") or output.exposure(rgb)
+    target = Path(args.out) if args.out else folder / "reconstruction"
+    output.write_pictures(target, output.picture_files(rgb, focus, white))
+    progress(1.0, f"Done: {target}")
+
+
+def _devices(args):
+    for row in backend.describe():
+        print(f"{row['name']:<14} {'available' if row['available'] else 'missing':<10} {row['detail']}")
+
+
+_open_line = False
+
+
+def _close_line():
+    """End the updating line of a terminal."""
+    global _open_line
+    if _open_line:
+        print(file=sys.stderr)
+        _open_line = False
+
+
+class Progress:
+    """Progress on standard error: one updating line in a terminal, a line now and then elsewhere.
+
+    Parameters
+    ----------
+    quiet : bool
+        Say nothing.
+    """
+
+    def __init__(self, quiet=False):
+        self._quiet = quiet
+        self._terminal = sys.stderr.isatty()
+        self._last_time, self._last_done, self._last_message = time.monotonic(), -1.0, None
+
+    def __call__(self, done, message):
+        """Called by the work; Ctrl-C arrives as KeyboardInterrupt between calls."""
+        global _open_line
+        now = time.monotonic()
+        wait, step = (0.1, 0.0) if self._terminal else (2.0, 0.1)
+        news = done - self._last_done >= step or message != self._last_message
+        due = news and now - self._last_time >= wait
+        if self._quiet or not (due or done >= 1):
+            return
+        self._last_time, self._last_done, self._last_message = now, done, message
+        line = f"{done:4.0%} {message}"
+        if self._terminal:
+            print(f"\r\x1b[K{line}", end="\n" if done >= 1 else "", file=sys.stderr, flush=True)
+            _open_line = done < 1
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+    def say(self, text):
+        """A line of its own."""
+        if not self._quiet:
+            _close_line()
+            print(text, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,261 @@
+"""What this Blender session holds: the job at work, the last wave field, and what is known of it."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .. import engine, failures, pipeline, preferences, properties
+from ..export import export_scene
+from .jobs import Job
+
+IMAGE = "HoloPath Reconstruction"
+
+
+@dataclass
+class Session:
+    """State of the running Blender; nothing of it belongs to the .blend.
+
+    Attributes
+    ----------
+    job : Job or None
+        The hologram being rendered.
+    field : engine.WaveField or None
+        The last one rendered; its picture can be refocused.
+    plan : engine.Plan or None
+    notes : list of str
+        What the exporter approximated or left out.
+    error : str
+        Last failure in one sentence; empty if there was none.
+    """
+
+    job: Job | None = None
+    field: engine.WaveField | None = None
+    plan: engine.Plan | None = None
+    notes: list = dataclasses.field(default_factory=list)
+    error: str = ""
+    refocus: Job | None = None
+    wanted: tuple | None = None
+
+
+current = Session()
+
+
+@dataclass(frozen=True)
+class Task:
+    """An exported scene and how to render it; holds nothing of bpy, so a thread may work on it."""
+
+    scene: object
+    camera: engine.Camera
+    hologram: engine.Hologram
+    settings: engine.Settings
+    focus: float | None  # metres; None finds it
+    pupil: engine.Pupil | None
+    notes: list
+
+    def compute(self, progress):
+        """`pipeline.Result` of the task."""
+        focus = "centre" if self.focus is None else [self.focus]
+        return pipeline.compute(
+            self.scene, self.camera, self.hologram, self.settings, focus, self.pupil, progress
+        )
+
+
+def prepare(depsgraph, props, resolution=None):
+    """Export the scene; on the thread that owns `depsgraph`.
+
+    Parameters
+    ----------
+    depsgraph : bpy.types.Depsgraph
+    props : properties.HoloPathSettings
+    resolution : tuple of int, optional
+        Pixels, in place of the settings' own.
+
+    Returns
+    -------
+    Task
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+    """
+    hologram, settings = properties.hologram_of(props, resolution), properties.settings_of(props)
+    preferences.apply()
+    exported = export_scene(depsgraph, (hologram.width, hologram.height))
+    return Task(
+        exported.scene,
+        exported.camera,
+        hologram,
+        settings,
+        None if props.focus_auto else properties.focus_of(props),
+        properties.pupil_or_none(props),
+        [str(note) for note in exported.notes],
+    )
+
+
+def keep(task, result):
+    """Remember a finished render."""
+    current.field, current.plan, current.notes, current.error = result.field, result.plan, task.notes, ""
+
+
+def fail(error):
+    """Remember a failure; its sentence."""
+    current.error = "" if isinstance(error, engine.Cancelled) else failures.sentence(error)
+    return current.error
+
+
+def running():
+    """Whether a hologram is being rendered."""
+    return current.job is not None and current.job.running
+
+
+def picture(image, wavelengths):
+    """Rows of RGBA, bottom row first, as Blender's images and render passes take them.
+
+    Parameters
+    ----------
+    image : numpy.ndarray, shape (y, x, wavelength)
+    wavelengths : sequence of float
+
+    Returns
+    -------
+    numpy.ndarray, float32, shape (y, x, 4)
+    """
+    rgb = engine.to_rgb(image, wavelengths)[::-1]
+    return np.concatenate([rgb, np.ones_like(rgb[..., :1])], axis=-1)
+
+
+def show(image, wavelengths):
+    """Put a reconstruction into the image datablock; on the main thread.
+
+    Returns
+    -------
+    bpy.types.Image
+    """
+    pixels = picture(image, wavelengths)
+    height, width = pixels.shape[:2]
+    block = bpy.data.images.get(IMAGE)
+    if block is not None and (block.source != "GENERATED" or not block.is_float):
+        block.name = IMAGE + " (other)"
+        block = None
+    if block is None:
+        block = bpy.data.images.new(IMAGE, width, height, alpha=False, float_buffer=True)
+        block.colorspace_settings.name = "Linear Rec.709"
+        block.use_view_as_render = True
+    elif tuple(block.size) != (width, height):
+        block.scale(width, height)
+    block.pixels.foreach_set(pixels.ravel())
+    block.update()
+    return block
+
+
+def redraw():
+    """Redraw the panels of every window."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "PROPERTIES":
+                area.tag_redraw()
+            elif area.type in {"VIEW_3D", "IMAGE_EDITOR"}:
+                for region in area.regions:
+                    if region.type == "UI" or area.type == "IMAGE_EDITOR":
+                        region.tag_redraw()
+
+
+def refocus(focus, pupil):
+    """Refocus the stored field now and show it.
+
+    Parameters
+    ----------
+    focus : float
+        Metres.
+    pupil : engine.Pupil or None
+
+    Returns
+    -------
+    bpy.types.Image
+
+    Raises
+    ------
+    engine.InvalidInput
+        If there is no field yet or the pupil misses its light.
+    """
+    stored = current.field
+    if stored is None:
+        raise engine.InvalidInput("There is no wave field yet: press Render Hologram first.")
+    image = engine.reconstruct(stored, [focus], pupil)[0]
+    current.error = ""
+    return show(image, stored.hologram.wavelengths)
+
+
+def request_refocus(focus, pupil):
+    """Refocus the stored field soon, in a thread; requests made meanwhile replace each other."""
+    if current.field is None:
+        return
+    if bpy.app.background:
+        try:
+            refocus(focus, pupil)
+        except Exception as error:
+            fail(error)
+        return
+    current.wanted = (focus, pupil)
+    if not bpy.app.timers.is_registered(_poll_refocus):
+        bpy.app.timers.register(_poll_refocus, first_interval=0.01)
+
+
+def _poll_refocus():
+    job, stored = current.refocus, current.field
+    if job is not None:
+        if job.running:
+            return 0.02
+        current.refocus = None
+        if job.error is not None:
+            fail(job.error)
+        else:
+            current.error = ""
+            show(*job.result)
+        redraw()
+    if current.wanted is None or stored is None:
+        return None
+    (focus, pupil), current.wanted = current.wanted, None
+    current.refocus = Job(
+        lambda progress: (
+            engine.reconstruct(stored, [focus], pupil, progress)[0],
+            stored.hologram.wavelengths,
+        )
+    )
+    current.refocus.start()
+    return 0.02
+
+
+@bpy.app.handlers.persistent
+def _forget(*_):
+    """Another file is about to be opened: stop the work and let go of the last file's field."""
+    for job in (current.job, current.refocus):
+        if job is not None:
+            job.cancel()
+            job.wait(5.0)
+    current.__dict__.update(vars(Session()))
+
+
+@bpy.app.handlers.persistent
+def _rendered(*_):
+    """F12 has left a new field or an error."""
+    redraw()
+
+
+def attach():
+    """Begin to listen for files being opened and for the end of F12's renders."""
+    bpy.app.handlers.load_pre.append(_forget)
+    bpy.app.handlers.render_complete.append(_rendered)
+    bpy.app.handlers.render_cancel.append(_rendered)
+
+
+def detach():
+    """Stop all work and forget everything."""
+    bpy.app.handlers.load_pre.remove(_forget)
+    bpy.app.handlers.render_complete.remove(_rendered)
+    bpy.app.handlers.render_cancel.remove(_rendered)
+    if bpy.app.timers.is_registered(_poll_refocus):
+        bpy.app.timers.unregister(_poll_refocus)
+    _forget()

@@ -1,0 +1,233 @@
+"""Pictures and the output folder on disk. Imports no bpy; everything appears whole or not at all."""
+
+import json
+import os
+import platform
+import shutil
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from .engine import InvalidInput
+from .lengths import format_distance
+
+FORMAT = "HoloPath output"
+FORMAT_VERSION = 1
+_OWN = {"wavefield", "reconstruction", "reference", "hologram", "report.json"}
+
+
+def exposure(images):
+    """Linear value to show as white: the 99th percentile of all pictures together, so that they compare."""
+    white = float(np.percentile(images, 99))
+    return white if white > 0 else 1.0
+
+
+def encode_exr(rgb):
+    """OpenEXR file of a linear RGB picture.
+
+    Parameters
+    ----------
+    rgb : numpy.ndarray, float32, shape (y, x, 3)
+
+    Returns
+    -------
+    bytes
+    """
+    import mitsuba as mi
+
+    return _encode(np.ascontiguousarray(rgb, np.float32), mi.Bitmap.FileFormat.OpenEXR)
+
+
+def encode_png(rgb, white):
+    """8-bit sRGB PNG file of a linear RGB picture.
+
+    Parameters
+    ----------
+    rgb : numpy.ndarray, shape (y, x, 3)
+    white : float
+        Linear value that becomes white, see `exposure`.
+
+    Returns
+    -------
+    bytes
+    """
+    import mitsuba as mi
+
+    linear = np.clip(np.asarray(rgb, np.float32) / white, 0, 1)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return _encode((encoded * 255 + 0.5).astype(np.uint8), mi.Bitmap.FileFormat.PNG)
+
+
+def _encode(pixels, file_format):
+    import mitsuba as mi
+
+    stream = mi.MemoryStream()
+    mi.Bitmap(pixels).write(stream, file_format)
+    return stream.raw_buffer()
+
+
+def picture_name(focus):
+    """Stem of the file of a picture focused at `focus` metres."""
+    return f"focus_{format_distance(focus)}m"
+
+
+def picture_files(images, focus, white=None):
+    """Files of focused pictures: linear EXR, and with `white` a viewable PNG.
+
+    Parameters
+    ----------
+    images : sequence of numpy.ndarray, shape (y, x, 3)
+    focus : sequence of float
+        Metres.
+    white : float, optional
+        See `exposure`.
+
+    Returns
+    -------
+    dict
+        File name to bytes.
+    """
+    files = {}
+    for image, depth in zip(images, focus, strict=True):
+        files[picture_name(depth) + ".exr"] = encode_exr(image)
+        if white is not None:
+            files[picture_name(depth) + ".png"] = encode_png(image, white)
+    return files
+
+
+def write_pictures(folder, files):
+    """Write files into a folder, each replaced only when all have been written beside it.
+
+    Parameters
+    ----------
+    folder : path
+        Made if it does not exist.
+    files : dict
+        File name to bytes.
+
+    Raises
+    ------
+    OSError
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
+    try:
+        for name, data in files.items():
+            (part / name).write_bytes(data)
+        for name in files:
+            os.replace(part / name, folder / name)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def read_report(folder):
+    """The report of an output folder; empty if it has none that can be read."""
+    try:
+        report = json.loads((Path(folder) / "report.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return report if isinstance(report, dict) else {}
+
+
+def write_report(folder, report):
+    """Write `report.json`; infinite numbers become the text ``inf``.
+
+    Raises
+    ------
+    OSError
+    """
+    header = {"format": FORMAT, "format_version": FORMAT_VERSION}
+    (Path(folder) / "report.json").write_text(json.dumps(_plain({**header, **report}), indent=1) + "\n")
+
+
+def _plain(value):
+    """JSON-able copy: numpy numbers as Python's, infinities and NaN as text."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return str(value)
+    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
+
+
+def versions():
+    """Versions of what the result depends on; names to text. Says `None` for what is not loaded."""
+    import sys
+
+    found = {"python": platform.python_version(), "numpy": np.__version__}
+    for name in ("mitsuba", "drjit", "scipy"):
+        found[name] = getattr(sys.modules.get(name), "__version__", None)
+    bpy = sys.modules.get("bpy")
+    found["blender"] = bpy.app.version_string if bpy else None
+    return found
+
+
+@contextmanager
+def output_folder(folder):
+    """Folder to fill; it takes the place of `folder` when the block ends well, and vanishes otherwise.
+
+    Parameters
+    ----------
+    folder : path
+        New, empty, or an earlier HoloPath output, which stays until it is replaced.
+
+    Yields
+    ------
+    pathlib.Path
+        A hidden folder beside it.
+
+    Raises
+    ------
+    InvalidInput
+        At once if the folder holds something else or cannot be made.
+    OSError
+    """
+    folder = Path(folder).absolute()
+    _check_free(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.part-", dir=folder.parent))
+    except OSError as error:
+        raise InvalidInput(
+            f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
+        ) from error
+    try:
+        yield part
+        os.chmod(part, 0o755)
+        _check_free(folder)
+        _put_in_place(part, folder)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
+def _put_in_place(part, folder):
+    if not folder.exists():
+        os.replace(part, folder)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
+    os.replace(folder, old)
+    try:
+        os.replace(part, folder)
+    except BaseException:
+        os.replace(old, folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _check_free(folder):
+    if not os.path.lexists(folder):
+        return
+    if not folder.is_dir():
+        raise InvalidInput(f"The output {folder} is a file: choose a folder.")
+    names = {entry.name for entry in folder.iterdir()}
+    if names and (read_report(folder).get("format") != FORMAT or not names <= _OWN):
+        raise InvalidInput(
+            f"The output folder {folder} holds files that are not HoloPath's: choose a new folder."
+        )

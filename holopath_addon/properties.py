@@ -1,0 +1,407 @@
+"""Scene settings of HoloPath (`Scene.holopath`) and what they mean to the engine."""
+
+import math
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+)
+
+from . import engine, pipeline
+from .engine import hologram as choices
+
+CUSTOM = "CUSTOM"
+LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
+
+_LABELS = {
+    "preview": ("Preview", "Fewest rays and radiance samples, for a first look"),
+    "balanced": ("Balanced", "Enough rays for every depth in view"),
+    "full": ("Full", "A wider cone of rays and more radiance samples"),
+    "lattice": ("Lattice", "Directions on a lattice with the exact kernel: no noise but the radiance's"),
+    "paper": ("Paper", "Random directions with a spherical wave, as published"),
+    "grain": (
+        "Per grain",
+        "Average every grain's radiance before the root is taken: right where light is indirect",
+    ),
+    "ray": ("Per ray", "One light path a ray: dark where light is indirect"),
+    "fit": ("Fit scene", "Spread the scene from its near end to infinity over the depth range"),
+    "eyepiece": ("Eyepiece", "Place depths as an eyepiece that shows the hologram in the camera's view does"),
+}
+
+
+def _items(names):
+    return [(name, *_LABELS[name], index) for index, name in enumerate(names)]
+
+
+def _display_items():
+    items = [(CUSTOM, "Custom", "Resolution and pixel pitch as set below", 0)]
+    for index, display in enumerate(engine.DISPLAYS.values(), 1):
+        size = f"{display.width} × {display.height} pixels of {display.pitch * 1e6:g} µm"
+        items.append((display.name, display.label, size, index))
+    return items
+
+
+def _display_changed(props, context):
+    if props.display == CUSTOM:
+        return
+    display = engine.DISPLAYS[props.display]
+    props.resolution_x, props.resolution_y, props.pitch_um = (
+        display.width,
+        display.height,
+        display.pitch * 1e6,
+    )
+    far, near = pipeline.default_depth_range(display.width, display.height, display.pitch)
+    props.depth_far_mm, props.depth_near_mm = far * 1e3, near * 1e3
+
+
+_noting = []  # not empty while `note_focus` writes what is already shown
+
+
+def _distance_changed(props, context):
+    if not _noting:
+        props.focus_auto = False
+        _focus_changed(props, context)
+
+
+def _focus_changed(props, context):
+    from .operators import session
+
+    session.request_refocus(focus_of(props), pupil_or_none(props))
+
+
+def _get_infinity(props):
+    return props.focus >= LARGEST_FOCUS
+
+
+def _set_infinity(props, value):
+    if value != _get_infinity(props):
+        props.focus = LARGEST_FOCUS if value else 1.0
+
+
+def _get_dioptres(props):
+    return 0.0 if _get_infinity(props) else 1 / props.focus
+
+
+def _set_dioptres(props, value):
+    props.focus = min(1 / max(value, 1e-9), LARGEST_FOCUS)
+
+
+class HoloPathSettings(bpy.types.PropertyGroup):
+    """What `Scene.holopath` holds."""
+
+    display: EnumProperty(
+        name="Display",
+        description="Spatial light modulator that will show the hologram; sets pixels, pitch and depth range",
+        items=_display_items(),
+        update=_display_changed,
+    )
+    resolution_x: IntProperty(
+        name="Width",
+        description="Hologram width, in pixels",
+        default=512,
+        min=1,
+        max=1 << 16,
+        subtype="PIXEL",
+    )
+    resolution_y: IntProperty(
+        name="Height",
+        description="Hologram height, in pixels",
+        default=512,
+        min=1,
+        max=1 << 16,
+        subtype="PIXEL",
+    )
+    pitch_um: FloatProperty(
+        name="Pixel Pitch (µm)",
+        description="Distance between neighbouring pixels, in micrometres; smaller ones spread light wider",
+        default=8.0,
+        min=0.1,
+        max=1000.0,
+        soft_min=1.0,
+        soft_max=40.0,
+        step=10,
+        precision=2,
+    )
+    colours: EnumProperty(
+        name="Colours",
+        description="Wavelengths to compute",
+        items=[
+            ("RGB", "RGB", "Three wavelengths: red, green and blue", 0),
+            ("MONO", "Single", "One wavelength", 1),
+        ],
+    )
+    wavelengths_nm: FloatVectorProperty(
+        name="Wavelengths (nm)",
+        description="Vacuum wavelengths of the red, green and blue light, in nanometres",
+        size=3,
+        default=(640.0, 516.5, 455.4),
+        min=100.0,
+        max=10000.0,
+        soft_min=380.0,
+        soft_max=780.0,
+        precision=1,
+    )
+    wavelength_nm: FloatProperty(
+        name="Wavelength (nm)",
+        description="Vacuum wavelength, in nanometres; it shows the scene's red, green or blue light",
+        default=516.5,
+        min=100.0,
+        max=10000.0,
+        soft_min=380.0,
+        soft_max=780.0,
+        precision=1,
+    )
+    depth_mapping: EnumProperty(
+        name="Depth Mapping",
+        description="How the scene's depth fills the depth range of the hologram",
+        items=_items(choices.DEPTH_MAPPINGS),
+    )
+    depth_far_mm: FloatProperty(
+        name="Far End (mm)",
+        description="Distance from the SLM at which infinity appears, in millimetres",
+        default=10.0,
+        soft_min=-200.0,
+        soft_max=500.0,
+        step=10,
+        precision=2,
+    )
+    depth_near_mm: FloatProperty(
+        name="Near End (mm)",
+        description="Distance from the SLM at which the near end appears, in millimetres; beyond the far end",
+        default=15.0,
+        soft_min=-200.0,
+        soft_max=500.0,
+        step=10,
+        precision=2,
+    )
+    near_auto: BoolProperty(
+        name="Nearest Surface",
+        description="Let the near end of the depth range be the nearest surface in view",
+        default=True,
+    )
+    near: FloatProperty(
+        name="Near (m)",
+        description="Distance from the camera that appears at the near end of the depth range, in metres",
+        default=0.5,
+        min=1e-4,
+        soft_min=0.05,
+        soft_max=10.0,
+        precision=3,
+        step=5,
+    )
+    frames: IntProperty(
+        name="Frames",
+        description="Time-multiplexed frames a colour; speckle falls as one over the root of their number",
+        default=8,
+        min=1,
+        max=256,
+        soft_max=32,
+    )
+    quality: EnumProperty(
+        name="Quality",
+        description="Sets rays and radiance samples",
+        items=_items(choices.QUALITIES),
+        default="balanced",
+    )
+    limit_rays: BoolProperty(
+        name="Limit Rays", description="Set the largest number of rays a pixel by hand", default=False
+    )
+    spp: IntProperty(
+        name="Rays a Pixel",
+        description="Largest number of rays a pixel",
+        default=256,
+        min=1,
+        max=1 << 20,
+        soft_max=4096,
+    )
+    estimator: EnumProperty(
+        name="Estimator",
+        description="How the rays of a pixel are chosen and summed",
+        items=_items(choices.ESTIMATORS),
+    )
+    radiance: EnumProperty(
+        name="Radiance",
+        description="How path-traced light becomes amplitude",
+        items=_items(choices.RADIANCES),
+    )
+    wrp_auto: BoolProperty(
+        name="Automatic Recording Plane",
+        description="Put the wave recording plane in the middle of the depths in view: fewest rays",
+        default=True,
+    )
+    wrp_mm: FloatProperty(
+        name="Recording Plane (mm)",
+        description="Distance of the wave recording plane from the SLM, in millimetres",
+        default=12.5,
+        soft_min=-200.0,
+        soft_max=500.0,
+        step=10,
+        precision=2,
+    )
+    max_depth: IntProperty(
+        name="Path Depth",
+        description="Longest light path, in vertices: 1 emission only, 2 direct light",
+        default=8,
+        min=1,
+        max=64,
+        soft_max=16,
+    )
+    seed: IntProperty(name="Seed", description="Seed of all random numbers", default=0, min=0)
+    focus_auto: BoolProperty(
+        name="Auto",
+        description="Every render focuses on the middle of the view; off once a focus is chosen",
+        default=True,
+    )
+    focus: FloatProperty(
+        name="Focus (m)",
+        description="Distance at which the picture is sharp, in metres; refocuses without rendering again",
+        default=1.0,
+        min=1e-3,
+        max=LARGEST_FOCUS,
+        soft_min=0.05,
+        soft_max=100.0,
+        step=5,
+        precision=3,
+        update=_distance_changed,
+    )
+    focus_infinity: BoolProperty(
+        name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
+    )
+    focus_dioptres: FloatProperty(
+        name="Focus (dioptres)",
+        description="The same focus in dioptres, one over metres; 0 is infinity",
+        get=_get_dioptres,
+        set=_set_dioptres,
+        min=0.0,
+        max=1e3,
+        soft_max=5.0,
+        step=5,
+        precision=2,
+    )
+    use_pupil: BoolProperty(
+        name="Pupil",
+        description="Look through a part of the light's cone only; off: the whole cone",
+        default=False,
+        update=_focus_changed,
+    )
+    pupil_offset_mm: FloatVectorProperty(
+        name="Offset (mm)",
+        description="Pupil's centre to the right of and above the camera's axis, in world millimetres",
+        size=2,
+        default=(0.0, 0.0),
+        soft_min=-50.0,
+        soft_max=50.0,
+        step=10,
+        precision=2,
+        update=_focus_changed,
+    )
+    pupil_diameter_mm: FloatProperty(
+        name="Diameter (mm)",
+        description="Pupil's diameter, in world millimetres",
+        default=4.0,
+        min=1e-3,
+        soft_max=100.0,
+        step=10,
+        precision=2,
+        update=_focus_changed,
+    )
+
+
+def hologram_of(props, resolution=None):
+    """Engine's hologram of the settings.
+
+    Parameters
+    ----------
+    props : HoloPathSettings
+    resolution : tuple of int, optional
+        Width and height in pixels in place of the settings' own.
+
+    Returns
+    -------
+    engine.Hologram
+
+    Raises
+    ------
+    engine.InvalidInput
+    """
+    width, height = resolution or (props.resolution_x, props.resolution_y)
+    wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
+    return engine.Hologram(
+        width,
+        height,
+        _tidy(props.pitch_um * 1e-6),
+        tuple(_tidy(w * 1e-9) for w in wavelengths),
+        depth_far=_tidy(props.depth_far_mm * 1e-3),
+        depth_near=_tidy(props.depth_near_mm * 1e-3),
+        depth_mapping=props.depth_mapping,
+        near=None if props.near_auto else _tidy(props.near),
+    )
+
+
+def settings_of(props):
+    """Engine's settings, see `hologram_of`."""
+    return engine.Settings(
+        frames=props.frames,
+        estimator=props.estimator,
+        radiance=props.radiance,
+        quality=props.quality,
+        spp=props.spp if props.limit_rays else None,
+        wrp="auto" if props.wrp_auto else _tidy(props.wrp_mm * 1e-3),
+        max_depth=props.max_depth,
+        seed=props.seed,
+    )
+
+
+def focus_of(props):
+    """Focus distance in metres, infinity included."""
+    return math.inf if props.focus_infinity else _tidy(props.focus)
+
+
+def pupil_or_none(props):
+    """`engine.Pupil`, or None for the whole cone."""
+    if not props.use_pupil:
+        return None
+    return engine.Pupil(*(_tidy(v * 1e-3) for v in (*props.pupil_offset_mm, props.pupil_diameter_mm)))
+
+
+def set_focus(props, metres):
+    """Focus at a distance in metres, infinity included."""
+    props.focus = min(metres, LARGEST_FOCUS)
+
+
+def note_focus(props, metres):
+    """Write down the focus that automatic focusing found, whose picture is there already."""
+    _noting.append(True)
+    try:
+        set_focus(props, metres)
+    finally:
+        _noting.pop()
+
+
+def _tidy(value):
+    """Blender's single precision as the decimal number that was meant."""
+    return float(f"{value:.6g}")
+
+
+CLASSES = (HoloPathSettings,)
+
+
+def register():
+    """Register the settings alone, for the command line in the bpy module."""
+    bpy.utils.register_class(HoloPathSettings)
+    attach()
+
+
+def attach():
+    """Add the settings to scenes."""
+    bpy.types.Scene.holopath = PointerProperty(type=HoloPathSettings)
+
+
+def detach():
+    """Take the settings from scenes."""
+    del bpy.types.Scene.holopath

@@ -1,0 +1,47 @@
+"""The one place that tells Blender about HoloPath's classes, settings, handlers and command."""
+
+import bpy
+
+from . import operators, preferences, properties, render_engine, ui
+from .operators import session
+
+_CLASSES = (
+    *properties.CLASSES,
+    *preferences.CLASSES,
+    *operators.CLASSES,
+    *ui.CLASSES,
+    *render_engine.CLASSES,
+)
+_undo = []
+
+
+def register():
+    """Register everything; if one part fails, none stays."""
+    try:
+        for cls in _CLASSES:
+            bpy.utils.register_class(cls)
+            _undo.append(lambda cls=cls: bpy.utils.unregister_class(cls))
+        properties.attach()
+        _undo.append(properties.detach)
+        ui.share_panels()
+        _undo.append(ui.unshare_panels)
+        session.attach()
+        _undo.append(session.detach)
+        if hasattr(bpy.utils, "register_cli_command"):
+            command = bpy.utils.register_cli_command("holopath", _run_command)
+            _undo.append(lambda: bpy.utils.unregister_cli_command(command))
+    except BaseException:
+        unregister()
+        raise
+
+
+def unregister():
+    """Undo `register`, last first."""
+    while _undo:
+        _undo.pop()()
+
+
+def _run_command(argv):
+    from . import cli
+
+    return cli.main(argv)

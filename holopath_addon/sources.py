@@ -1,0 +1,202 @@
+"""Where a scene comes from: a .blend, a Mitsuba .xml, or a demo. bpy is imported only where it is needed."""
+
+import contextlib
+import math
+import os
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from . import engine
+from .engine import backend
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A scene ready to be rendered.
+
+    Attributes
+    ----------
+    scene : mitsuba.Scene
+    camera : engine.Camera
+    notes : list of dict
+        What the exporter approximated or left out: object, feature, effect, see `export.Note`.
+    """
+
+    scene: object
+    camera: engine.Camera
+    notes: list = field(default_factory=list)
+
+
+class BlenderSource:
+    """The file that is open in bpy. Its HoloPath settings are the defaults."""
+
+    def __init__(self):
+        import bpy
+
+        from . import properties
+
+        props = bpy.context.scene.holopath
+        self.hologram = properties.hologram_of(props)
+        self.settings = properties.settings_of(props)
+
+    def load(self, width, height, camera=None):
+        """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""
+        import bpy
+
+        from .export import export_scene
+
+        exported = export_scene(bpy.context.evaluated_depsgraph_get(), (width, height), camera=camera)
+        return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+
+
+class MitsubaSource:
+    """A Mitsuba scene file; the viewer stands at its first sensor."""
+
+    def __init__(self, path):
+        from . import pipeline
+
+        self.path = path
+        far, near = pipeline.default_depth_range(512, 512, 8e-6)
+        self.hologram = engine.Hologram(512, 512, 8e-6, depth_far=far, depth_near=near)
+        self.settings = engine.Settings()
+
+    def load(self, width, height, camera=None):
+        """Load the file; `camera` is a sensor's id."""
+        backend.activate()
+        import mitsuba as mi
+
+        try:
+            scene = mi.load_file(str(self.path))
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            raise engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}") from error
+        sensors = scene.sensors()
+        if not sensors:
+            raise engine.InvalidInput(f"{self.path} has no sensor: add a perspective one.")
+        if camera is not None:
+            chosen = [s for s in sensors if s.id() == camera]
+            if not chosen:
+                ids = ", ".join(s.id() for s in sensors)
+                raise engine.InvalidInput(f"{self.path} has no sensor '{camera}': choose one of {ids}.")
+            sensors = chosen
+        return Loaded(scene, camera_of(sensors[0]))
+
+
+def camera_of(sensor):
+    """Viewer at a Mitsuba `perspective` or `thinlens` sensor.
+
+    Mitsuba's sensors look along +z with x to the left, Blender's along -z.
+
+    Parameters
+    ----------
+    sensor : mitsuba.Sensor
+
+    Returns
+    -------
+    engine.Camera
+
+    Raises
+    ------
+    engine.InvalidInput
+        If it is another kind of sensor.
+    """
+    import mitsuba as mi
+
+    params = mi.traverse(sensor)
+    if "x_fov" not in params or "to_world" not in params:
+        raise engine.InvalidInput("The scene's sensor is not a perspective one: use type 'perspective'.")
+    to_world = np.asarray(params["to_world"].matrix, np.float64).reshape(4, 4)
+
+    def number(key, default=0.0):
+        return float(np.asarray(params[key]).ravel()[0]) if key in params else default
+
+    width, height = sensor.film().crop_size()
+    return engine.Camera(
+        to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]),
+        math.radians(number("x_fov")),
+        shift_x=number("principal_point_offset_x"),
+        shift_y=-number("principal_point_offset_y") * height / width,
+        clip_start=number("near_clip"),
+    )
+
+
+def open_source(text):
+    """Open what the command line calls SCENE.
+
+    Parameters
+    ----------
+    text : str
+        Path of a .blend or Mitsuba .xml, or ``demo:NAME``.
+
+    Returns
+    -------
+    BlenderSource or MitsubaSource
+
+    Raises
+    ------
+    engine.InvalidInput
+        If there is no such scene or it cannot be opened.
+    engine.BackendUnavailable
+        If it needs bpy and there is none.
+    """
+    if text.startswith("demo:"):
+        bpy = _bpy("A demo scene")
+        from . import demo
+
+        name = text.removeprefix("demo:")
+        if name not in demo.DEMOS:
+            raise engine.InvalidInput(f"There is no demo '{name}': choose one of {', '.join(demo.DEMOS)}.")
+        with native_output_to_stderr():
+            demo.build(name)
+        return BlenderSource()
+    path = Path(text)
+    if not path.is_file():
+        raise engine.InvalidInput(
+            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml or demo:NAME."
+        )
+    suffix = path.suffix.lower()
+    if suffix == ".xml":
+        return MitsubaSource(path)
+    if suffix != ".blend":
+        raise engine.InvalidInput(f"The scene {text} is neither a .blend nor a Mitsuba .xml.")
+    bpy = _bpy("A .blend file")
+    with native_output_to_stderr():
+        try:
+            bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False, use_scripts=False)
+        except RuntimeError as error:
+            reason = " ".join(str(error).split()).removeprefix("Error: ")
+            raise engine.InvalidInput(f"{text} cannot be opened by this Blender: {reason}") from error
+    return BlenderSource()
+
+
+def _bpy(what):
+    """The bpy module, with HoloPath's scene settings registered."""
+    try:
+        import bpy
+    except ImportError as error:
+        raise engine.BackendUnavailable(
+            f"{what} needs Blender, and this Python has no bpy ({error}): install it with `pip install bpy`, "
+            "or run the same words in `blender --command holopath`."
+        ) from error
+    if not hasattr(bpy.types.Scene, "holopath"):
+        from . import properties
+
+        properties.register()
+    return bpy
+
+
+@contextlib.contextmanager
+def native_output_to_stderr():
+    """While Blender loads a file, what its C code prints goes to standard error, not into our output."""
+    sys.stdout.flush()
+    saved = os.dup(1)
+    try:
+        os.dup2(2, 1)
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(saved, 1)
+        os.close(saved)

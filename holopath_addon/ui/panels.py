@@ -1,0 +1,103 @@
+"""The panels: the same sections in the 3D View's sidebar, the Render properties and the Image Editor."""
+
+import bpy
+
+from . import sections
+
+# name, label, sections, closed at first
+_SUBPANELS = (
+    ("display", "Display", sections.display, False),
+    ("depth", "Depth", sections.depth, True),
+    ("quality", "Quality", sections.quality, True),
+    ("reconstruct", "Reconstruct", sections.reconstruct, False),
+    ("estimate", "Estimate", sections.estimate, False),
+    ("notes", "Export Notes", sections.notes, True),
+)
+
+
+class _Section:
+    """Draws one section."""
+
+    def draw(self, context):
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        type(self).section(layout, context)
+
+
+class _View3D:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "HoloPath"
+
+
+class _Properties:
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    COMPAT_ENGINES = {"HOLOPATH"}
+
+    @classmethod
+    def poll(cls, context):
+        return context.engine in cls.COMPAT_ENGINES
+
+
+class HOLOPATH_PT_view3d(_View3D, bpy.types.Panel):
+    """Main panel of the sidebar's HoloPath tab."""
+
+    bl_label = "HoloPath"
+
+    def draw(self, context):
+        sections.render(self.layout, context)
+        sections.f12(self.layout, context)
+
+
+class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
+    """Main panel of the Render properties."""
+
+    bl_label = "HoloPath"
+
+    def draw(self, context):
+        sections.render(self.layout, context)
+        sections.f12(self.layout, context)
+
+
+class HOLOPATH_PT_image(_Section, bpy.types.Panel):
+    """Focus control beside the reconstruction."""
+
+    bl_label = "HoloPath"
+    bl_space_type = "IMAGE_EDITOR"
+    bl_region_type = "UI"
+    bl_category = "HoloPath"
+
+    @staticmethod
+    def section(layout, context):
+        """The same focus control as elsewhere, and what went wrong with it."""
+        sections.reconstruct(layout, context)
+        sections.failure(layout, context)
+
+
+def _subpanels(parent, place):
+    for name, label, section, closed in _SUBPANELS:
+        identifier = f"{parent.__name__}_{name}"
+        yield type(
+            identifier,
+            (_Section, place, bpy.types.Panel),
+            {
+                "__doc__": section.__doc__,
+                "bl_idname": identifier,
+                "bl_label": label,
+                "bl_parent_id": parent.__name__,
+                "bl_options": {"DEFAULT_CLOSED"} if closed else set(),
+                "section": staticmethod(section),
+            },
+        )
+
+
+CLASSES = (
+    HOLOPATH_PT_view3d,
+    *_subpanels(HOLOPATH_PT_view3d, _View3D),
+    HOLOPATH_PT_render,
+    *_subpanels(HOLOPATH_PT_render, _Properties),
+    HOLOPATH_PT_image,
+)

@@ -1,0 +1,178 @@
+"""The contents of the panels, each drawn into any layout."""
+
+import textwrap
+
+from ..operators import session
+from ..properties import CUSTOM
+
+
+def display(layout, context):
+    """Resolution, pitch and wavelengths."""
+    props = context.scene.holopath
+    column = layout.column()
+    column.prop(props, "display")
+    fixed = props.display != CUSTOM
+    column = layout.column(align=True)
+    column.enabled = not fixed
+    column.prop(props, "resolution_x", text="Pixels X")
+    column.prop(props, "resolution_y", text="Y")
+    column = layout.column()
+    column.enabled = not fixed
+    column.prop(props, "pitch_um")
+    column = layout.column()
+    column.row().prop(props, "colours", expand=True)
+    if props.colours == "RGB":
+        for index, colour in enumerate(("Red", "Green", "Blue")):
+            column.prop(props, "wavelengths_nm", index=index, text=f"{colour} (nm)")
+    else:
+        column.prop(props, "wavelength_nm")
+    width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
+    _text(layout, context, f"{width:.3g} × {height:.3g} mm")
+
+
+def depth(layout, context):
+    """How the scene's depth fills the hologram's volume."""
+    props = context.scene.holopath
+    layout.prop(props, "depth_mapping")
+    column = layout.column(align=True)
+    column.prop(props, "depth_far_mm")
+    column.prop(props, "depth_near_mm")
+    column = layout.column()
+    column.enabled = props.depth_mapping == "fit"
+    column.prop(props, "near_auto")
+    row = column.row()
+    row.enabled = not props.near_auto
+    row.prop(props, "near")
+
+
+def quality(layout, context):
+    """Frames, rays and estimator."""
+    props = context.scene.holopath
+    layout.prop(props, "frames")
+    layout.prop(props, "quality")
+    row = layout.row(heading="Limit Rays")
+    row.prop(props, "limit_rays", text="")
+    value = row.row()
+    value.enabled = props.limit_rays
+    value.prop(props, "spp", text="")
+    layout.prop(props, "estimator")
+    layout.prop(props, "radiance")
+    layout.prop(props, "max_depth")
+    row = layout.row(heading="Recording Plane")
+    row.prop(props, "wrp_auto", text="Automatic")
+    if not props.wrp_auto:
+        layout.prop(props, "wrp_mm", text="Plane (mm)")
+    layout.prop(props, "seed")
+
+
+def render(layout, context):
+    """The button, or progress while it is at work."""
+    job = session.current.job
+    layout.use_property_split = False
+    column = layout.column()
+    column.scale_y = 1.5
+    if session.running():
+        text = "Cancelling" if job.cancelling else f"{job.done:.0%}  {job.message}"
+        column.progress(factor=job.done, text=text)
+        layout.operator("holopath.cancel", icon="CANCEL")
+    else:
+        column.operator("holopath.render_hologram", icon="RENDER_STILL")
+    failure(layout, context)
+    count = len(session.current.notes)
+    if count:
+        things = "1 feature is" if count == 1 else f"{count} features are"
+        _text(layout, context, f"{things} approximated or left out: see Export Notes.", icon="INFO")
+
+
+def failure(layout, context):
+    """The last failure, if there was one."""
+    if session.current.error:
+        box = layout.column()
+        box.alert = True
+        _text(box, context, session.current.error, icon="ERROR")
+
+
+def f12(layout, context):
+    """What F12 renders."""
+    render_settings = context.scene.render
+    if render_settings.engine != "HOLOPATH":
+        return
+    scale = render_settings.resolution_percentage / 100
+    width, height = (int(n * scale) for n in (render_settings.resolution_x, render_settings.resolution_y))
+    _text(
+        layout,
+        context,
+        f"F12 renders a hologram of {width} × {height} pixels, as set in the Output properties, "
+        "and shows it at the focus distance.",
+        icon="INFO",
+    )
+
+
+def reconstruct(layout, context):
+    """Focus and pupil."""
+    props = context.scene.holopath
+    layout.use_property_split = False
+    column = layout.column(align=True)
+    row = column.row(align=True)
+    row.prop(props, "focus_auto", toggle=True)
+    row.operator("holopath.focus_from_selected", text="On Object", icon="OBJECT_DATA")
+    row.prop(props, "focus_infinity", text="∞", toggle=True)
+    distance = column.column(align=True)
+    distance.active = not props.focus_infinity
+    distance.prop(props, "focus")
+    column.prop(props, "focus_dioptres", slider=True)
+    layout.prop(props, "use_pupil", text="Look through a part of the pupil")
+    if props.use_pupil:
+        column = layout.column(align=True)
+        column.prop(props, "pupil_offset_mm", index=0, text="Right (mm)")
+        column.prop(props, "pupil_offset_mm", index=1, text="Up (mm)")
+        column.prop(props, "pupil_diameter_mm")
+    field = session.current.field
+    if field is None:
+        _text(layout, context, "Render a hologram to refocus it.", icon="INFO")
+        return
+    row = layout.row(align=True)
+    row.operator("holopath.refocus", icon="FILE_REFRESH")
+    row.operator("holopath.save_field", text="Save Field", icon="FILE_TICK")
+    hologram = field.hologram
+    _text(
+        layout,
+        context,
+        f"Stored: {hologram.width} × {hologram.height} pixels, {len(hologram.wavelengths)} wavelength(s), "
+        f"{len(field.data)} frames",
+    )
+
+
+def estimate(layout, context):
+    """What the plan decided, why, and how long it takes."""
+    layout.operator("holopath.plan", icon="TIME")
+    plan = session.current.plan
+    if plan is None:
+        return
+    cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
+    _text(layout, context, cost)
+    for warning in plan.warnings:
+        _text(layout, context, warning, icon="ERROR")
+    for decision in plan.decisions:
+        column = layout.column(align=True)
+        _text(column, context, f"{decision.name}: {decision.value}")
+        reason = column.column(align=True)
+        reason.active = False
+        _text(reason, context, decision.reason)
+
+
+def notes(layout, context):
+    """What the exporter approximated or left out."""
+    if not session.current.notes:
+        _text(layout, context, "Nothing was approximated or left out.")
+    for note in session.current.notes:
+        _text(layout, context, note, icon="DOT")
+
+
+def _text(layout, context, text, icon="NONE"):
+    """Label that wraps at the region's width."""
+    scale = context.preferences.system.ui_scale
+    characters = max(16, int((context.region.width / scale - 60) / 6.2))
+    column = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, characters)):
+        column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1")

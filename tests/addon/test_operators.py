@@ -1,0 +1,176 @@
+"""The operators, run as scripts run them."""
+
+import bpy
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.operators import session
+from holopath_addon.operators.jobs import Job
+
+
+def picture():
+    """Pixels of the reconstruction, row 0 at the top."""
+    image = bpy.data.images[session.IMAGE]
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    return pixels.reshape(image.size[1], image.size[0], 4)[::-1]
+
+
+def test_render_and_refocus(scene):
+    assert bpy.ops.holopath.render_hologram() == {"FINISHED"}
+    field = session.current.field
+    assert field.data.shape == (4, 3, 64, 64)
+    assert scene.holopath.focus == pytest.approx(0.5, rel=0.02) and scene.holopath.focus_auto
+    near = picture()
+    expected = engine.reconstruct(field, [session.properties.focus_of(scene.holopath)])[0]
+    np.testing.assert_allclose(near[..., :3], expected, rtol=1e-5)
+    assert (near[..., 3] == 1).all()
+    assert near[36, 32, 0] > 0.2 > near[2, 2, 0]  # the triangle, the wall
+
+    scene.holopath.focus = 2.0
+    assert session.current.field is field
+    far = picture()
+    np.testing.assert_allclose(far[..., :3], engine.reconstruct(field, [2.0])[0], rtol=1e-5)
+    assert not np.allclose(near, far)
+    scene.holopath.use_pupil = True
+    scene.holopath.pupil_diameter_mm = 1.0
+    assert picture()[..., :3].mean() < far[..., :3].mean()
+    assert bpy.ops.holopath.refocus() == {"FINISHED"}
+
+
+def test_a_pupil_beside_the_light(scene):
+    bpy.ops.holopath.render_hologram()
+    before = picture()
+    scene.holopath.pupil_offset_mm = (900.0, 0.0)
+    scene.holopath.use_pupil = True
+    assert "outside the light" in session.current.error
+    with pytest.raises(RuntimeError, match="outside the light"):
+        bpy.ops.holopath.refocus()
+    np.testing.assert_array_equal(picture(), before)
+    scene.holopath.use_pupil = False
+    assert session.current.error == ""
+
+
+def test_another_resolution_takes_the_same_image(scene):
+    bpy.ops.holopath.render_hologram()
+    image = bpy.data.images[session.IMAGE]
+    scene.holopath.resolution_x = 48
+    bpy.ops.holopath.render_hologram()
+    assert bpy.data.images[session.IMAGE] == image and tuple(image.size) == (48, 64)
+    assert sum(i.name.startswith("HoloPath") for i in bpy.data.images) == 1
+
+
+def test_plan(scene):
+    assert bpy.ops.holopath.plan() == {"FINISHED"}
+    plan = session.current.plan
+    assert plan.seconds > 0 and plan.decisions and session.current.field is None
+    assert session.current.notes == []
+
+
+def test_notes(scene):
+    material = scene.objects["Near"].active_material
+    material.node_tree.nodes["Principled BSDF"].inputs["Subsurface Weight"].default_value = 0.5
+    bpy.ops.holopath.plan()
+    assert any("Subsurface" in note for note in session.current.notes)
+
+
+def test_focus_from_selected(scene):
+    bpy.context.view_layer.objects.active = scene.objects["Wall"]
+    assert bpy.ops.holopath.focus_from_selected() == {"FINISHED"}
+    assert scene.holopath.focus == pytest.approx(2.0) and not scene.holopath.focus_auto
+    scene.objects["Wall"].location.z = 1.0
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="'Wall' is behind the camera"):
+        bpy.ops.holopath.focus_from_selected()
+
+
+def test_save_field(scene, tmp_path):
+    with pytest.raises(RuntimeError):
+        bpy.ops.holopath.save_field(directory=str(tmp_path))
+    bpy.ops.holopath.render_hologram()
+    assert bpy.ops.holopath.save_field(directory=str(tmp_path)) == {"FINISHED"}
+    stored = engine.WaveField.load(tmp_path / "wavefield")
+    np.testing.assert_array_equal(stored.data, session.current.field.data)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RuntimeError, match="could not be written"):
+        bpy.ops.holopath.save_field(directory=str(tmp_path / "file"))
+
+
+def no_camera(scene):
+    scene.camera = None
+    return "no active camera"
+
+
+def orthographic(scene):
+    scene.camera.data.type = "ORTHO"
+    return "(?i)perspective"
+
+
+def upside_down_depths(scene):
+    scene.holopath.depth_near_mm = 0.5
+    return "depth range"
+
+
+def empty(scene):
+    for name in ("Near", "Wall"):
+        bpy.data.objects.remove(scene.objects[name])
+    return "nothing visible"
+
+
+def broken_mesh(scene):
+    scene.objects["Near"].data.vertices[0].co.x = float("nan")
+    return "Near"
+
+
+@pytest.mark.parametrize("spoil", [no_camera, orthographic, upside_down_depths, empty, broken_mesh])
+@pytest.mark.parametrize("operator", ["render_hologram", "plan"])
+def test_errors(scene, spoil, operator):
+    says = spoil(scene)
+    with pytest.raises(RuntimeError, match=says):
+        getattr(bpy.ops.holopath, operator)()
+    assert session.current.error and "\n" not in session.current.error
+    assert session.current.field is None
+
+
+def test_a_bug_is_a_sentence_too(scene, monkeypatch):
+    def fail(*_, **__):
+        raise KeyError("surprise")
+
+    monkeypatch.setattr(engine, "render", fail)
+    with pytest.raises(RuntimeError, match="Unexpected KeyError"):
+        bpy.ops.holopath.render_hologram()
+    assert not session.running()
+
+
+def test_another_file_forgets(scene):
+    bpy.ops.holopath.render_hologram()
+    assert session.current.field is not None
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert session.current.field is None and session.current.plan is None
+
+
+def test_opening_a_file_cancels(scene):
+    task = session.prepare(bpy.context.evaluated_depsgraph_get(), scene.holopath)
+
+    def forever(progress):
+        while True:
+            task.compute(progress)
+
+    job = session.current.job = Job(forever)
+    job.start()
+    assert session.running()
+    assert not bpy.ops.holopath.render_hologram.poll()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert not job.running and isinstance(job.error, engine.Cancelled)
+    assert session.current.job is None
+
+
+def test_job_in_a_thread_is_the_same_as_without(scene):
+    task = session.prepare(bpy.context.evaluated_depsgraph_get(), scene.holopath)
+    here, there = Job(task.compute), Job(task.compute)
+    here.run()
+    there.start()
+    assert there.wait(60)
+    np.testing.assert_array_equal(here.result.field.data, there.result.field.data)
+    assert there.done == pytest.approx(1.0)

@@ -1,0 +1,65 @@
+"""Registering leaves nothing behind."""
+
+import subprocess
+import sys
+
+import bpy
+import pytest
+
+import holopath_addon
+
+HANDLERS = ("load_pre", "render_complete", "render_cancel")
+
+
+def traces():
+    """What HoloPath adds to Blender."""
+    names = {name for name in dir(bpy.types) if "holopath" in name.lower()}
+    engines = {
+        name
+        for name in dir(bpy.types)
+        if "HOLOPATH" in getattr(getattr(bpy.types, name), "COMPAT_ENGINES", ())
+        and "holopath" not in name.lower()
+    }
+    handlers = [len(getattr(bpy.app.handlers, name)) for name in HANDLERS]
+    return names, engines, handlers, hasattr(bpy.types.Scene, "holopath"), hasattr(bpy.ops.holopath, "plan")
+
+
+def test_cycles(addon):
+    there = traces()
+    addon.unregister()
+    gone = traces()
+    assert gone[0] == set() and gone[1] == set() and gone[3] is False
+    for _ in range(3):
+        addon.register()
+        assert traces() == there
+        addon.unregister()
+        assert traces() == gone
+    addon.register()
+
+
+def test_failure_leaves_nothing(addon, monkeypatch):
+    addon.unregister()
+    gone = traces()
+
+    def fail():
+        raise RuntimeError("no")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("holopath_addon.operators.session.attach", fail)
+        with pytest.raises(RuntimeError):
+            addon.register()
+    assert traces() == gone
+    addon.register()
+
+
+def test_package_needs_no_bpy():
+    code = "import sys; sys.modules['bpy'] = None; import holopath_addon.engine, holopath_addon.cli"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=holopath_addon.__path__[0] + "/..")
+
+
+def test_blenders_own_panels_are_shared(addon):
+    assert "HOLOPATH" in bpy.types.RENDER_PT_format.COMPAT_ENGINES
+    assert "HOLOPATH" in bpy.types.EEVEE_MATERIAL_PT_surface.COMPAT_ENGINES
+    addon.unregister()
+    assert "HOLOPATH" not in bpy.types.RENDER_PT_format.COMPAT_ENGINES
+    addon.register()

@@ -1,0 +1,438 @@
+"""The command line: what it writes, what it refuses, and how it ends."""
+
+import json
+import math
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, lengths, output, pipeline, sources
+
+ROOT = Path(__file__).parents[1]
+SMALL = ["--resolution", "64x64", "--frames", "2", "--quality", "preview"]
+SCENE = """<scene version="3.0.0">
+<sensor type="{sensor}" id="viewer"><float name="fov" value="40"/>{offset}
+ <transform name="to_world"><lookat origin="0.2,0,0" target="0,0.1,1" up="0,1,0"/></transform>
+ <film type="hdrfilm"><integer name="width" value="48"/><integer name="height" value="32"/>
+  <rfilter type="box"/></film></sensor>
+<shape type="sphere"><point name="center" x="0.02" y="0.1" z="0.5"/><float name="radius" value="0.1"/>
+ <emitter type="area"><rgb name="radiance" value="1,0.2,0.1"/></emitter></shape>
+<shape type="rectangle"><transform name="to_world"><scale value="2"/><rotate y="1" angle="180"/>
+ <translate z="2"/></transform>
+ <emitter type="area"><rgb name="radiance" value="0.1,0.4,0.2"/></emitter></shape>
+</scene>"""
+
+
+@pytest.fixture
+def xml(tmp_path):
+    """A Mitsuba scene of shining things, quick to render."""
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE.format(sensor="perspective", offset=""))
+    return path
+
+
+def start(*words, **options):
+    """The command line in a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "holopath_addon", *map(str, words)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def refused(status, error, expected_status, says):
+    """An error is one line that says what is wrong."""
+    assert status == expected_status, error
+    lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
+    assert len(lines) == 1 and "Traceback" not in error, error
+    assert re.search(says, lines[0]), error
+
+
+def left_over(folder):
+    """Names in a folder, but those of inputs."""
+    return sorted(p.name for p in folder.iterdir() if p.suffix not in (".xml", ".blend"))
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [
+        ("0.5m", 0.5),
+        ("50cm", 0.5),
+        ("500 mm", 0.5),
+        ("2D", 0.5),
+        ("0D", math.inf),
+        ("inf", math.inf),
+        ("3", 3.0),
+    ],
+)
+def test_distances(text, metres):
+    assert lengths.parse_distance(text) == pytest.approx(metres)
+
+
+@pytest.mark.parametrize("text", ["-1m", "0", "-2D", "nan", "1 parsec", "", "1m2"])
+def test_distances_that_are_none(text):
+    with pytest.raises(engine.InvalidInput):
+        lengths.parse_distance(text)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["missing.blend"], "missing.blend does not exist"),
+        (["{xml}x"], "does not exist"),
+        (["{out}.txt"], "does not exist"),
+        (["demo:nowhere"], "no demo 'nowhere'"),
+        (["{xml}", "--display", "nothing"], "no display preset 'nothing'.*pluto-2"),
+        (["{xml}", "--display", "pluto-2", "--pitch", "8"], "leave out"),
+        (["{xml}", "--resolution", "0x64"], "resolution is 0 x 64"),
+        (["{xml}", "--resolution", "64"], "WIDTHxHEIGHT"),
+        (["{xml}", "--pitch", "0"], "pitch"),
+        (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
+        (["{xml}", "--wavelengths", "red"], "nanometres"),
+        (["{xml}", "--wavelengths", "5"], "5 nm"),
+        (["{xml}", "--frames", "0"], "frames"),
+        (["{xml}", "--frames", "many"], "frames"),
+        (["{xml}", "--depth-range", "15,10"], "depth range"),
+        (["{xml}", "--depth-range", "15"], "FAR,NEAR"),
+        (["{xml}", "--near", "-1"], "near end"),
+        (["{xml}", "--wrp", "middle"], "neither auto"),
+        (["{xml}", "--focus", "-1m"], "behind the camera"),
+        (["{xml}", "--focus", "0.5m,soon"], "not a distance"),
+        (["{xml}", "--pupil", "-1,0,0"], "pupil"),
+        (["{xml}", "--pupil", "1,2"], "X,Y,DIAMETER"),
+        (["{xml}", "--camera", "nobody"], "no sensor 'nobody'.*viewer"),
+        (["{xml}", "--method", "auto"], "invalid choice: 'auto'"),
+        (["{xml}", "--phase-field", "designed"], "invalid choice"),
+        (["{xml}", "--encode", "sgd"], "invalid choice"),
+        (["{xml}", "--animation"], "--animation"),
+        (["{xml}", "--seed", "-1"], "seed"),
+        (["{xml}", "--quality", "full", "--spp", "3"], "not allowed with"),
+    ],
+)
+def test_bad_words(words, says, xml, tmp_path, capfd):
+    out = tmp_path / "out"
+    words = [word.format(xml=xml, out=out) for word in words]
+    if "demo" in words[0]:
+        pytest.importorskip("bpy")
+    status = cli.main(["render", *words, "--out", str(out)])
+    refused(status, capfd.readouterr().err, 2, says)
+    assert left_over(tmp_path) == []
+
+
+@pytest.mark.parametrize("words", [[], ["render"], ["stream"], ["encode", "x"], ["reconstruct"]])
+def test_bad_commands(words, capfd):
+    status = cli.main(words)
+    refused(status, capfd.readouterr().err, 2, "required|invalid choice")
+
+
+def test_words_after_two_dashes(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["blender", "--background", "x.blend", "--", "devices"])
+    assert cli.main() == 0
+    assert "llvm_ad_rgb" in capsys.readouterr().out
+
+
+def test_runs_as_a_file():
+    words = [sys.executable, ROOT / "holopath_addon" / "__main__.py", "--help"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd="/", check=False)
+    assert done.returncode == 0 and "reconstruct" in done.stdout, done.stderr
+
+
+def make_blend(path, kind):
+    """A .blend that cannot be rendered."""
+    bpy = pytest.importorskip("bpy")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    mesh = bpy.data.meshes.new("Broken")
+    corner = math.nan if kind == "nan" else 0.0
+    size = 0.0 if kind == "zero" else 1.0
+    mesh.from_pydata([(-size, -size, corner), (size, -size, 0), (0, size, 0)], [], [(0, 1, 2)])
+    scene.collection.objects.link(bpy.data.objects.new("Broken", mesh))
+    if kind != "no camera":
+        camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+        camera.location = (0, 0, 3 if kind != "behind" else -3)
+        camera.data.type = "ORTHO" if kind == "orthographic" else "PERSP"
+        scene.collection.objects.link(camera)
+        scene.camera = camera
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    [
+        ("no camera", "no active camera"),
+        ("nan", "Broken"),
+        ("zero", "(?i)nothing"),
+        ("behind", "Nothing is in the camera's view"),
+        ("orthographic", "(?i)perspective"),
+    ],
+)
+def test_bad_blends(kind, says, tmp_path, capfd):
+    make_blend(tmp_path / "bad.blend", kind)
+    words = ["render", str(tmp_path / "bad.blend"), *SMALL, "--out", str(tmp_path / "out"), "--quiet"]
+    status = cli.main(words)
+    refused(status, capfd.readouterr().err, 2, says)
+    assert left_over(tmp_path) == []
+
+
+def test_files_that_are_no_scenes(tmp_path, capfd):
+    pytest.importorskip("bpy")
+    for name in ("bad.blend", "bad.xml"):
+        (tmp_path / name).write_text("nothing of the kind")
+        status = cli.main(["render", str(tmp_path / name), "--out", str(tmp_path / "out")])
+        refused(status, capfd.readouterr().err, 2, f"{name} cannot be")
+    assert left_over(tmp_path) == []
+
+
+def test_scene_without_bpy(tmp_path):
+    (tmp_path / "scene.blend").write_text("")
+    code = "import sys; sys.modules['bpy'] = None; from holopath_addon.cli import main; sys.exit(main())"
+    for scene in (tmp_path / "scene.blend", "demo:planes"):
+        words = [sys.executable, "-c", code, "plan", scene]
+        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+        refused(done.returncode, done.stderr, 1, "needs Blender.*pip install bpy")
+
+
+def test_wrong_llvm(xml, tmp_path):
+    library = next(iter(Path("/").glob("lib*/*-linux-gnu/libm.so.6")), None)
+    if library is None:
+        pytest.skip("no library to take for an LLVM")
+    process = start(
+        "render",
+        xml,
+        *SMALL,
+        "--out",
+        tmp_path / "out",
+        env=os.environ | {"DRJIT_LIBLLVM_PATH": str(library)},
+    )
+    _, error = process.communicate(timeout=60)
+    if engine.backend.describe()[0]["available"]:
+        pytest.skip("CUDA needs no LLVM")
+    refused(process.returncode, error, 1, "DRJIT_LIBLLVM_PATH.*install LLVM")
+    assert left_over(tmp_path) == []
+
+
+def test_full_disk(xml, tmp_path):
+    full = tmp_path / "full"
+    words = [xml, "--resolution", "256x256", "--frames", "4", "--quality", "preview", "--out", full]
+    limit = 1 << 20  # bytes a file; the field takes 6 MiB
+
+    def set_limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    process = start("render", *words, preexec_fn=set_limit)
+    _, error = process.communicate(timeout=120)
+    refused(process.returncode, error, 1, "could not be written")
+    assert left_over(tmp_path) == []
+
+
+def test_folder_that_cannot_be_made(xml, tmp_path, capfd):
+    (tmp_path / "file.xml").write_text("")
+    for out in (tmp_path / "file.xml", tmp_path / "file.xml" / "below", "/proc/holopath"):
+        refused(cli.main(["render", str(xml), "--out", str(out)]), capfd.readouterr().err, 2, "output")
+    assert left_over(tmp_path) == []
+
+
+def test_interrupt(tmp_path):
+    pytest.importorskip("bpy")
+    out = tmp_path / "out"
+    process = start("render", "demo:suzanne", "--quality", "full", "--frames", "24", "--out", out)
+    heard = ""
+    while "Radiance" not in heard:
+        line = process.stderr.readline()
+        assert line, heard
+        heard += line
+    sent = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert time.monotonic() - sent < 20  # a second on an idle machine
+    refused(process.returncode, error, 1, "Cancelled: nothing was written")
+    assert left_over(tmp_path) == []
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """Output folder of a small demo, compared with its reference."""
+    pytest.importorskip("bpy")
+    out = tmp_path_factory.mktemp("cli") / "deep" / "out"
+    words = ["render", "demo:planes", *SMALL, "--focus", "0.5m,2m,inf", "--compare-reference", "--quiet"]
+    assert cli.main([*words, "--out", str(out)]) == 0
+    return out
+
+
+def read(path):
+    """Pixels of a picture file."""
+    import mitsuba as mi
+
+    return np.array(mi.Bitmap(str(path)))
+
+
+def test_output_folder(rendered):
+    names = {str(p.relative_to(rendered)) for p in rendered.rglob("*") if p.is_file()}
+    pictures = {f"reconstruction/focus_{f}m.{kind}" for f in ("0.5", "2", "inf") for kind in ("exr", "png")}
+    references = {f"reference/focus_{f}m.exr" for f in ("0.5", "2", "inf")}
+    assert names == {"wavefield/field.npy", "wavefield/meta.json", "report.json"} | pictures | references
+    assert os.listdir(rendered.parent) == ["out"]
+
+
+def test_pictures(rendered):
+    field = engine.WaveField.load(rendered / "wavefield")
+    assert field.data.shape == (2, 3, 64, 64)
+    images = engine.to_rgb(engine.reconstruct(field, [0.5, 2.0, math.inf]), field.hologram.wavelengths)
+    white = output.exposure(images)
+    for image, name in zip(images, ("0.5", "2", "inf"), strict=True):
+        stored = read(rendered / "reconstruction" / f"focus_{name}m.exr")
+        assert stored.dtype == np.float32
+        np.testing.assert_array_equal(stored, image)
+        seen = read(rendered / "reconstruction" / f"focus_{name}m.png")
+        assert seen.dtype == np.uint8 and seen.shape == (64, 64, 3)
+        saturated = (image >= white).all(-1)
+        assert (seen[saturated] == 255).all()
+
+
+def test_report(rendered):
+    report = json.loads((rendered / "report.json").read_text())
+    assert report["hologram"]["depth_far"] == pytest.approx(1.25e-3)
+    assert report["settings"]["quality"] == "preview"
+    assert report["focus_m"] == [0.5, 2.0, "inf"]
+    assert report["spp"] == report["plan"]["rays_per_pixel"] > 0
+    assert all(decision["reason"] for decision in report["plan"]["decisions"])
+    assert report["seconds"]["total"] > report["seconds"]["wave tracing"] > 0
+    assert report["rays"]["wave rays"] > 0
+    assert report["versions"]["mitsuba"] and report["versions"]["blender"]
+    assert report["warnings"] == [] and report["export_notes"] == []
+    assert [row["focus_m"] for row in report["comparison"]] == [0.5, 2.0, "inf"]
+    assert all(row["psnr_db"] > 10 and 0 < row["ssim"] <= 1 for row in report["comparison"])
+
+
+def test_reconstruct_again(rendered, tmp_path, capfd):
+    before = {p.name: p.read_bytes() for p in (rendered / "reconstruction").iterdir()}
+    assert cli.main(["reconstruct", str(rendered), "--out", str(tmp_path / "again"), "--quiet"]) == 0
+    again = {p.name: p.read_bytes() for p in (tmp_path / "again").iterdir()}
+    assert again == before
+    words = ["--focus", "1D", "--pupil", "-1,0,3", "--out", str(tmp_path / "part"), "--quiet"]
+    assert cli.main(["reconstruct", str(rendered), *words]) == 0
+    assert sorted(os.listdir(tmp_path / "part")) == ["focus_1m.exr", "focus_1m.png"]
+    assert capfd.readouterr().err == ""
+    refused(
+        cli.main(["reconstruct", str(rendered), "--pupil", "500,0,1"]),
+        capfd.readouterr().err,
+        2,
+        "outside the light",
+    )
+    refused(cli.main(["reconstruct", str(tmp_path)]), capfd.readouterr().err, 2, "no wave field")
+    refused(cli.main(["reconstruct", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
+
+
+def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):
+    out = tmp_path / "out"
+    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--out", str(out), "--quiet"]
+    assert cli.main(words) == 0
+    first = (out / "report.json").read_bytes()
+    assert len(os.listdir(out / "reconstruction")) == 6  # three depths found by themselves
+
+    def fail(*_, **__):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "reconstruct", fail)
+        refused(cli.main(words), capfd.readouterr().err, 1, "memory")
+    assert (out / "report.json").read_bytes() == first
+    assert cli.main([*words, "--seed", "1"]) == 0
+    assert (out / "report.json").read_bytes() != first
+    (out / "thesis.txt").write_text("mine")
+    refused(cli.main(words), capfd.readouterr().err, 2, "not HoloPath's")
+    assert (out / "thesis.txt").exists()
+    assert left_over(tmp_path) == ["out"]
+
+
+def test_plan_as_json(tmp_path):
+    pytest.importorskip("bpy")
+    process = start("plan", "demo:planes", *SMALL, "--json")
+    text, error = process.communicate(timeout=120)
+    assert process.returncode == 0, error
+    plan = json.loads(text)
+    assert (
+        plan["near"] == pytest.approx(0.5, rel=0.01) and plan["decisions"] and plan["hologram"]["width"] == 64
+    )
+
+
+def test_a_blend_brings_its_settings(tmp_path, capfd):
+    bpy = pytest.importorskip("bpy")
+    path = str(tmp_path / "scene.blend")
+    assert (
+        cli.main(["plan", "demo:planes", *SMALL, "--json"]) == 0
+    )  # opens the demo, with settings registered
+    settings = bpy.context.scene.holopath
+    settings.frames, settings.resolution_x, settings.resolution_y = 3, 48, 40
+    settings.depth_far_mm, settings.depth_near_mm = 1.0, 1.5
+    bpy.ops.wm.save_as_mainfile(filepath=path, check_existing=False)
+    capfd.readouterr()
+    assert cli.main(["plan", path, "--json"]) == 0
+    plan = json.loads(capfd.readouterr().out)
+    assert (plan["hologram"]["width"], plan["hologram"]["height"]) == (48, 40)
+    assert plan["hologram"]["depth_near"] == 1.5e-3 and plan["settings"]["frames"] == 3
+    assert cli.main(["plan", path, "--json", "--frames", "5", "--resolution", "64x64"]) == 0
+    plan = json.loads(capfd.readouterr().out)
+    assert plan["settings"]["frames"] == 5 and plan["hologram"]["depth_near"] == pytest.approx(1.875e-3)
+
+
+def test_plan_as_text(xml, capfd):
+    assert cli.main(["plan", str(xml), *SMALL]) == 0
+    said = capfd.readouterr()
+    assert "recording plane" in said.out and said.err == ""
+
+
+def test_progress(capfd):
+    progress = cli.Progress()
+    progress._last_time = -math.inf
+    progress(0.5, "Half")
+    progress(0.51, "Half")
+    progress(1.0, "Done")
+    assert capfd.readouterr().err.splitlines() == [" 50% Half", "100% Done"]
+    cli.Progress(quiet=True)(1.0, "Done")
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (0.2, 0), (0, -0.1)])
+def test_mitsuba_camera(shift, tmp_path, backend):
+    """What the engine sees through the scene's own sensor is what Mitsuba renders."""
+    import mitsuba as mi
+
+    path = tmp_path / "scene.xml"
+    line = '<float name="principal_point_offset_{}" value="{}"/>'
+    offset = line.format("x", shift[0]) + line.format("y", shift[1])
+    path.write_text(SCENE.format(sensor="perspective", offset=offset))
+    source = sources.open_source(str(path))
+    loaded = source.load(48, 32)
+    hologram = engine.Hologram(48, 32, 8e-6, depth_far=1e-3, depth_near=1.001e-3)  # a pupil of a few µm
+    seen = engine.to_rgb(
+        engine.reference(loaded.scene, loaded.camera, hologram, [1.0], spp=64)[0], hologram.wavelengths
+    )
+    truth = np.array(mi.render(loaded.scene, integrator=mi.load_dict({"type": "path"}), spp=64))
+    assert np.abs(seen - truth).mean() < 0.01 < truth.std()
+
+
+def test_sensor_of_another_kind(tmp_path, capfd):
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        SCENE.format(sensor="orthographic", offset="").replace('<float name="fov" value="40"/>', "")
+    )
+    refused(cli.main(["plan", str(path), *SMALL]), capfd.readouterr().err, 2, "not a perspective one")
+
+
+def test_depth_ranges_fit_the_display():
+    assert pipeline.default_depth_range(1920, 1080, 8e-6) == (80e-3, 85e-3)
+    assert pipeline.default_depth_range(512, 512, 8e-6) == (10e-3, 15e-3)
+    far, near = pipeline.default_depth_range(64, 512, 8e-6)
+    assert (far, near) == (pytest.approx(1.25e-3), pytest.approx(1.875e-3))
