@@ -17,7 +17,7 @@ CONE = {
     "balanced": 1.15,
     "full": 1.3,
 }  # of the recordable slope: how much of the kernel's tails
-GRAIN_NOISE = {"preview": 0.2, "balanced": 0.1, "full": 0.05}  # relative, of a grain's mean radiance
+GRAIN_NOISE = {"preview": 0.5, "balanced": 0.3, "full": 0.15}  # of a grain's mean, as a share of the speckle
 PASSES = {
     "preview": (8, 64),
     "balanced": (16, 256),
@@ -350,7 +350,7 @@ def _radiance(hologram, settings, seen, margin, thickness, decisions):
         decisions.append(Decision("radiance", "one path a ray", "as asked; dark where light is indirect"))
         return 0, 1, 1
     fewest, most = PASSES[settings.quality]
-    wanted = GRAIN_NOISE[settings.quality]
+    wanted = GRAIN_NOISE[settings.quality] / math.sqrt(settings.frames)
     passes = min(max(fewest, math.ceil(seen.noise / wanted**2)), most)
     left = math.sqrt(seen.noise / passes)
     glossy = seen.glossy + seen.specular > 1e-3
@@ -361,7 +361,7 @@ def _radiance(hologram, settings, seen, margin, thickness, decisions):
         Decision(
             "radiance paths a pixel",
             str(passes),
-            f"leaves {left:.1%} noise in a grain's mean, whose root is taken after; {wanted:.0%} was wanted",
+            f"leaves {left:.1%} noise in a grain's mean where {1 / math.sqrt(settings.frames):.0%} is speckle",
         )
     )
     decisions.append(
