@@ -333,8 +333,9 @@ def _render(args):
     for line in [*report["warnings"], *map(note_text, loaded.notes)]:
         progress.say(f"note: {line}")
     for row in report.get("comparison", []):
-        depth = lengths.format_distance(row["focus_m"])
-        progress.say(f"focus {depth} m: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}")
+        depth = row["focus_m"]
+        where = "infinity" if math.isinf(depth) else f"{lengths.format_distance(depth)} m"
+        progress.say(f"focus {where}: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}")
 
 
 def _compare(result, truth):
@@ -396,7 +397,7 @@ def _reconstruct(args):
     focus = args.focus or [float(f) for f in report.get("focus_m", [])]
     if not focus:
         raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
-    images = engine.reconstruct(field, focus, _pupil_of(args), progress=progress)
+    images = engine.reconstruct(field, focus, _pupil_of(args), progress=pipeline.stage(progress, 0.0, 0.97))
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
     white = report.get("exposure_white") or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"

@@ -18,7 +18,7 @@ def sentence(error):
     """
     if isinstance(error, (InvalidInput, BackendUnavailable)):
         return _one_line(error)
-    if isinstance(error, (Cancelled, KeyboardInterrupt)):
+    if cancelled(error):
         return "Cancelled: nothing was written."
     if isinstance(error, MemoryError):
         return "Not enough memory: use fewer pixels, frames or wavelengths, or a lower quality."
@@ -29,6 +29,28 @@ def sentence(error):
             f"The files could not be written or read: {reason}{where}; free space or choose another folder."
         )
     return f"Unexpected {type(error).__name__}: {_one_line(error)} (a bug in HoloPath: please report it)."
+
+
+def cancelled(error):
+    """Whether an exception comes from the user's wish to stop.
+
+    Mitsuba wraps what Ctrl-C or a progress callback raises within its own loops into a RuntimeError.
+
+    Parameters
+    ----------
+    error : BaseException
+
+    Returns
+    -------
+    bool
+    """
+    seen = set()
+    while error is not None and id(error) not in seen:
+        if isinstance(error, (Cancelled, KeyboardInterrupt)):
+            return True
+        seen.add(id(error))
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def status(error):

@@ -114,6 +114,18 @@ def stage(progress, start, end):
     return lambda done, message: progress(start + (end - start) * min(max(done, 0.0), 1.0), message)
 
 
+def _check_view(plan, camera, hologram, focus, pupil):
+    """Refuse what `engine.reconstruct` would, before the long work."""
+    from .engine.mapping import DepthMapping
+    from .engine.reconstruction import pupil_mask
+
+    mapping = DepthMapping.of(hologram, camera, plan.near)
+    mapping.depth_to_z(list(focus))
+    if pupil is not None:
+        for wavelength in hologram.wavelengths:
+            pupil_mask((hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil)
+
+
 def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, progress=None):
     """Plan, render and refocus.
 
@@ -144,6 +156,7 @@ def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, prog
     if focus == "centre":
         focus = [centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]]
     focus = list(focus) if focus else default_focus(plan, camera, hologram)
+    _check_view(plan, camera, hologram, focus, pupil)
     field = engine.render(scene, camera, hologram, settings, plan=plan, progress=stage(progress, 0.02, 0.85))
     images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.85, 1.0))
     return Result(plan, field, focus, images)

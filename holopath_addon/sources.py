@@ -3,7 +3,9 @@
 import contextlib
 import math
 import os
+import signal
 import sys
+import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -48,6 +50,8 @@ class BlenderSource:
 
         from .export import export_scene
 
+        with uninterrupted():
+            backend.activate()
         exported = export_scene(bpy.context.evaluated_depsgraph_get(), (width, height), camera=camera)
         return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
 
@@ -65,7 +69,8 @@ class MitsubaSource:
 
     def load(self, width, height, camera=None):
         """Load the file; `camera` is a sensor's id."""
-        backend.activate()
+        with uninterrupted():
+            backend.activate()
         import mitsuba as mi
 
         try:
@@ -175,7 +180,8 @@ def open_source(text):
 def _bpy(what):
     """The bpy module, with HoloPath's scene settings registered."""
     try:
-        import bpy
+        with uninterrupted():
+            import bpy
     except ImportError as error:
         raise engine.BackendUnavailable(
             f"{what} needs Blender, and this Python has no bpy ({error}): install it with `pip install bpy`, "
@@ -186,6 +192,22 @@ def _bpy(what):
 
         properties.register()
     return bpy
+
+
+@contextlib.contextmanager
+def uninterrupted():
+    """Ctrl-C waits for the end of the block: bpy and Mitsuba crash where it tears their import."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    arrived = []
+    before = signal.signal(signal.SIGINT, lambda *_: arrived.append(True))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+        if arrived:
+            raise KeyboardInterrupt
 
 
 @contextlib.contextmanager

@@ -260,6 +260,37 @@ def test_interrupt(tmp_path):
     assert left_over(tmp_path) == []
 
 
+def test_interrupt_waits_for_blender_to_load(tmp_path):
+    (tmp_path / "bpy.py").write_text(
+        "import os, pathlib, signal, time\n"
+        "os.kill(os.getpid(), signal.SIGINT)\n"
+        "time.sleep(0.1)\n"
+        "pathlib.Path(__file__).with_name('whole').touch()\n"
+    )
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    process = start("render", "demo:planes", "--out", tmp_path / "out", env=os.environ | {"PYTHONPATH": path})
+    _, error = process.communicate(timeout=60)
+    refused(process.returncode, error, 1, "Cancelled: nothing was written")
+    assert (tmp_path / "whole").exists()  # bpy crashes where its import is torn
+    assert not (tmp_path / "out").exists()
+
+
+def test_interrupt_within_mitsuba(xml, tmp_path, capfd, monkeypatch):
+    def torn(*arguments, **options):
+        raise RuntimeError("drjit.custom: error in a custom operation") from KeyboardInterrupt()
+
+    monkeypatch.setattr(engine, "reference", torn)
+    words = ["render", str(xml), *SMALL, "--compare-reference", "--out", str(tmp_path / "out")]
+    refused(cli.main(words), capfd.readouterr().err, 1, "Cancelled: nothing was written")
+    assert left_over(tmp_path) == []
+
+
+def test_refuses_a_pupil_before_it_renders(xml, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(engine, "render", lambda *a, **k: pytest.fail("rendered"))
+    words = ["render", str(xml), *SMALL, "--pupil", "900,0,1", "--out", str(tmp_path / "out")]
+    refused(cli.main(words), capfd.readouterr().err, 2, "outside the light")
+
+
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
     """Output folder of a small demo, compared with its reference."""

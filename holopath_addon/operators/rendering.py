@@ -1,10 +1,14 @@
 """Render a hologram, or say what rendering it would take."""
 
+import time
+
 import bpy
 
 from .. import engine, properties
 from . import session
 from .jobs import Job
+
+REDRAW = 0.25  # seconds between two displays of progress: drawing takes time from the rendering
 
 
 class HOLOPATH_OT_render_hologram(bpy.types.Operator):
@@ -15,6 +19,9 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
 
     _job = None
     _timer = None
+    _started = 0.0
+    _told = ""
+    _told_at = 0.0
 
     @classmethod
     def poll(cls, context):
@@ -54,9 +61,7 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
             if not job.running:
                 self._leave(context)
                 return self._end(context)
-            if context.workspace:
-                context.workspace.status_text_set(f"HoloPath: {job.done:.0%} {job.message}, Esc cancels")
-            session.redraw()
+            self._tell(context)
         return {"PASS_THROUGH"}
 
     def cancel(self, context):
@@ -65,8 +70,20 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
             self._job.cancel()
         self._leave(context)
 
+    def _tell(self, context):
+        """Show progress where there is news, now and then."""
+        job, now = self._job, time.monotonic()
+        text = "cancelling" if job.cancelling else f"{job.done:.0%} {job.message}, Esc cancels"
+        if text == self._told or now - self._told_at < REDRAW:
+            return
+        self._told, self._told_at = text, now
+        if context.workspace:
+            context.workspace.status_text_set(f"HoloPath: {text}")
+        session.redraw(images=False)
+
     def _begin(self, context):
         """The job, or None where the scene cannot be rendered."""
+        self._started = time.monotonic()
         try:
             self._task = session.prepare(context.evaluated_depsgraph_get(), context.scene.holopath)
         except Exception as error:
@@ -106,8 +123,7 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
             return {"CANCELLED"}
         finally:
             session.redraw()
-        seconds = sum(job.result.field.report.get("seconds", {}).values())
-        self.report({"INFO"}, f"Hologram rendered in {seconds:.1f} s.")
+        self.report({"INFO"}, f"Hologram rendered in {time.monotonic() - self._started:.1f} s.")
         return {"FINISHED"}
 
 

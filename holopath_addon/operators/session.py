@@ -150,15 +150,21 @@ def show(image, wavelengths):
     return block
 
 
-def redraw():
-    """Redraw the panels of every window."""
+def redraw(images=True):
+    """Redraw the panels of every window, and the pictures of Image Editors.
+
+    Parameters
+    ----------
+    images : bool
+        Whether the pictures may have changed.
+    """
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "PROPERTIES":
                 area.tag_redraw()
             elif area.type in {"VIEW_3D", "IMAGE_EDITOR"}:
                 for region in area.regions:
-                    if region.type == "UI" or area.type == "IMAGE_EDITOR":
+                    if region.type == "UI" or (images and area.type == "IMAGE_EDITOR"):
                         region.tag_redraw()
 
 

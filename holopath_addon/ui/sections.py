@@ -27,7 +27,7 @@ def display(layout, context):
     else:
         column.prop(props, "wavelength_nm")
     width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
-    _text(layout, context, f"{width:.3g} × {height:.3g} mm")
+    _text(layout, context, f"Size: {width:.3g} × {height:.3g} mm")
 
 
 def depth(layout, context):
@@ -138,8 +138,8 @@ def reconstruct(layout, context):
     _text(
         layout,
         context,
-        f"Stored: {hologram.width} × {hologram.height} pixels, {len(hologram.wavelengths)} wavelength(s), "
-        f"{len(field.data)} frames",
+        f"Stored: {hologram.width} × {hologram.height} pixels, "
+        f"{_count(len(hologram.wavelengths), 'wavelength')}, {_count(len(field.data), 'frame')}",
     )
 
 
@@ -150,12 +150,12 @@ def estimate(layout, context):
     if plan is None:
         return
     cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
-    _text(layout, context, cost)
+    _text(layout, context, f"{cost}.")
     for warning in plan.warnings:
         _text(layout, context, warning, icon="ERROR")
     for decision in plan.decisions:
         column = layout.column(align=True)
-        _text(column, context, f"{decision.name}: {decision.value}")
+        _text(column, context, f"{_title(decision.name)}: {decision.value}")
         reason = column.column(align=True)
         reason.active = False
         _text(reason, context, decision.reason)
@@ -167,6 +167,17 @@ def notes(layout, context):
         _text(layout, context, "Nothing was approximated or left out.")
     for note in session.current.notes:
         _text(layout, context, note, icon="DOT")
+
+
+def _count(number, thing):
+    """``1 frame``, ``8 frames``."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
+def _title(name):
+    """A decision's name as Blender writes labels: ``settings.phase_field`` is ``Phase field``."""
+    name = name.removeprefix("settings.").replace("_", " ")
+    return name[:1].upper() + name[1:]
 
 
 def _text(layout, context, text, icon="NONE"):
