@@ -11,6 +11,7 @@ ESTIMATORS = ("lattice", "paper")
 PHASE_FIELDS = ("random",)
 RADIANCES = ("grain", "ray")
 DEPTH_MAPPINGS = ("fit", "eyepiece")
+VIRTUAL_IMAGES = ("curvature", "opl")
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,11 @@ class Settings:
         Distance of the wave recording plane from the SLM, metres.
     max_depth : int
         Vertices of a radiance path, as Mitsuba counts them: 1 emission only, 2 direct light.
+    virtual_image : {'curvature', 'opl'}
+        Where the image in a mirror or lens lies: where its wavefront's curvature says, or at the optical path
+        length as in the paper.
+    most_hits : int
+        Longest chain of mirrors and clear surfaces that is followed; 0 shows them as pictures on themselves.
     seed : int
         Of every random number used.
 
@@ -148,6 +154,8 @@ class Settings:
     spp: int | None = None
     wrp: str | float = "auto"
     max_depth: int = 8
+    virtual_image: str = "curvature"
+    most_hits: int = 8
     seed: int = 0
 
     def __post_init__(self):
@@ -157,6 +165,7 @@ class Settings:
             ("phase_field", PHASE_FIELDS),
             ("radiance", RADIANCES),
             ("quality", QUALITIES),
+            ("virtual_image", VIRTUAL_IMAGES),
         ):
             value = getattr(self, name)
             if value not in known:
@@ -173,5 +182,7 @@ class Settings:
             )
         if self.max_depth < 1:
             raise InvalidInput(f"Paths need at least 1 vertex, not {self.max_depth}.")
+        if not 0 <= self.most_hits <= 64:
+            raise InvalidInput(f"Chains of mirrors must be 0 to 64 hits long, not {self.most_hits}.")
         if self.seed < 0:
             raise InvalidInput(f"The seed must not be negative, not {self.seed}.")
