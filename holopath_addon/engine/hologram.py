@@ -1,12 +1,12 @@
 """What is to be displayed: the hologram's grid, colours and depth volume; and how it is to be computed."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from .errors import InvalidInput
 
 QUALITIES = ("preview", "balanced", "full")
-METHODS = ("full",)
+METHODS = ("full", "direct")
 ESTIMATORS = ("lattice", "paper")
 PHASE_FIELDS = ("random",)
 RADIANCES = ("grain", "ray")
@@ -114,8 +114,9 @@ class Settings:
     ----------
     frames : int
         Time-multiplexed frames M; speckle contrast falls as 1/sqrt(M).
-    method : {'full'}
-        What is traced.
+    method : {'full', 'direct'}
+        Rays from a recording plane in the scene, or straight from the SLM with the paper's estimator: its slow
+        baseline.
     estimator : {'lattice', 'paper'}
         Lattice of directions with the exact kernel, or the paper's random directions with a
         spherical wave.
@@ -186,3 +187,7 @@ class Settings:
             raise InvalidInput(f"Chains of mirrors must be 0 to 64 hits long, not {self.most_hits}.")
         if self.seed < 0:
             raise InvalidInput(f"The seed must not be negative, not {self.seed}.")
+
+    def resolved(self):
+        """These settings with what the method implies: `direct` is the paper's estimator."""
+        return replace(self, estimator="paper") if self.method == "direct" else self

@@ -272,7 +272,7 @@ def plan(scene, camera, hologram, settings=None):
     backend.activate()
     from .chains import SpecularChains
 
-    settings = settings or Settings()
+    settings = (settings or Settings()).resolved()
     decisions, warnings = [], []
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
@@ -295,7 +295,9 @@ def plan(scene, camera, hologram, settings=None):
         )
     )
 
-    if settings.wrp == "auto":
+    if settings.method == "direct":
+        wrp, reason = 0.0, "the SLM itself: method direct"
+    elif settings.wrp == "auto":
         wrp = 0.5 * (z_low + z_high)
         reason = "the middle of the depths in view needs the fewest rays"
     else:

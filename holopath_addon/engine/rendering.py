@@ -43,7 +43,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     from .rays import Rays
     from .tracer import trace_field
 
-    settings = settings or Settings()
+    settings = (settings or Settings()).resolved()
     progress = progress or (lambda done, message: None)
     seconds, rays_traced = {}, {}
     clock = time.perf_counter()
