@@ -8,6 +8,7 @@ import numpy as np
 
 from holopath_addon import engine
 from holopath_addon.engine.buffers import gather_row, packed
+from holopath_addon.engine.chains import FirstHits
 from holopath_addon.engine.estimators import LatticeEstimator
 from holopath_addon.engine.grains import GrainGrid, measure_grains
 from holopath_addon.engine.kernel_table import Lattice, kernel_table
@@ -69,12 +70,12 @@ def run(size=512, repeats=5):
     estimator = LatticeEstimator(hologram, lattice, [kernel_table(lattice, hologram.pitch, GREEN)])
     depths = (plan.z_low - plan.wrp, plan.z_high - plan.wrp)
     grid = GrainGrid(size, size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
-    radiance = measure_grains(scene, rays, grid, (GREEN,), plan.passes, 8, 0, lambda done: None)
+    radiance = measure_grains(scene, rays, FirstHits(), grid, (GREEN,), plan.passes, 8, 0, lambda done: None)
     phasors = random_phasors(max(FRAMES), size, size)
 
     def trace(frames):
         trace_field(
-            scene, rays, hologram, estimator, radiance, phasors[:frames], 8, 0, lambda done: None
+            scene, rays, hologram, estimator, FirstHits(), radiance, phasors[:frames], 8, 0, lambda done: None
         )
 
     works = {

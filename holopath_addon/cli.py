@@ -187,6 +187,12 @@ def _add_scene(parser):
     add("--method", choices=choices.METHODS, help="what is traced")
     add("--estimator", choices=choices.ESTIMATORS, help="lattice with exact kernel, or as published")
     add("--phase-field", choices=choices.PHASE_FIELDS, help="where the frames' phases come from")
+    add(
+        "--virtual-image",
+        choices=choices.VIRTUAL_IMAGES,
+        help="images in mirrors and lenses (default curvature)",
+    )
+    add("--most-hits", type=int, metavar="N", help="longest chain of mirrors and glass (default 8; 0: none)")
     add("--radiance", choices=choices.RADIANCES, help="average per grain, or one path a ray")
     quality = parser.add_mutually_exclusive_group()
     quality.add_argument("--quality", choices=choices.QUALITIES)
@@ -253,6 +259,7 @@ def _hologram_of(args, base):
 
 def _settings_of(args, base):
     names = ("frames", "method", "estimator", "phase_field", "radiance", "quality", "spp", "wrp", "seed")
+    names += ("virtual_image", "most_hits")
     changes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if "quality" in changes:
         changes["spp"] = None

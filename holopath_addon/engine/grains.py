@@ -7,7 +7,6 @@ import mitsuba as mi
 
 from .buffers import gather_row, row_stride
 from .hologram import channel
-from .rays import intersect
 
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
 # Sums are whole numbers: their order, which threads decide, then does not change the last bit.
@@ -28,6 +27,8 @@ class GrainGrid:
     slabs, bins : int
         Depth slabs between `z_low` and `z_high` (metres from the recording plane), and bins along each axis
         of the pupil, which is `max_slope` in radius.
+    branches : int
+        Specular branches that are kept apart.
     """
 
     width: int
@@ -38,6 +39,7 @@ class GrainGrid:
     z_low: float
     z_high: float
     max_slope: float
+    branches: int = 1
 
     @property
     def columns(self):
@@ -49,12 +51,12 @@ class GrainGrid:
         """Pixels along y, margins included."""
         return self.height + 2 * self.margin
 
-    def cell(self, column, row, dz):
-        """Number of the column and slab of a grain, and whether it lies on the grid (Dr.Jit types)."""
+    def cell(self, column, row, dz, branch):
+        """Number of the column, slab and branch of a grain, and whether it lies on the grid (Dr.Jit types)."""
         column, row = column + self.margin, row + self.margin
         inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
         scale = self.slabs / max(self.z_high - self.z_low, 1e-12)
-        slab = dr.clip(mi.Int((dz - self.z_low) * scale), 0, self.slabs - 1)
+        slab = dr.clip(mi.Int((dz - self.z_low) * scale), 0, self.slabs - 1) + mi.Int(branch) * self.slabs
         return mi.UInt32((slab * self.rows + row) * self.columns + column), inside
 
     def bin(self, slope_x, slope_y):
@@ -79,9 +81,9 @@ class RadianceMap:
     amplitudes: "mi.Float"
     colours: int
 
-    def amplitude(self, column, row, dz, slope_x, slope_y):
+    def amplitude(self, column, row, dz, slope_x, slope_y, branch):
         """Amplitude of each wavelength of the grain at a pixel column and depth, seen along a slope."""
-        cell, inside = self.grid.cell(column, row, dz)
+        cell, inside = self.grid.cell(column, row, dz, branch)
         number = dr.gather(mi.UInt32, self.numbers, cell, inside)
         return gather_row(
             self.amplitudes, number * self.grid.bins**2 + self.grid.bin(slope_x, slope_y), self.colours
@@ -93,7 +95,7 @@ def radiance_integrator(max_depth):
     return mi.load_dict({"type": "path", "max_depth": int(max_depth), "rr_depth": max(5, int(max_depth))})
 
 
-def measure_grains(scene, rays, grid, wavelengths, passes, max_depth, seed, progress):
+def measure_grains(scene, rays, optics, grid, wavelengths, passes, max_depth, seed, progress):
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
     A pixel takes the root of a mean over paths, since the root of a noisy sample is biased dark.
@@ -102,6 +104,7 @@ def measure_grains(scene, rays, grid, wavelengths, passes, max_depth, seed, prog
     ----------
     scene : mitsuba.Scene
     rays : Rays
+    optics : FirstHits or SpecularChains
     grid : GrainGrid
     wavelengths : sequence of float
         Metres.
@@ -118,10 +121,10 @@ def measure_grains(scene, rays, grid, wavelengths, passes, max_depth, seed, prog
     pixels = grid.columns * grid.rows
     together = max(1, min(passes, CHUNK_PATHS // pixels))
     chunks = [(first, min(together, passes - first)) for first in range(0, passes, together)]
-    occupied = dr.zeros(mi.UInt32, pixels * grid.slabs)
+    occupied = dr.zeros(mi.UInt32, pixels * grid.slabs * grid.branches)
     for first, count in chunks:
-        _, ray, depth_rate, place, slope = _primary_rays(rays, grid, first, count, seed)
-        cell, inside, _ = _grain(scene, rays, grid, ray, depth_rate, place, slope)
+        sampler, ray, depth_rate, place, slope = _primary_rays(rays, grid, first, count, seed)
+        cell, inside, _, _ = _grain(scene, rays, optics, grid, sampler, ray, depth_rate, place, slope)
         dr.scatter(occupied, mi.UInt32(1), cell, inside)
         dr.eval(occupied)
         dr.sync_thread()
@@ -132,8 +135,8 @@ def measure_grains(scene, rays, grid, wavelengths, passes, max_depth, seed, prog
     sums = dr.zeros(mi.UInt64, 4 * (cells + 1) * grid.bins**2)
     for first, count in chunks:
         sampler, ray, depth_rate, place, slope = _primary_rays(rays, grid, first, count, seed)
-        cell, inside, bin_ = _grain(scene, rays, grid, ray, depth_rate, place, slope)
-        light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(ray), None, True)
+        cell, inside, bin_, last = _grain(scene, rays, optics, grid, sampler, ray, depth_rate, place, slope)
+        light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(last), None, True)
         inside &= dr.all(dr.isfinite(light))
         at = 4 * (dr.gather(mi.UInt32, numbers, cell, inside) * grid.bins**2 + bin_)
         for k, value in enumerate((*light, mi.Float(1))):
@@ -162,13 +165,15 @@ def _primary_rays(rays, grid, first, count, seed):
     return sampler, ray, depth_rate, (column, row), slope
 
 
-def _grain(scene, rays, grid, ray, depth_rate, place, slope):
-    """Cell, whether it is on the grid, and pupil bin of what a ray meets first."""
-    distance, hit = intersect(scene, ray)
-    dz = rays.height_over_plane(distance, depth_rate, hit)
+def _grain(scene, rays, optics, grid, sampler, ray, depth_rate, place, slope):
+    """Cell, whether it is on the grid, and pupil bin of what a ray sees in a branch at random; the last piece."""
+    branch = mi.UInt32(sampler.next_1d() * optics.branches) if optics.branches > 1 else mi.UInt32(0)
+    seen = optics.view(scene, ray, branch)
+    dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)
     column = mi.Int(dr.round(place[0] + slope.x * dz / rays.pitch))
     row = mi.Int(dr.round(place[1] - slope.y * dz / rays.pitch))
-    return *grid.cell(column, row, dz), grid.bin(slope.x, slope.y)
+    cell, inside = grid.cell(column, row, dz, seen.branch)
+    return cell, inside & seen.exists, grid.bin(slope.x, slope.y), seen.ray
 
 
 def _numbered(occupied, grid):
@@ -179,7 +184,7 @@ def _numbered(occupied, grid):
     dr.eval(numbers)
     cell = dr.arange(mi.Int, dr.width(numbers))
     column, row = cell % grid.columns, (cell // grid.columns) % grid.rows
-    slab = cell // (grid.columns * grid.rows)
+    slab = cell // (grid.columns * grid.rows) % grid.slabs
     filled = mi.UInt32(numbers)
     axes = (
         (slab, grid.slabs, grid.columns * grid.rows),

@@ -1,16 +1,17 @@
 """What is to be displayed: the hologram's grid, colours and depth volume; and how it is to be computed."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from .errors import InvalidInput
 
 QUALITIES = ("preview", "balanced", "full")
-METHODS = ("full",)
+METHODS = ("full", "direct")
 ESTIMATORS = ("lattice", "paper")
 PHASE_FIELDS = ("random",)
 RADIANCES = ("grain", "ray")
 DEPTH_MAPPINGS = ("fit", "eyepiece")
+VIRTUAL_IMAGES = ("curvature", "opl")
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,9 @@ class Settings:
     ----------
     frames : int
         Time-multiplexed frames M; speckle contrast falls as 1/sqrt(M).
-    method : {'full'}
-        What is traced.
+    method : {'full', 'direct'}
+        Rays from a recording plane in the scene, or straight from the SLM with the paper's estimator: its slow
+        baseline.
     estimator : {'lattice', 'paper'}
         Lattice of directions with the exact kernel, or the paper's random directions with a
         spherical wave.
@@ -130,6 +132,11 @@ class Settings:
         Distance of the wave recording plane from the SLM, metres.
     max_depth : int
         Vertices of a radiance path, as Mitsuba counts them: 1 emission only, 2 direct light.
+    virtual_image : {'curvature', 'opl'}
+        Where the image in a mirror or lens lies: where its wavefront's curvature says, or at the optical path
+        length as in the paper.
+    most_hits : int
+        Longest chain of mirrors and clear surfaces that is followed; 0 shows them as pictures on themselves.
     seed : int
         Of every random number used.
 
@@ -148,6 +155,8 @@ class Settings:
     spp: int | None = None
     wrp: str | float = "auto"
     max_depth: int = 8
+    virtual_image: str = "curvature"
+    most_hits: int = 8
     seed: int = 0
 
     def __post_init__(self):
@@ -157,6 +166,7 @@ class Settings:
             ("phase_field", PHASE_FIELDS),
             ("radiance", RADIANCES),
             ("quality", QUALITIES),
+            ("virtual_image", VIRTUAL_IMAGES),
         ):
             value = getattr(self, name)
             if value not in known:
@@ -173,5 +183,11 @@ class Settings:
             )
         if self.max_depth < 1:
             raise InvalidInput(f"Paths need at least 1 vertex, not {self.max_depth}.")
+        if not 0 <= self.most_hits <= 64:
+            raise InvalidInput(f"Chains of mirrors must be 0 to 64 hits long, not {self.most_hits}.")
         if self.seed < 0:
             raise InvalidInput(f"The seed must not be negative, not {self.seed}.")
+
+    def resolved(self):
+        """These settings with what the method implies: `direct` is the paper's estimator."""
+        return replace(self, estimator="paper") if self.method == "direct" else self

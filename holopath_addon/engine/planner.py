@@ -61,6 +61,10 @@ class Plan:
     rays_per_pixel, passes, margin, slabs, bins : int
         Rays of the wave, radiance paths, and the radiance map's pixels beyond each edge, depth slabs and
         pupil bins.
+    chain : int
+        Longest chain of specular hits; 0 leaves the code for them out.
+    splits : int
+        Hits of a chain at which both branches are followed.
     cone : float
         Half-angle of the lattice in recordable slopes.
     seconds : float
@@ -81,6 +85,8 @@ class Plan:
     margin: int
     slabs: int
     bins: int
+    chain: int
+    splits: int
     cone: float
     seconds: float
     memory_bytes: int
@@ -103,8 +109,10 @@ class Probe:
 
     Attributes
     ----------
-    depth : numpy.ndarray
-        World depths, metres; inf where nothing was hit.
+    vergence : numpy.ndarray
+        Inverse world depths of what was hit, 1/m; through mirrors and lenses of the image, which may be negative.
+    misses : bool
+        Whether some rays hit nothing.
     sky : bool
         Whether rays that hit nothing meet an environment.
     glossy, specular : float
@@ -113,19 +121,23 @@ class Probe:
         Speed of this machine on this scene; 0 paths when the radiance was not asked for.
     noise : float
         Variance of one radiance path relative to its grain's squared mean, weighted by brightness.
+    splits : int
+        Hits at which chains divide into a reflected and a transmitted branch.
     """
 
-    depth: np.ndarray
+    vergence: np.ndarray
+    misses: bool
     sky: bool
     glossy: float
     specular: float
     rays_per_second: float
     noise: float
     paths_per_second: float
+    splits: int
 
 
-def probe(scene, hologram, camera, mapping, plane, seed=0, max_depth=0):
-    """Trace up to about a million rays over the hologram and the pupil, first hits only.
+def probe(scene, hologram, camera, mapping, plane, seed=0, max_depth=0, optics=None):
+    """Trace up to about a million rays over the hologram and the pupil.
 
     Parameters
     ----------
@@ -139,6 +151,8 @@ def probe(scene, hologram, camera, mapping, plane, seed=0, max_depth=0):
     seed : int
     max_depth : int
         Of radiance paths; 0 does not look at the radiance.
+    optics : FirstHits or SpecularChains, optional
+        Default: first hits.
 
     Returns
     -------
@@ -147,7 +161,10 @@ def probe(scene, hologram, camera, mapping, plane, seed=0, max_depth=0):
     import drjit as dr
     import mitsuba as mi
 
+    from .chains import SPLITS, FirstHits, specular_lobes
     from .rays import Rays
+
+    optics = optics or FirstHits()
 
     rays = Rays(hologram, camera, mapping, plane)
     stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / (1 << 16))))
@@ -167,14 +184,21 @@ def probe(scene, hologram, camera, mapping, plane, seed=0, max_depth=0):
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
     si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal, coherent=True)
     hit = si.is_valid()
-    depth = dr.select(hit, camera.clip_start + si.t * depth_rate, dr.inf)
     flags = si.bsdf().flags()
     glossy = hit & mi.has_flag(flags, mi.BSDFFlags.Glossy)
-    specular = hit & mi.has_flag(flags, mi.BSDFFlags.Delta)
+    reflects, transmits = specular_lobes(flags)
+    specular = hit & (reflects | transmits)
     shares = [float(dr.mean(dr.select(mask, mi.Float(1), 0))[0]) for mask in (glossy, specular)]
     noise, paths_per_second = _radiance_noise(scene, ray, max_depth, seed) if max_depth else (0.0, 0.0)
     speed = size / _timed(lambda: dr.eval(scene.ray_intersect_preliminary(ray, coherent=True).t))
-    return Probe(np.asarray(depth), scene.environment() is not None, *shares, speed, noise, paths_per_second)
+    view = optics.view(scene, ray, mi.UInt32(sampler.next_1d() * optics.branches))
+    depth = camera.clip_start + view.distance * depth_rate
+    exists, seen = np.broadcast_to(view.exists, size), np.asarray(view.hit)
+    vergence = 1 / np.asarray(depth)[exists & seen].astype(np.float64)
+    vergence = vergence[np.isfinite(vergence)]
+    splits = SPLITS if np.asarray(view.branch).any() else 0
+    sky = scene.environment() is not None
+    return Probe(vergence, bool((exists & ~seen).any()), sky, *shares, speed, noise, paths_per_second, splits)
 
 
 def _timed(work):
@@ -246,18 +270,24 @@ def plan(scene, camera, hologram, settings=None):
         If Mitsuba cannot compute here.
     """
     backend.activate()
-    settings = settings or Settings()
+    from .chains import SpecularChains
+
+    settings = (settings or Settings()).resolved()
     decisions, warnings = [], []
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
     seen = probe(scene, hologram, camera, mapping, mapping.z_far, settings.seed, settings.max_depth)
-    hit = np.isfinite(seen.depth)
-    z_high = float(mapping.depth_to_z(seen.depth[hit].min())) if hit.any() else mapping.z_far
-    z_low = mapping.z_far if seen.sky and not hit.all() else float(mapping.depth_to_z(seen.depth[hit].max()))
+    chain = settings.most_hits if seen.specular > 1e-4 else 0
+    if chain:
+        optics = SpecularChains(settings.virtual_image, chain)
+        images = probe(scene, hologram, camera, mapping, mapping.z_far, settings.seed, 0, optics)
+        seen = replace(seen, vergence=images.vergence, misses=images.misses, splits=images.splits)
+    low, high = vergence_range(seen, chain)
+    z_low, z_high = mapping.z_far + mapping.beta * low, mapping.z_far + mapping.beta * high
     decisions.append(
         Decision(
             "depth",
-            f"{near:.3g} m to {'infinity' if z_low == mapping.z_far else f'{mapping.z_to_depth(z_low):.3g} m'} "
+            f"{near:.3g} m to {'infinity' if z_low <= mapping.z_far else f'{mapping.z_to_depth(z_low):.3g} m'} "
             f"at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from the SLM",
             "the volume ends at the nearest surface in view"
             if hologram.depth_mapping == "fit" and not hologram.near
@@ -265,7 +295,9 @@ def plan(scene, camera, hologram, settings=None):
         )
     )
 
-    if settings.wrp == "auto":
+    if settings.method == "direct":
+        wrp, reason = 0.0, "the SLM itself: method direct"
+    elif settings.wrp == "auto":
         wrp = 0.5 * (z_low + z_high)
         reason = "the middle of the depths in view needs the fewest rays"
     else:
@@ -278,10 +310,16 @@ def plan(scene, camera, hologram, settings=None):
     margin = reach + 1
     passes, slabs, bins = _radiance(hologram, settings, seen, margin, z_high - z_low, decisions)
 
-    if seen.specular > 1e-3:
+    if chain:
+        reason = (
+            f"{seen.specular:.1%} of the view is mirror or clear glass; images by {settings.virtual_image}"
+        )
+        reason += f"; {1 << seen.splits} branches of each ray" if seen.splits else ""
+        decisions.append(Decision("specular hits", f"up to {chain}", reason))
+    elif seen.specular > 1e-4:
         warnings.append(
             f"{seen.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
-            f"surface, not at the depth of what it reflects."
+            f"surface, not at the depth of what it reflects; allow chains of mirrors to change that."
         )
     captured = captured_share(hologram, 0.5 * (z_low + z_high))
     if captured < 0.75:
@@ -292,12 +330,12 @@ def plan(scene, camera, hologram, settings=None):
 
     decisions.append(
         Decision(
-            "settings.frames",
+            "frames",
             str(settings.frames),
             f"speckle contrast about {1 / math.sqrt(settings.frames):.0%}",
         )
     )
-    seconds, memory = _costs(hologram, settings, seen, rays, passes, margin, slabs, bins)
+    seconds, memory = _costs(hologram, settings, seen, rays << seen.splits, passes, margin, slabs, bins)
     return Plan(
         near,
         wrp,
@@ -309,6 +347,8 @@ def plan(scene, camera, hologram, settings=None):
         margin,
         slabs,
         bins,
+        chain,
+        seen.splits,
         CONE[settings.quality],
         seconds,
         memory,
@@ -393,11 +433,23 @@ def _slope(hologram):
     return max(hologram.max_slope(w) for w in hologram.wavelengths)
 
 
+def vergence_range(seen, chain):
+    """Smallest and largest inverse depth in view, 1/m.
+
+    Caustics spread a few images over all depths, behind the viewer too: with chains a hundredth at either
+    end is left to the nearest depth inside.
+    """
+    if not len(seen.vergence):
+        return 0.0, 0.0
+    low, high = np.quantile(seen.vergence, (0.01, 0.99) if chain else (0, 1))
+    return float(min(low, 0.0) if seen.sky and seen.misses else low), float(high)
+
+
 def near_end(scene, camera, hologram, seed=0):
     """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
-    nearest = probe(scene, hologram, camera, pinhole, pinhole.z_far, seed).depth.min()
-    if not math.isfinite(nearest):
+    seen = probe(scene, hologram, camera, pinhole, pinhole.z_far, seed)
+    if not len(seen.vergence):
         if scene.environment() is None:
             raise InvalidInput(
                 "Nothing is in the camera's view: point the camera at an object or light the world."
@@ -406,9 +458,10 @@ def near_end(scene, camera, hologram, seed=0):
     if hologram.near:
         return hologram.near
     if hologram.depth_mapping == "eyepiece":
-        return float(nearest)
-    mapping = DepthMapping.of(hologram, camera, nearest)
-    return float(min(nearest, probe(scene, hologram, camera, mapping, mapping.z_far, seed).depth.min()))
+        return float(1 / seen.vergence.max())
+    mapping = DepthMapping.of(hologram, camera, 1 / seen.vergence.max())
+    wide = probe(scene, hologram, camera, mapping, mapping.z_far, seed)
+    return float(1 / max(seen.vergence.max(), wide.vergence.max()))
 
 
 def captured_share(hologram, distance):

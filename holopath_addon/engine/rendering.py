@@ -37,12 +37,13 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     InvalidInput, BackendUnavailable, Cancelled
     """
     backend.activate()
+    from .chains import FirstHits, SpecularChains
     from .estimators import LatticeEstimator, RandomEstimator
     from .grains import GrainGrid, measure_grains
     from .rays import Rays
     from .tracer import trace_field
 
-    settings = settings or Settings()
+    settings = (settings or Settings()).resolved()
     progress = progress or (lambda done, message: None)
     seconds, rays_traced = {}, {}
     clock = time.perf_counter()
@@ -76,15 +77,19 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         recordable *= pixel_transmission()
     lap("kernel tables")
 
+    optics = SpecularChains(settings.virtual_image, plan.chain, plan.splits) if plan.chain else FirstHits()
     radiance = None
     if settings.radiance == "grain":
         depths = (plan.z_low - plan.wrp, plan.z_high - plan.wrp)
         size = (hologram.width, hologram.height)
-        grid = GrainGrid(*size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * max_slope)
+        grid = GrainGrid(
+            *size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * max_slope, optics.branches
+        )
         colours, depth, seed = hologram.wavelengths, settings.max_depth, settings.seed
         radiance = measure_grains(
             scene,
             rays,
+            optics,
             grid,
             colours,
             plan.passes,
@@ -99,13 +104,14 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         rays,
         hologram,
         estimator,
+        optics,
         radiance,
         phasors,
         settings.max_depth,
         settings.seed,
         lambda done: progress(0.45 + 0.45 * done, "Wave tracing"),
     )
-    rays_traced["wave rays"] = hologram.width * hologram.height * plan.rays_per_pixel
+    rays_traced["wave rays"] = hologram.width * hologram.height * plan.rays_per_pixel * optics.branches
     lap("wave tracing")
 
     # plane to SLM, in place; the scale makes a plane of radiance L refocus to intensity L
@@ -117,7 +123,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         for m in range(len(field)):
             field[m, k] = field_of(spectrum(field[m, k], padded) * transfer, shape)
             progress(
-                0.85 + 0.15 * (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths)),
+                0.9 + 0.1 * (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths)),
                 "To the SLM",
             )
     lap("propagation")

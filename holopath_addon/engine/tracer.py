@@ -13,13 +13,13 @@ import numpy as np
 from .buffers import PHASOR_SCALE, gather_phasors, packed_phasors
 from .grains import radiance_integrator
 from .hologram import channel
-from .rays import intersect
 
 CHUNK_RAYS = 1 << 22  # between two looks at progress and cancel; well below a second on two cores
+BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
 
-def trace_field(scene, rays, hologram, estimator, radiance, phasors, max_depth, seed, progress):
+def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, max_depth, seed, progress):
     """The wave field on the recording plane: all frames and wavelengths from one traversal.
 
     Parameters
@@ -28,6 +28,7 @@ def trace_field(scene, rays, hologram, estimator, radiance, phasors, max_depth, 
     rays : Rays
     hologram : Hologram
     estimator : LatticeEstimator or RandomEstimator
+    optics : FirstHits or SpecularChains
     radiance : RadianceMap or None
         From `measure_grains`; None takes one radiance path a ray.
     phasors : numpy.ndarray, complex64, shape (frames, height, width)
@@ -59,18 +60,26 @@ def trace_field(scene, rays, hologram, estimator, radiance, phasors, max_depth, 
         field = [dr.zeros(mi.Float, size) for _ in range(2 * frames * colours)]
 
         def body(step, field, random, sampler):
-            slope_x, slope_y = estimator.direction(step, random)  # s1
+            branch = step % optics.branches
+            slope_x, slope_y = estimator.direction(step // optics.branches, random)  # s1
             ray, depth_rate = rays.world(x, y, slope_x, slope_y)  # s2
-            distance, hit = intersect(scene, ray)  # s3
-            dz = rays.height_over_plane(distance, depth_rate, hit)  # s6
+            seen = optics.view(scene, ray, branch)  # s3, s4
+            dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)  # s6
             over, up, kernel = estimator.path(slope_x, slope_y, dz)  # s7
             grain_column, grain_row = column + over, row - up
-            if integrator is None:  # s4, s5
-                amplitude = radiance.amplitude(grain_column, grain_row, dz, slope_x, slope_y)
+            if integrator is None:  # s5
+                amplitude = radiance.amplitude(grain_column, grain_row, dz, slope_x, slope_y, seen.branch)
             else:
-                light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(ray), None, True)
+                light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(seen.ray), None, True)
                 amplitude = [dr.sqrt(dr.maximum(light[c], 0)) for c in channels]
-            grain = _wrapped(grain_row, height) * width + _wrapped(grain_column, width)
+            if seen.weight is not None:
+                shares = [dr.select(seen.exists, seen.weight[c], 0) for c in channels]
+                amplitude = [
+                    a * dr.sqrt(dr.maximum(share, 0)) for a, share in zip(amplitude, shares, strict=True)
+                ]
+            # branches that end at the same place must not interfere: each looks elsewhere in the phase maps
+            aside = mi.Int(seen.branch) * BRANCH_SHIFT
+            grain = _wrapped(grain_row + aside, height) * width + _wrapped(grain_column + aside, width)
             phasor = gather_phasors(phasor_buffer, mi.UInt32(grain), frames)  # s8
             field = list(field)
             for k, a in enumerate(amplitude):  # s9
@@ -81,14 +90,14 @@ def trace_field(scene, rays, hologram, estimator, radiance, phasors, max_depth, 
                     field[at + 1] = dr.fma(real, sine, dr.fma(imag, cosine, field[at + 1]))
             return step + 1, field, random, sampler
 
-        limit = dr.opaque(mi.UInt32, estimator.rays)
+        limit = dr.opaque(mi.UInt32, estimator.rays * optics.branches)
         state = (mi.UInt32(0), field, random, sampler)
         _, field, _, _ = dr.while_loop(state, lambda step, *_: step < limit, body, label="wave path tracer")
         dr.eval(field)
         return field
 
     out = np.empty((len(phasors), colours, height, width), np.complex64)
-    together = max(1, min(height, CHUNK_RAYS // (width * estimator.rays)))
+    together = max(1, min(height, CHUNK_RAYS // (width * estimator.rays * optics.branches)))
     for start in range(0, len(phasors), FRAMES_TOGETHER):
         group = phasors[start : start + FRAMES_TOGETHER]
         phasor_buffer = packed_phasors(group)

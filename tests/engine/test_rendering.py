@@ -231,3 +231,34 @@ def test_odd_sizes_and_single_pixels(build, camera):
         assert field.data.shape == (2, 1, height, width)
         assert np.isfinite(field.data).all()
         assert np.isfinite(engine.reconstruct(field, [1.0])).all()
+
+
+def test_direct_method_is_the_paper_s_estimator_at_the_slm(build, camera):
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.texture(64, 4))))
+    hologram = engine.Hologram(128, 128, 8e-6, (GREEN,), 1e-3, 1.5e-3, near=0.5)
+    settings = engine.Settings(frames=24, method="direct", spp=2048)
+    field, rows = compare(scene, camera, hologram, settings, [1.0])
+    assert field.plan["wrp"] == 0
+    assert engine.psnr(*rows[0][1:]) >= 19
+
+
+@pytest.mark.parametrize("reflectance", [0.05, 0.5, 0.95])
+def test_brightness_over_albedo_in_colour(build, camera, reflectance):
+    hologram = engine.Hologram(128, 128, 8e-6, RGB, 0.3e-3, 2.8e-3)
+    colour = {"type": "rgb", "value": [reflectance, 0.6 * reflectance, 0.3 * reflectance]}
+    lamp_place = build.T().look_at(origin=[1.5, 2, 1], target=[0, 0, -1.5], up=[0, 1, 0]).scale(0.5)
+    scene = build.scene(
+        wall=build.plane(2.0, build.diffuse(colour)),
+        front=build.plane(0.8, build.diffuse(colour), 0.06, x=-0.05),
+        lamp={"type": "rectangle", "to_world": lamp_place, **build.emissive(build.grey(20.0))},
+    )
+    _, rows = compare(scene, camera, hologram, engine.Settings(frames=24), [0.8, 2.0])
+    for depth, picture, reference in rows:
+        assert brightness(picture, reference) == pytest.approx(1, abs=0.03), depth
+
+
+@pytest.mark.parametrize("slant", [0, 30, 60, 75])
+def test_brightness_over_slope(build, camera, small, slant):
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.texture(128, 3)), 1.5, 0.4, slant=slant))
+    _, rows = compare(scene, camera, small, engine.Settings(frames=24), [1.0], spp=64)
+    assert brightness(*rows[0][1:]) == pytest.approx(1, abs=0.03)
