@@ -5,10 +5,12 @@ from holopath_addon.engine import backend
 
 def main():
     backend.activate()
-    from . import accuracy, kernel
+    from . import accuracy, kernel, optics, scaling
 
     print(kernel.run(), flush=True)
     print(accuracy.run("out/bench"), flush=True)
+    print(scaling.run(), flush=True)
+    print(optics.run(), flush=True)
 
 
 if __name__ == "__main__":

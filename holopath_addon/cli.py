@@ -51,15 +51,19 @@ def main(argv=None):
 
 @contextmanager
 def _interruptible():
-    """Ctrl-C raises KeyboardInterrupt, in `blender --background` too, whose own handler only sets a flag."""
+    """Ctrl-C raises KeyboardInterrupt, in `blender --background` too, whose own handler only sets a flag.
+
+    So does SIGTERM, by which batch systems end a job: what was half written is cleared away.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    before = {number: signal.signal(number, signal.default_int_handler) for number in sources.INTERRUPTS}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
 
 
 def _attach_negative(argv):

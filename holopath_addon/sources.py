@@ -14,6 +14,8 @@ import numpy as np
 from . import engine
 from .engine import backend
 
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+
 
 @dataclass(frozen=True)
 class Loaded:
@@ -201,11 +203,12 @@ def uninterrupted():
         yield
         return
     arrived = []
-    before = signal.signal(signal.SIGINT, lambda *_: arrived.append(True))
+    before = {number: signal.signal(number, lambda *_: arrived.append(True)) for number in INTERRUPTS}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
         if arrived:
             raise KeyboardInterrupt
 

@@ -243,7 +243,8 @@ def test_folder_that_cannot_be_made(xml, tmp_path, capfd):
     assert left_over(tmp_path) == []
 
 
-def test_interrupt(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt(number, tmp_path):
     pytest.importorskip("bpy")
     out = tmp_path / "out"
     process = start("render", "demo:suzanne", "--quality", "full", "--frames", "24", "--out", out)
@@ -253,7 +254,7 @@ def test_interrupt(tmp_path):
         assert line, heard
         heard += line
     sent = time.monotonic()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, error = process.communicate(timeout=60)
     assert time.monotonic() - sent < 20  # a second on an idle machine
     refused(process.returncode, error, 1, "Cancelled: nothing was written")

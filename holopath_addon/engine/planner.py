@@ -28,6 +28,7 @@ SLAB = 0.15e-3  # metres; a small part of the depth of focus, 2 wavelength / slo
 MOST_SLABS = 48
 GLOSSY_BINS = 2
 PILOT_GRAINS, PILOT_PATHS = 4096, 32
+IMAGE_LIMITS = (-1.0, 2.0)  # of the near end's vergence: images beyond, as of caustics, are put there
 MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 MAP_BYTES = 1 << 30  # largest index of the radiance map
@@ -283,6 +284,8 @@ def plan(scene, camera, hologram, settings=None):
         images = probe(scene, hologram, camera, mapping, mapping.z_far, settings.seed, 0, optics)
         seen = replace(seen, vergence=images.vergence, misses=images.misses, splits=images.splits)
     low, high = vergence_range(seen, chain)
+    if chain:
+        low, high = max(low, IMAGE_LIMITS[0] / near), min(high, IMAGE_LIMITS[1] / near)
     z_low, z_high = mapping.z_far + mapping.beta * low, mapping.z_far + mapping.beta * high
     decisions.append(
         Decision(

@@ -18,7 +18,6 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
     bl_label = "Render Hologram"
 
     _job = None
-    _timer = None
     _started = 0.0
     _told = ""
     _told_at = 0.0
@@ -46,7 +45,8 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
         if job is None:
             return {"CANCELLED"}
         job.start()
-        self._timer = context.window_manager.event_timer_add(0.1, window=context.window)
+        timer = context.window_manager.event_timer_add(0.1, window=context.window)
+        session.current.leave = lambda: _leave(timer)
         context.window_manager.modal_handler_add(self)
         context.workspace.status_text_set("HoloPath: rendering, Esc cancels")
         return {"RUNNING_MODAL"}
@@ -59,7 +59,7 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
             if not job.running:
-                self._leave(context)
+                session.leave()
                 return self._end(context)
             self._tell(context)
         return {"PASS_THROUGH"}
@@ -68,7 +68,7 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
         """Blender ends the operator: the window closes or another file is opened."""
         if self._job is not None:
             self._job.cancel()
-        self._leave(context)
+        session.leave()
 
     def _tell(self, context):
         """Show progress where there is news, now and then."""
@@ -93,13 +93,6 @@ class HOLOPATH_OT_render_hologram(bpy.types.Operator):
         session.current.error = ""
         self._job = session.current.job = Job(self._task.compute)
         return self._job
-
-    def _leave(self, context):
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
-        if context.workspace:
-            context.workspace.status_text_set(None)
 
     def _end(self, context):
         job, task = self._job, self._task
@@ -164,6 +157,13 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
         plan = session.current.plan
         self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")
         return {"FINISHED"}
+
+
+def _leave(timer):
+    """Take back what `invoke` changed in the window."""
+    bpy.context.window_manager.event_timer_remove(timer)
+    for workspace in bpy.data.workspaces:  # the user may have changed to another one
+        workspace.status_text_set(None)
 
 
 def _open_editor(context, image):

@@ -28,6 +28,8 @@ class Session:
         What the exporter approximated or left out.
     error : str
         Last failure in one sentence; empty if there was none.
+    leave : callable or None
+        Takes back what the running operator changed in the window, see `leave`.
     """
 
     job: Job | None = None
@@ -35,6 +37,7 @@ class Session:
     plan: engine.Plan | None = None
     notes: list = dataclasses.field(default_factory=list)
     error: str = ""
+    leave: object = None
     refocus: Job | None = None
     wanted: tuple | None = None
 
@@ -103,6 +106,24 @@ def fail(error):
     """Remember a failure; its sentence."""
     current.error = "" if isinstance(error, engine.Cancelled) else failures.sentence(error)
     return current.error
+
+
+def leave():
+    """Take back what the running operator changed in the window, once."""
+    undo, current.leave = current.leave, None
+    if undo is not None:
+        undo()
+
+
+def leave_soon():
+    """`leave` when the operator's timer has fired once more.
+
+    Blender lets go of an unregistered operator at the window's next event, and crashes where another one
+    starts before.
+    """
+    undo, current.leave = current.leave, None
+    if undo is not None:
+        bpy.app.timers.register(undo, first_interval=0.5)
 
 
 def running():
@@ -241,6 +262,7 @@ def _forget(*_):
         if job is not None:
             job.cancel()
             job.wait(5.0)
+    leave()
     current.__dict__.update(vars(Session()))
 
 
@@ -264,4 +286,5 @@ def detach():
     bpy.app.handlers.render_cancel.remove(_rendered)
     if bpy.app.timers.is_registered(_poll_refocus):
         bpy.app.timers.unregister(_poll_refocus)
+    leave_soon()
     _forget()

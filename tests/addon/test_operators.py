@@ -166,6 +166,22 @@ def test_opening_a_file_cancels(scene):
     assert session.current.job is None
 
 
+def test_ending_takes_back_what_an_operator_changed(scene):
+    undone = []
+
+    def undo():
+        undone.append(True)
+
+    session.current.leave = undo
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert undone == [True] and session.current.leave is None
+    session.current.leave = undo
+    session.detach()
+    session.attach()
+    assert bpy.app.timers.is_registered(undo) and session.current.leave is None
+    bpy.app.timers.unregister(undo)
+
+
 def test_job_in_a_thread_is_the_same_as_without(scene):
     task = session.prepare(bpy.context.evaluated_depsgraph_get(), scene.holopath)
     here, there = Job(task.compute), Job(task.compute)

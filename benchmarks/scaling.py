@@ -1,0 +1,75 @@
+"""How time grows with frames, wavelengths and triangles."""
+
+import time
+
+import numpy as np
+
+from holopath_addon import engine
+
+from .scenes import FOV, GREEN, Scenes
+
+RGB = (640e-9, 516.5e-9, 455.4e-9)
+
+
+def seconds(scene, wavelengths, frames, repeats=3, **settings):
+    """Median seconds of a render, planning and compilation left out; the plan of the first wavelength set."""
+    camera = engine.Camera(np.eye(4), FOV)
+    hologram = engine.Hologram(256, 256, 8e-6, wavelengths, 1e-3, 6e-3)
+    settings = engine.Settings(frames=frames, **settings)
+    plan = engine.plan(scene, camera, hologram, settings)
+    samples = []
+    for _ in range(repeats + 1):
+        start = time.perf_counter()
+        report = engine.render(scene, camera, hologram, settings, plan).report["seconds"]
+        samples.append(time.perf_counter() - start)
+    return float(np.median(samples[1:])), report
+
+
+def relief(triangles):
+    """A relief under the sky: one mesh of the wished number of triangles."""
+    s = Scenes()
+    side = max(4, round((triangles / 2) ** 0.5))
+    u, v = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
+    depth = -0.9 + 0.15 * np.sin(9 * u) * np.sin(7 * v)
+    vertices = np.stack([0.2 * u, 0.2 * v, depth], -1).reshape(-1, 3)
+    corner = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    faces = np.concatenate(
+        [
+            np.column_stack([corner, corner + 1, corner + side + 2]),
+            np.column_stack([corner, corner + side + 2, corner + side + 1]),
+        ]
+    )
+    properties = s.mi.Properties()
+    properties["bsdf"] = s.mi.load_dict({"type": "diffuse", "reflectance": s.grey(0.7)})
+    mesh = s.mi.Mesh("relief", len(vertices), len(faces), props=properties)
+    parameters = s.mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters.update()
+    return s.scene(relief=mesh, sky={"type": "constant", "radiance": s.grey(0.5)})
+
+
+def run():
+    """Tables as text."""
+    s = Scenes()
+    lamp_lit, box = s.two_planes(s.diffuse), s.closed_box()
+    one, _ = seconds(lamp_lit, (GREEN,), 8)
+    three, _ = seconds(lamp_lit, RGB, 8)
+    lines = [
+        f"colour: lamp-lit planes, M = 8: RGB {three:.2f} s, one wavelength {one:.2f} s, ratio {three / one:.2f}"
+    ]
+    few, _ = seconds(box, (GREEN,), 1, radiance="ray")
+    many, _ = seconds(box, (GREEN,), 24, radiance="ray")
+    lines.append(
+        f"frames: closed box, a path a ray: M = 24 {many:.2f} s, M = 1 {few:.2f} s, ratio {many / few:.2f}"
+    )
+    lines.append("triangles: a relief under the sky, M = 8")
+    first = None
+    for triangles in (1_000, 30_000, 1_000_000, 4_000_000):
+        value, report = seconds(relief(triangles), (GREEN,), 8, repeats=2)
+        first = first or value
+        lines.append(
+            f"  {triangles:9,d}: {value:6.2f} s ({value / first:.1f} times the first), "
+            f"wave tracing {report['wave tracing']:.2f} s, radiance {report['radiance']:.2f} s"
+        )
+    return "\n".join(lines)
