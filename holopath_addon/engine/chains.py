@@ -26,7 +26,7 @@ class View:
     ray : mitsuba.Ray3f
         The last piece, on which the real image point lies.
     exists : mitsuba.Bool
-        Whether the ray has a branch of the number asked for.
+        Whether the ray sees anything, in the branch asked for.
     branch : mitsuba.UInt32
         Number of the branch taken.
     weight : mitsuba.Color3f or None
@@ -49,7 +49,7 @@ class FirstHits:
     def view(self, scene, ray, branch):
         """The `View` along a ray."""
         distance, hit = intersect(scene, ray)
-        return View(distance, hit, ray, mi.Bool(True), mi.UInt32(0), None)
+        return View(distance, hit, ray, _lit(scene, hit), mi.UInt32(0), None)
 
 
 class SpecularChains:
@@ -83,7 +83,7 @@ class SpecularChains:
         total = length + distance
         if self.virtual_image == "curvature":
             total = self._image_distance(scene, ray, last, branch, hits, length, distance, hit)
-        return View(total, hit & dr.isfinite(total), last, exists, taken, weight)
+        return View(total, hit & dr.isfinite(total), last, exists & _lit(scene, hit), taken, weight)
 
     def _follow(self, scene, ray, branch, most):
         """Chain of at most `most` specular hits.
@@ -169,6 +169,11 @@ def specular_lobes(flags):
     """Whether surfaces of these BSDF flags only mirror, and only let through; neither where they also scatter."""
     alone = (flags & int(mi.BSDFFlags.Smooth)) == 0
     return alone & ((flags & REFLECTION) != 0), alone & ((flags & TRANSMISSION) != 0)
+
+
+def _lit(scene, hit):
+    """Whether there is anything to see: a surface, or an environment beyond all surfaces."""
+    return hit if scene.environment() is None else mi.Bool(True)
 
 
 def _lobe(bsdf, si, lobe, active):

@@ -1,5 +1,7 @@
 """Rays of hologram space as rays of the world (stages s1 to s3 and s6 of the paper)."""
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 
@@ -14,9 +16,12 @@ class Rays:
     mapping : DepthMapping
     plane : float
         z of the recording plane, metres.
+    limit : float
+        Image points farther from the plane than this, metres, are taken to be at this distance.
     """
 
-    def __init__(self, hologram, camera, mapping, plane):
+    def __init__(self, hologram, camera, mapping, plane, limit=math.inf):
+        self.limit = limit
         self.width, self.height, self.pitch = hologram.width, hologram.height, hologram.pitch
         self.mapping = mapping
         self.to_far = mapping.z_far - plane
@@ -42,7 +47,7 @@ class Rays:
     def height_over_plane(self, distance, depth_rate, hit):
         """dz = z_Q - z_p of a hit after `distance` along the ray; the far end where nothing was hit."""
         depth = self.clip_start + distance * depth_rate
-        return self.to_far + dr.select(hit, self.mapping.beta / depth, 0)
+        return dr.clip(self.to_far + dr.select(hit, self.mapping.beta / depth, 0), -self.limit, self.limit)
 
 
 def intersect(scene, ray):

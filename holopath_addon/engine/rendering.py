@@ -59,7 +59,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         plan = planner.plan(scene, camera, hologram, settings)
     lap("plan")
     mapping = DepthMapping.of(hologram, camera, plan.near)
-    rays = Rays(hologram, camera, mapping, plan.wrp)
+    rays = Rays(hologram, camera, mapping, plan.wrp, plan.depth_limit)
     max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
 
     progress(0.02, "Random phases")

@@ -72,8 +72,9 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, max
             else:
                 light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(seen.ray), None, True)
                 amplitude = [dr.sqrt(dr.maximum(light[c], 0)) for c in channels]
+            amplitude = [dr.select(seen.exists, a, 0) for a in amplitude]
             if seen.weight is not None:
-                shares = [dr.select(seen.exists, seen.weight[c], 0) for c in channels]
+                shares = [seen.weight[c] for c in channels]
                 amplitude = [
                     a * dr.sqrt(dr.maximum(share, 0)) for a, share in zip(amplitude, shares, strict=True)
                 ]

@@ -114,7 +114,8 @@ def test_flat_mirror(build, camera, small):
 def test_convex_mirror_beats_the_optical_path(build, camera, small):
     scene = build.scene(mirror=sphere_mirror(build, 0.3), lamp=behind(build, 0.5, texture=128))
     image = 1 + 1 / (2 / 0.3 + 1 / 1.5)
-    (ours,), _ = views(scene, camera, small, [image])
+    (ours,), ratios = views(scene, camera, small, [image])
+    assert ratios == pytest.approx([1], abs=0.03)
     (paper,), _ = views(scene, camera, small, [image], virtual_image="opl")
     assert ours >= 21
     assert ours >= paper + 6

@@ -262,3 +262,12 @@ def test_brightness_over_slope(build, camera, small, slant):
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.texture(128, 3)), 1.5, 0.4, slant=slant))
     _, rows = compare(scene, camera, small, engine.Settings(frames=24), [1.0], spp=64)
     assert brightness(*rows[0][1:]) == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("radiance", ["grain", "ray"])
+def test_nothing_around_things_takes_no_light_from_them(build, camera, small, radiance):
+    """Rays that miss all surfaces, where there is no sky, are in no grain's mean."""
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.6)), 0.06))
+    settings = engine.Settings(frames=24, radiance=radiance)
+    _, rows = compare(scene, camera, small, settings, [1.0], spp=64)
+    assert brightness(*rows[0][1:]) == pytest.approx(1, abs=0.03)
