@@ -22,7 +22,7 @@ class View:
     distance : mitsuba.Float
         Along the ray to the image point, metres; negative for an image behind the viewer.
     hit : mitsuba.Bool
-        Whether there is a surface; otherwise the ray sees the environment at infinity.
+        Whether the image point is at a finite distance; the environment is not, but for curved mirrors and lenses.
     ray : mitsuba.Ray3f
         The last piece, on which the real image point lies.
     exists : mitsuba.Bool
@@ -80,10 +80,10 @@ class SpecularChains:
         # a chain that was cut off, or whose light is zero, shows nothing
         exists = ended & ((branch >> splits) == 0) & dr.any(weight > 0)
         taken = branch & ((1 << splits) - 1)
-        total = length + distance
+        total = length + dr.select(hit, distance, dr.inf)
         if self.virtual_image == "curvature":
             total = self._image_distance(scene, ray, last, branch, hits, length, distance, hit)
-        return View(total, hit & dr.isfinite(total), last, exists & _lit(scene, hit), taken, weight)
+        return View(total, dr.isfinite(total), last, exists & _lit(scene, hit), taken, weight)
 
     def _follow(self, scene, ray, branch, most):
         """Chain of at most `most` specular hits.
@@ -162,7 +162,7 @@ class SpecularChains:
         determinant = b11 * b22 - b12 * b21
         trace = b22 * a11 - b12 * a21 + b11 * a22 - b21 * a12
         image = dr.select(trace != 0, 2 * determinant / trace, dr.inf)
-        return dr.select(chained & sound, image, length + distance)
+        return dr.select(chained & sound, image, length + dr.select(hit, distance, dr.inf))
 
 
 def specular_lobes(flags):

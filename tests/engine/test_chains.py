@@ -168,3 +168,15 @@ def test_mirrors_facing_each_other_end(build, camera):
     hologram = engine.Hologram(48, 48, 8e-6, (GREEN,), 0.5e-3, 2e-3)
     field = engine.render(build.scene(front=front, back=back), camera, hologram, engine.Settings(frames=2))
     assert np.abs(field.data).max() == 0
+
+
+def test_sky_in_a_ball_is_at_its_focal_point(build):
+    """The image of infinity in a convex mirror lies R/2 behind its vertex."""
+    from holopath_addon.engine.chains import SpecularChains
+
+    mi = build.mi
+    scene = build.scene(ball=sphere_mirror(build, 0.3), sky={"type": "constant", "radiance": build.grey(0.5)})
+    ray = mi.Ray3f(mi.Point3f([0.0], [0.0], [0.0]), mi.Vector3f([2e-4], [1e-4], [-1.0]))
+    view = SpecularChains("curvature", 8).view(scene, ray, mi.UInt32([0]))
+    assert bool(np.asarray(view.hit)[0]) and bool(np.broadcast_to(view.exists, 1)[0])
+    assert float(view.distance[0]) == pytest.approx(1.15, abs=2e-3)
