@@ -90,7 +90,7 @@ class Scenes:
             },
             lamp={
                 "type": "rectangle",
-                "to_world": T().translate([0, -0.3, -0.3]).rotate([1, 0, 0], -90).scale([0.12, 0.12, 1]),
+                "to_world": T().translate([0, 0.3, -0.3]).rotate([1, 0, 0], -90).scale([0.12, 0.12, 1]),
                 **self.emissive(self.grey(18.0)),
             },
             block={

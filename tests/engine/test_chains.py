@@ -128,7 +128,7 @@ def test_glass_ball_in_front_of_a_wall(build, camera, small):
     paper, _ = views(scene, camera, small, [0.6, 2.0], virtual_image="opl")
     assert min(ours) >= 19
     assert all(a > b + 3 for a, b in zip(ours, paper, strict=True))
-    assert ratios == pytest.approx([1, 1], abs=0.08)
+    assert ratios == pytest.approx([1, 1], abs=0.03)
 
 
 def test_pane_adds_reflection_and_view_without_interference(build, camera, small):
