@@ -5,10 +5,11 @@ from holopath_addon.engine import backend
 
 def main():
     backend.activate()
-    from . import accuracy, kernel, optics, scaling
+    from . import accuracy, convergence, kernel, optics, scaling
 
     print(kernel.run(), flush=True)
     print(accuracy.run("out/bench"), flush=True)
+    print(convergence.run("out/bench"), flush=True)
     print(scaling.run(), flush=True)
     print(optics.run(), flush=True)
 

@@ -14,6 +14,7 @@ from holopath_addon.engine.grains import GrainGrid, measure_grains
 from holopath_addon.engine.kernel_table import Lattice, kernel_table
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.phase_fields import random_phasors
+from holopath_addon.engine.radiance import PathTracer
 from holopath_addon.engine.rays import Rays
 from holopath_addon.engine.tracer import trace_field
 
@@ -65,17 +66,19 @@ def run(size=512, repeats=5):
     hologram = engine.Hologram(size, size, 8e-6, (GREEN,), 1e-3, 6e-3)
     plan = engine.plan(scene, camera, hologram)
     slope = hologram.max_slope(GREEN)
-    rays = Rays(hologram, camera, DepthMapping.of(hologram, camera, plan.near), plan.wrp)
-    lattice = Lattice.of(slope, plan.depth_limit, hologram.pitch, plan.cone)
+    (plane,) = plan.planes
+    rays = Rays(hologram, camera, DepthMapping.of(hologram, camera, plan.near), plane.z)
+    lattice = Lattice.of(slope, plane.depth_limit, hologram.pitch, plan.cone)
     estimator = LatticeEstimator(hologram, lattice, [kernel_table(lattice, hologram.pitch, GREEN)])
-    depths = (plan.z_low - plan.wrp, plan.z_high - plan.wrp)
+    depths = (plan.z_low, plan.z_high)
     grid = GrainGrid(size, size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
-    radiance = measure_grains(scene, rays, FirstHits(), grid, (GREEN,), plan.passes, 8, 0, lambda done: None)
+    optics, tracer = FirstHits(plan.coherent), PathTracer(8)
+    radiance = measure_grains(scene, rays, optics, tracer, grid, (GREEN,), plan.passes, 0, lambda done: None)
     phasors = random_phasors(max(FRAMES), size, size)
 
     def trace(frames):
         trace_field(
-            scene, rays, hologram, estimator, FirstHits(), radiance, phasors[:frames], 8, 0, lambda done: None
+            scene, rays, hologram, estimator, optics, radiance, phasors[:frames], 0, lambda done: None
         )
 
     works = {

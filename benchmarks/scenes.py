@@ -17,13 +17,14 @@ class Scenes:
         self.mi = mi
         self.T = mi.ScalarTransform4f
 
-    def texture(self, cells, seed, low=0.05, high=1.0):
-        """Blocks of three sizes, linear values: detail at several scales, hard edges, no dark half."""
+    def texture(self, cells, seed, low=0.05, high=1.0, contrast=1.0):
+        """Blocks of three sizes, linear values: detail at several scales, hard edges; dark halves from contrast 2."""
         rng = np.random.default_rng(seed)
         picture = np.zeros((cells, cells, 3), np.float32)
         for block in (cells // 8, cells // 16, cells // 32):
             coarse = rng.random((cells // block, cells // block, 3)).astype(np.float32)
             picture += np.kron(coarse, np.ones((block, block, 1), np.float32)) / 3
+        picture = np.clip(0.5 + contrast * (picture - 0.5), 0, 1)
         return {"type": "bitmap", "bitmap": self.mi.Bitmap(low + (high - low) * picture), "raw": True}
 
     def grey(self, value):
@@ -55,6 +56,63 @@ class Scenes:
             far=self.plane(2.0, surface(self.texture(256, 1))),
             near=self.plane(0.5, surface(self.texture(128, 2)), 0.5 * half, 0.7 * half, x=-0.55 * half),
             lamp={"type": "rectangle", "to_world": lamp_place, **self.emissive(self.grey(20.0))},
+        )
+
+    def three_planes(self, depth=1.0):
+        """Emissive planes of strong contrast at 2, `depth` and 0.5 m; the far one fills the view."""
+        near, middle = 0.5 * math.tan(FOV / 2), depth * math.tan(FOV / 2)
+
+        def surface(cells, seed):
+            return self.emissive(self.texture(cells, seed, contrast=4))
+
+        return self.scene(
+            far=self.plane(2.0, surface(256, 1)),
+            middle=self.plane(depth, surface(256, 3), 0.3 * middle, 0.35 * middle, x=0.025 * middle),
+            near=self.plane(0.5, surface(128, 2), 0.5 * near, 0.6 * near, x=-0.55 * near),
+        )
+
+    def floor(self, near=0.5, far=10.0, widen=1.2, side=64):
+        """An emissive floor of strong contrast from `near`, below the view, to `far`, above it, without a gap.
+
+        Its texture is as fine near as far, as the viewer sees it.
+        """
+        v, u = np.mgrid[0 : side + 1, 0 : side + 1].reshape(2, -1) / side
+        depth = 1 / (1 / near + (1 / far - 1 / near) * v)
+        width = widen * math.tan(FOV / 2) * depth
+        vertices = np.column_stack([(2 * u - 1) * width, (2 * v - 1) * width, -depth])
+        corner = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+        right, above = corner + 1, corner + side + 1
+        faces = np.concatenate(
+            [np.column_stack([corner, right, above + 1]), np.column_stack([corner, above + 1, above])]
+        )
+        properties = self.mi.Properties()
+        properties["emitter"] = self.mi.load_dict(
+            {"type": "area", "radiance": self.texture(256, 4, contrast=4)}
+        )
+        mesh = self.mi.Mesh("floor", len(vertices), len(faces), props=properties, has_vertex_texcoords=True)
+        parameters = self.mi.traverse(mesh)
+        parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+        parameters["vertex_texcoords"] = np.column_stack([u, v]).astype(np.float32).ravel()
+        parameters["faces"] = faces.astype(np.uint32).ravel()
+        parameters.update()
+        return self.scene(floor=mesh)
+
+    def glossy_dome(self, roughness, radius=1.0):
+        """A shallow metal dome at 0.8 m that mirrors a grid of lamps, roughness as in Blender (alpha is its square)."""
+        metal = {"type": "roughconductor", "alpha": roughness**2, "distribution": "ggx"}
+        places = [(0.45 * i, 0.45 * j) for i in range(-2, 3) for j in range(-2, 3)]
+        lamps = {
+            f"lamp_{k}": {
+                "type": "rectangle",
+                "to_world": self.T().look_at([x, y, 1.0], [0, 0, -0.8], [0, 1, 0]).scale(0.07),
+                **self.emissive(self.grey(40.0)),
+            }
+            for k, (x, y) in enumerate(places)
+        }
+        return self.scene(
+            dome={"type": "sphere", "center": [0, 0, -0.8 - radius], "radius": radius, "bsdf": metal},
+            sky={"type": "constant", "radiance": self.grey(0.1)},
+            **lamps,
         )
 
     def closed_box(self):

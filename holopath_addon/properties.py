@@ -29,6 +29,8 @@ _LABELS = {
         "Average every grain's radiance before the root is taken: right where light is indirect",
     ),
     "ray": ("Per ray", "One light path a ray: dark where light is indirect"),
+    "curvature": ("Wavefront", "Where neighbouring rays cross: right for curved mirrors and lenses"),
+    "opl": ("Path length", "At the optical path length, as published: right for flat mirrors only"),
     "fit": ("Fit scene", "Spread the scene from its near end to infinity over the depth range"),
     "eyepiece": ("Eyepiece", "Place depths as an eyepiece that shows the hologram in the camera's view does"),
 }
@@ -229,6 +231,22 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         description="How path-traced light becomes amplitude",
         items=_items(choices.RADIANCES),
     )
+    most_hits: IntProperty(
+        name="Mirrors and Glass",
+        description=(
+            "Longest chain of mirrors and clear glass that is followed to what is seen in it; what is beyond is "
+            "black. 0: none are followed, and reflections lie on the mirror"
+        ),
+        default=8,
+        min=0,
+        max=64,
+        soft_max=16,
+    )
+    virtual_image: EnumProperty(
+        name="Virtual Images",
+        description="Depth at which things seen in mirrors and through clear glass come into focus",
+        items=_items(choices.VIRTUAL_IMAGES),
+    )
     wrp_auto: BoolProperty(
         name="Automatic Recording Plane",
         description="Put the wave recording plane in the middle of the depths in view: fewest rays",
@@ -312,6 +330,24 @@ class HoloPathSettings(bpy.types.PropertyGroup):
     )
 
 
+class HoloPathMaterial(bpy.types.PropertyGroup):
+    """What `Material.holopath` holds."""
+
+    abbe_number: FloatProperty(
+        name="Abbe Number",
+        description=(
+            "How little clear glass of this material spreads colours: 59 is crown glass, 36 flint glass, and "
+            "0 means that it spreads none. The node's IOR is that of yellow light, 587.6 nm"
+        ),
+        default=0.0,
+        min=0.0,
+        soft_min=20.0,
+        soft_max=90.0,
+        step=100,
+        precision=1,
+    )
+
+
 def hologram_of(props, resolution=None):
     """Engine's hologram of the settings.
 
@@ -353,6 +389,8 @@ def settings_of(props):
         spp=props.spp if props.limit_rays else None,
         wrp="auto" if props.wrp_auto else _tidy(props.wrp_mm * 1e-3),
         max_depth=props.max_depth,
+        most_hits=props.most_hits,
+        virtual_image=props.virtual_image,
         seed=props.seed,
     )
 
@@ -388,20 +426,23 @@ def _tidy(value):
     return float(f"{value:.6g}")
 
 
-CLASSES = (HoloPathSettings,)
+CLASSES = (HoloPathSettings, HoloPathMaterial)
 
 
 def register():
     """Register the settings alone, for the command line in the bpy module."""
-    bpy.utils.register_class(HoloPathSettings)
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
     attach()
 
 
 def attach():
-    """Add the settings to scenes."""
+    """Add the settings to scenes and materials."""
     bpy.types.Scene.holopath = PointerProperty(type=HoloPathSettings)
+    bpy.types.Material.holopath = PointerProperty(type=HoloPathMaterial)
 
 
 def detach():
-    """Take the settings from scenes."""
+    """Take the settings from scenes and materials."""
+    del bpy.types.Material.holopath
     del bpy.types.Scene.holopath

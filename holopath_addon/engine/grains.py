@@ -1,14 +1,19 @@
 """The radiance of grains: path-traced once, shared by all pixels that see them (stage s5)."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 
 from .buffers import gather_row, row_stride
 from .hologram import channel
+from .lobes import SHARP
 
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
+BINNED = 8 / (
+    3 * math.pi
+)  # of the pupil's radius: the outer bins' centroids then are where interpolation puts them
 # Sums are whole numbers: their order, which threads decide, then does not change the last bit.
 RADIANCE_STEPS = 2.0**26
 RADIANCE_LIMIT = 2.0**30
@@ -25,8 +30,8 @@ class GrainGrid:
     margin : int
         Pixels beyond the hologram's edge on every side that steep rays reach.
     slabs, bins : int
-        Depth slabs between `z_low` and `z_high` (metres from the recording plane), and bins along each axis
-        of the pupil, which is `max_slope` in radius.
+        Depth slabs between `z_low` and `z_high` (metres from the SLM), and bins along each axis of the pupil,
+        which is `max_slope` in radius; cells of diffuse surfaces have one bin.
     branches : int
         Specular branches that are kept apart.
     """
@@ -51,51 +56,65 @@ class GrainGrid:
         """Pixels along y, margins included."""
         return self.height + 2 * self.margin
 
-    def cell(self, column, row, dz, branch):
+    def cell(self, column, row, z, branch):
         """Number of the column, slab and branch of a grain, and whether it lies on the grid (Dr.Jit types)."""
         column, row = column + self.margin, row + self.margin
         inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
         scale = self.slabs / max(self.z_high - self.z_low, 1e-12)
-        slab = dr.clip(mi.Int((dz - self.z_low) * scale), 0, self.slabs - 1) + mi.Int(branch) * self.slabs
+        slab = dr.clip(mi.Int((z - self.z_low) * scale), 0, self.slabs - 1) + mi.Int(branch) * self.slabs
         return mi.UInt32((slab * self.rows + row) * self.columns + column), inside
 
-    def bin(self, slope_x, slope_y):
-        """Number of the pupil bin of a direction."""
-        if self.bins == 1:
-            return mi.UInt32(0)
-        half = self.bins / (2 * self.max_slope)
-        over = dr.clip(mi.Int((slope_x + self.max_slope) * half), 0, self.bins - 1)
-        up = dr.clip(mi.Int((slope_y + self.max_slope) * half), 0, self.bins - 1)
-        return mi.UInt32(up * self.bins + over)
+    def bin_place(self, slope):
+        """Where a slope lies along one axis of the pupil, in bins from the centre of the first."""
+        return dr.clip((slope / (BINNED * self.max_slope) + 1) * (0.5 * self.bins) - 0.5, 0, self.bins - 1)
 
 
 @dataclass(frozen=True)
 class RadianceMap:
-    """Amplitudes (roots of mean radiances) of the grains in view.
+    """Mean radiances of the grains in view.
 
-    Only cells that hold a surface have values: `numbers` gives each cell of the grid its row, 0 for none.
+    Only cells that hold a surface have values. `numbers` gives each cell of the grid twice its first row, 0 for
+    none, and 1 more where it has all pupil bins.
     """
 
     grid: GrainGrid
     numbers: "mi.UInt32"
-    amplitudes: "mi.Float"
+    radiances: "mi.Float"
     colours: int
 
-    def amplitude(self, column, row, dz, slope_x, slope_y, branch):
-        """Amplitude of each wavelength of the grain at a pixel column and depth, seen along a slope."""
-        cell, inside = self.grid.cell(column, row, dz, branch)
+    def sampler(self, seed, size):
+        """No random numbers are needed."""
+        return None
+
+    def amplitudes(self, scene, sampler, seen, grain, slope, channels):
+        """Roots of each wavelength's radiance of the grain at a pixel column, row and depth, seen along a slope.
+
+        Between pupil bins radiance is interpolated, so that a highlight moves as the view does.
+        """
+        cell, inside = self.grid.cell(*grain, seen.branch)
         number = dr.gather(mi.UInt32, self.numbers, cell, inside)
-        return gather_row(
-            self.amplitudes, number * self.grid.bins**2 + self.grid.bin(slope_x, slope_y), self.colours
-        )
+        first = number >> 1
+        if self.grid.bins == 1:
+            return [dr.sqrt(value) for value in gather_row(self.radiances, first, self.colours)]
+        binned = (number & 1) == 1
+        over, up = (self.grid.bin_place(s) for s in slope)
+        i, j = mi.UInt32(over), mi.UInt32(up)
+        i, j = dr.minimum(i, self.grid.bins - 2), dr.minimum(j, self.grid.bins - 2)
+        over, up = over - i, up - j
+        total = [mi.Float(0)] * self.colours
+        for i_step, j_step, share in (
+            (0, 0, (1 - over) * (1 - up)),
+            (1, 0, over * (1 - up)),
+            (0, 1, (1 - over) * up),
+            (1, 1, over * up),
+        ):
+            at = first + dr.select(binned, (j + j_step) * self.grid.bins + i + i_step, 0)
+            values = gather_row(self.radiances, at, self.colours)
+            total = [sum_ + share * value for sum_, value in zip(total, values, strict=True)]
+        return [dr.sqrt(value) for value in total]
 
 
-def radiance_integrator(max_depth):
-    """Mitsuba's path tracer with next-event estimation and multiple importance sampling."""
-    return mi.load_dict({"type": "path", "max_depth": int(max_depth), "rr_depth": max(5, int(max_depth))})
-
-
-def measure_grains(scene, rays, optics, grid, wavelengths, passes, max_depth, seed, progress):
+def measure_grains(scene, rays, optics, tracer, grid, wavelengths, passes, seed, progress):
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
     A pixel takes the root of a mean over paths, since the root of a noisy sample is biased dark.
@@ -105,12 +124,13 @@ def measure_grains(scene, rays, optics, grid, wavelengths, passes, max_depth, se
     scene : mitsuba.Scene
     rays : Rays
     optics : FirstHits or SpecularChains
+    tracer : PathTracer
     grid : GrainGrid
     wavelengths : sequence of float
         Metres.
     passes : int
         Paths through each pixel of the recording plane.
-    max_depth, seed : int
+    seed : int
     progress : callable
         ``progress(done)``, may raise.
 
@@ -123,33 +143,40 @@ def measure_grains(scene, rays, optics, grid, wavelengths, passes, max_depth, se
     chunks = [(first, min(together, passes - first)) for first in range(0, passes, together)]
     occupied = dr.zeros(mi.UInt32, pixels * grid.slabs * grid.branches)
     for first, count in chunks:
-        sampler, ray, depth_rate, place, slope = _primary_rays(rays, grid, first, count, seed)
-        cell, inside, _, _ = _grain(scene, rays, optics, grid, sampler, ray, depth_rate, place, slope)
-        dr.scatter(occupied, mi.UInt32(1), cell, inside)
+        _, _, cell, inside, _, binned = _grains(scene, rays, optics, grid, first, count, seed)
+        dr.scatter_reduce(
+            dr.ReduceOp.Max, occupied, dr.select(binned, mi.UInt32(grid.bins**2), 1), cell, inside
+        )
         dr.eval(occupied)
         dr.sync_thread()
         progress(0.1 * (first + count) / passes)
-    numbers, cells = _numbered(occupied, grid)
+    numbers, rows = _numbered(occupied, grid)
+    if not dr.any((numbers & 1) == 1):
+        grid = replace(grid, bins=1)
 
-    integrator = radiance_integrator(max_depth)
-    sums = dr.zeros(mi.UInt64, 4 * (cells + 1) * grid.bins**2)
+    sums = dr.zeros(mi.UInt64, 4 * rows)
     for first, count in chunks:
-        sampler, ray, depth_rate, place, slope = _primary_rays(rays, grid, first, count, seed)
-        cell, inside, bin_, last = _grain(scene, rays, optics, grid, sampler, ray, depth_rate, place, slope)
-        light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(last), None, True)
+        sampler, seen, cell, inside, slope, _ = _grains(scene, rays, optics, grid, first, count, seed)
+        light = tracer.radiance(scene, sampler, seen.ray, seen.surface, seen.whole)
         inside &= dr.all(dr.isfinite(light))
-        at = 4 * (dr.gather(mi.UInt32, numbers, cell, inside) * grid.bins**2 + bin_)
+        number = dr.gather(mi.UInt32, numbers, cell, inside)
+        over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (slope.x, slope.y))
+        at = 4 * ((number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0))
         for k, value in enumerate((*light, mi.Float(1))):
             steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
             dr.scatter_add(sums, steps, at + k, inside)
         dr.eval(sums)
         dr.sync_thread()
         progress(0.1 + 0.9 * (first + count) / passes)
-    return RadianceMap(grid, numbers, _amplitudes(sums, grid.bins**2, wavelengths), len(wavelengths))
+    return RadianceMap(grid, numbers, _means(sums, numbers, grid, wavelengths), len(wavelengths))
 
 
-def _primary_rays(rays, grid, first, count, seed):
-    """Rays of `count` passes from number `first` on, spread over pixels and pupil; the same at every call."""
+def _grains(scene, rays, optics, grid, first, count, seed):
+    """What rays of `count` passes from number `first` on see, spread over pixels and pupil; the same at every call.
+
+    Returns the sampler, the `View`, cell, whether it is on the grid, slope, and whether its surface looks
+    different across the pupil.
+    """
     pixels = grid.columns * grid.rows
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed * 9973 + first, pixels * count)
@@ -162,24 +189,26 @@ def _primary_rays(rays, grid, first, count, seed):
     u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
     slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
-    return sampler, ray, depth_rate, (column, row), slope
-
-
-def _grain(scene, rays, optics, grid, sampler, ray, depth_rate, place, slope):
-    """Cell, whether it is on the grid, and pupil bin of what a ray sees in a branch at random; the last piece."""
     branch = mi.UInt32(sampler.next_1d() * optics.branches) if optics.branches > 1 else mi.UInt32(0)
     seen = optics.view(scene, ray, branch)
     dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)
-    column = mi.Int(dr.round(place[0] + slope.x * dz / rays.pitch))
-    row = mi.Int(dr.round(place[1] - slope.y * dz / rays.pitch))
-    cell, inside = grid.cell(column, row, dz, seen.branch)
-    return cell, inside & seen.exists, grid.bin(slope.x, slope.y), seen.ray
+    column = mi.Int(dr.round(column + slope.x * dz / rays.pitch))
+    row = mi.Int(dr.round(row - slope.y * dz / rays.pitch))
+    cell, inside = grid.cell(column, row, rays.plane + dz, seen.branch)
+    binned = mi.Bool(False)
+    if grid.bins > 1:
+        flags = seen.surface.shape.bsdf().flags()
+        binned = mi.has_flag(flags, mi.BSDFFlags.Glossy) | (seen.whole & ((flags & SHARP) != 0))
+    return sampler, seen, cell, inside & seen.exists, slope, binned
 
 
 def _numbered(occupied, grid):
-    """Numbers 1, 2, ... of the occupied cells; the others borrow a neighbour's, or have 0."""
-    numbers = dr.cumsum(occupied)
-    cells = int(numbers[dr.width(numbers) - 1])
+    """First rows (doubled, one more with pupil bins) of the occupied cells, and rows in all; the others borrow
+    a neighbour's, or have 0.
+    """
+    ends = dr.cumsum(occupied)
+    rows = int(ends[dr.width(ends) - 1]) + 1
+    numbers = 2 * (ends - occupied + 1) + dr.select(occupied > 1, mi.UInt32(1), 0)
     numbers = dr.select(occupied != 0, numbers, 0)
     dr.eval(numbers)
     cell = dr.arange(mi.Int, dr.width(numbers))
@@ -198,28 +227,30 @@ def _numbered(occupied, grid):
                 there, dr.gather(mi.UInt32, numbers, mi.UInt32(cell + side * step), there), filled
             )
     dr.eval(filled)
-    return filled, cells
+    return filled, rows
 
 
-def _amplitudes(sums, bins, wavelengths):
-    """Roots of the mean radiances; a pupil bin that no path came through takes the mean of its cell."""
-    rows = dr.width(sums) // 4
+def _means(sums, numbers, grid, wavelengths):
+    """Mean radiances; a pupil bin that no path came through takes the mean of its cell."""
+    rows, stride = dr.width(sums) // 4, row_stride(len(wavelengths))
+    radiances = dr.zeros(mi.Float, rows * stride)
 
-    def stored(row, active=True):
-        values = [dr.gather(mi.UInt64, sums, 4 * row + k, active) for k in range(4)]
-        return mi.Vector4f(*(mi.Float(value) / RADIANCE_STEPS for value in values))
+    def stored(row):
+        return mi.Vector4f(*(mi.Float(dr.gather(mi.UInt64, sums, 4 * row + k)) for k in range(4)))
+
+    def store(total, row, active=True):
+        for k, wavelength in enumerate(wavelengths):
+            mean = dr.select(total.w > 0, total[channel(wavelength)] / total.w, 0)
+            dr.scatter(radiances, mean, row * stride + k, active)
 
     row = dr.arange(mi.UInt32, rows)
-    total = stored(row)
-    empty = total.w == 0
-    first = row // bins * bins
-    for other in range(bins if bins > 1 else 0):
-        total += dr.select(empty, stored(first + other, empty), 0)
-    mean = dr.select(total.w > 0, total / total.w, 0)
-    stride = row_stride(len(wavelengths))
-    amplitudes = dr.zeros(mi.Float, rows * stride)
-    for k, wavelength in enumerate(wavelengths):
-        dr.scatter(amplitudes, dr.sqrt(mean[channel(wavelength)]), row * stride + k)
-    dr.eval(amplitudes)
+    store(stored(row), row)
+    if grid.bins > 1:
+        first = dr.gather(mi.UInt32, numbers, dr.compress((numbers & 1) == 1)) >> 1
+        bins = [first + k for k in range(grid.bins**2)]
+        whole = sum(stored(row) for row in bins)
+        for row in bins:
+            store(whole, row, stored(row).w == 0)
+    dr.eval(radiances)
     dr.sync_thread()
-    return amplitudes
+    return radiances

@@ -123,13 +123,18 @@ class Settings:
     phase_field : {'random'}
         Where the phases of the frames come from.
     radiance : {'grain', 'ray'}
-        Average the path-traced radiance per grain before the root is taken, or take one path a ray.
+        Average the path-traced radiance per grain before the root is taken, or take a few paths for each ray.
+    paths : int
+        Of each ray where radiance is 'ray'.
     quality : {'preview', 'balanced', 'full'}
         Sets rays and radiance samples where `spp` does not.
     spp : int, optional
         Most rays a pixel.
     wrp : 'auto' or float
         Distance of the wave recording plane from the SLM, metres.
+    planes : int
+        Most recording planes. More need fewer rays, and each shades what lies behind it as a wave; where mirrors or
+        clear glass are in view there is one.
     max_depth : int
         Vertices of a radiance path, as Mitsuba counts them: 1 emission only, 2 direct light.
     virtual_image : {'curvature', 'opl'}
@@ -151,9 +156,11 @@ class Settings:
     estimator: str = "lattice"
     phase_field: str = "random"
     radiance: str = "grain"
+    paths: int = 1
     quality: str = "balanced"
     spp: int | None = None
     wrp: str | float = "auto"
+    planes: int = 1
     max_depth: int = 8
     virtual_image: str = "curvature"
     most_hits: int = 8
@@ -181,6 +188,10 @@ class Settings:
             raise InvalidInput(
                 "The recording plane must be 'auto' or a distance from the SLM in millimetres."
             )
+        if not 1 <= self.planes <= 32:
+            raise InvalidInput(f"Recording planes must be 1 to 32, not {self.planes}.")
+        if not 1 <= self.paths <= 1 << 16:
+            raise InvalidInput(f"Radiance paths a ray must be 1 to {1 << 16}, not {self.paths}.")
         if self.max_depth < 1:
             raise InvalidInput(f"Paths need at least 1 vertex, not {self.max_depth}.")
         if not 0 <= self.most_hits <= 64:

@@ -18,16 +18,20 @@ class Rays:
         z of the recording plane, metres.
     limit : float
         Image points farther from the plane than this, metres, are taken to be at this distance.
+    span : (float, float)
+        Depths z between which surfaces are seen, metres; the near end is the camera's at most.
     """
 
-    def __init__(self, hologram, camera, mapping, plane, limit=math.inf):
-        self.limit = limit
+    def __init__(self, hologram, camera, mapping, plane, limit=math.inf, span=(-math.inf, math.inf)):
+        self.plane, self.limit = plane, limit
+        far, near = (z - mapping.z_far for z in span)
+        self.start = max(camera.clip_start, mapping.beta / near)
+        self.end = mapping.beta / far if far > 0 else math.inf
         self.width, self.height, self.pitch = hologram.width, hologram.height, hologram.pitch
         self.mapping = mapping
         self.to_far = mapping.z_far - plane
         self.position = mi.Point3f(*map(float, camera.position))
         self.right, self.up, self.forward = (mi.Vector3f(*map(float, axis)) for axis in camera.axes)
-        self.clip_start = camera.clip_start
 
     def place(self, column, row):
         """Hologram coordinates in metres of (fractional) pixel indices; row 0 is the top."""
@@ -42,15 +46,17 @@ class Rays:
         direction = self.forward + tan_x * self.right + tan_y * self.up
         origin = self.position + (slope_x * spread) * self.right + (slope_y * spread) * self.up
         depth_rate = dr.rsqrt(dr.squared_norm(direction))
-        return mi.Ray3f(origin + self.clip_start * direction, direction * depth_rate), depth_rate
+        ray = mi.Ray3f(origin + self.start * direction, direction * depth_rate)
+        if math.isfinite(self.end):
+            ray.maxt = (self.end - self.start) / depth_rate
+        return ray, depth_rate
 
     def height_over_plane(self, distance, depth_rate, hit):
         """dz = z_Q - z_p of a hit after `distance` along the ray; the far end where nothing was hit."""
-        depth = self.clip_start + distance * depth_rate
+        depth = self.start + distance * depth_rate
         return dr.clip(self.to_far + dr.select(hit, self.mapping.beta / depth, 0), -self.limit, self.limit)
 
 
-def intersect(scene, ray):
-    """Distance to the first surface and whether there is one (s3)."""
-    hit = scene.ray_intersect_preliminary(ray, coherent=True)
-    return hit.t, hit.is_valid()
+def intersect(scene, ray, coherent, active=True):
+    """The first surface along a ray (s3); `coherent` traces neighbouring rays in packets."""
+    return scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
-from . import backend, planner
+from . import backend
 from .hologram import channel
 from .mapping import DepthMapping
+from .probing import near_end
 
 
 def reference(scene, camera, hologram, focus, pupil=None, spp=256, near=None, max_depth=8, progress=None):
@@ -41,8 +42,10 @@ def reference(scene, camera, hologram, focus, pupil=None, spp=256, near=None, ma
     InvalidInput, BackendUnavailable, Cancelled
     """
     backend.activate()
+    from .dispersion import tuned
+
     progress = progress or (lambda done, message: None)
-    near = near or planner.near_end(scene, camera, hologram)
+    near = near or near_end(scene, camera, hologram)
     mapping = DepthMapping.of(hologram, camera, near)
     mapping.depth_to_z(list(focus))  # refuses what is behind the camera
     images = np.empty((len(focus), hologram.height, hologram.width, len(hologram.wavelengths)), np.float32)
@@ -51,12 +54,13 @@ def reference(scene, camera, hologram, focus, pupil=None, spp=256, near=None, ma
         for k, wavelength in enumerate(hologram.wavelengths):
             radius = mapping.pupil_radius(hologram.max_slope(wavelength))
             depth = min(depth, 1e5)
-            if centred:
-                picture = _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth)
-            else:
-                picture = _sheared_lens(
-                    scene, camera, hologram, mapping, radius, pupil, depth, spp, max_depth
-                )
+            with tuned(scene, (wavelength,)):
+                if centred:
+                    picture = _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth)
+                else:
+                    picture = _sheared_lens(
+                        scene, camera, hologram, mapping, radius, pupil, depth, spp, max_depth
+                    )
             images[f, :, :, k] = picture[:, :, channel(wavelength)]
             progress(
                 (f * len(hologram.wavelengths) + k + 1) / (len(focus) * len(hologram.wavelengths)),
@@ -91,7 +95,7 @@ def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth):
             "sampler": {"type": "independent"},
         }
     )
-    integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "rr_depth": max(5, max_depth)})
+    integrator = mi.load_dict(_integrator(scene, max_depth))
     return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=spp))
 
 
@@ -100,7 +104,7 @@ def _sheared_lens(scene, camera, hologram, mapping, radius, pupil, depth, spp, m
     import drjit as dr
     import mitsuba as mi
 
-    integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "rr_depth": max(5, max_depth)})
+    integrator = mi.load_dict(_integrator(scene, max_depth))
     pixels = hologram.width * hologram.height
     right, up, forward = (mi.Vector3f(*map(float, axis)) for axis in camera.axes)
     index = dr.arange(mi.UInt32, pixels)
@@ -141,3 +145,11 @@ def _sheared_lens(scene, camera, hologram, mapping, radius, pupil, depth, spp, m
         dr.eval(total, weight)
     mean = np.stack([np.asarray(c / weight) for c in total], axis=-1)
     return mean.reshape(hologram.height, hologram.width, 3)
+
+
+def _integrator(scene, max_depth):
+    """Mitsuba's path tracer; with masks in view the volumetric one, as 3.9's `path` squares their opacity."""
+    from .lobes import SpecularLobes
+
+    kind = "volpath" if SpecularLobes(scene).passes else "path"
+    return {"type": kind, "max_depth": max_depth, "rr_depth": max(5, max_depth)}

@@ -1,6 +1,8 @@
 """From a scene to the wave field at the SLM: the stages in order, with progress, times and cancellation."""
 
 import time
+from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,100 +39,221 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     InvalidInput, BackendUnavailable, Cancelled
     """
     backend.activate()
-    from .chains import FirstHits, SpecularChains
-    from .estimators import LatticeEstimator, RandomEstimator
-    from .grains import GrainGrid, measure_grains
-    from .rays import Rays
-    from .tracer import trace_field
+    from .dispersion import tuned, wavelength_groups
 
     settings = (settings or Settings()).resolved()
     progress = progress or (lambda done, message: None)
-    seconds, rays_traced = {}, {}
-    clock = time.perf_counter()
-
-    def lap(stage):
-        nonlocal clock
-        now = time.perf_counter()
-        seconds[stage] = now - clock
-        clock = now
-
+    clock = Clock()
     progress(0.0, "Planning")
-    if plan is None:
-        plan = planner.plan(scene, camera, hologram, settings)
-    lap("plan")
-    mapping = DepthMapping.of(hologram, camera, plan.near)
-    rays = Rays(hologram, camera, mapping, plan.wrp, plan.depth_limit)
-    max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
-
+    with clock("plan"):
+        plan = plan or planner.plan(scene, camera, hologram, settings)
     progress(0.02, "Random phases")
-    phasors = random_phasors(settings.frames, hologram.height, hologram.width, settings.seed)
-    recordable = recordable_fraction(phasors)
-    lap("phase fields")
+    with clock("phase fields"):
+        phasors = random_phasors(settings.frames, hologram.height, hologram.width, settings.seed)
+        recordable = recordable_fraction(phasors)
+        if settings.estimator == "paper":
+            recordable *= pixel_transmission()
 
-    progress(0.04, "Kernel tables")
-    if settings.estimator == "lattice":
-        lattice = Lattice.of(max_slope, plan.depth_limit, hologram.pitch, plan.cone, plan.rays_per_pixel)
-        tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
-        estimator = LatticeEstimator(hologram, lattice, tables)
-    else:
-        estimator = RandomEstimator(hologram, plan.rays_per_pixel, settings.seed)
-        recordable *= pixel_transmission()
-    lap("kernel tables")
+    groups = wavelength_groups(scene, hologram.wavelengths)
+    fields, rays_traced = [], {}
+    for number, group in enumerate(groups):
+        part = replace(hologram, wavelengths=group)
 
-    optics = SpecularChains(settings.virtual_image, plan.chain, plan.splits) if plan.chain else FirstHits()
-    radiance = None
-    if settings.radiance == "grain":
-        depths = (plan.z_low - plan.wrp, plan.z_high - plan.wrp)
-        size = (hologram.width, hologram.height)
-        grid = GrainGrid(
-            *size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * max_slope, optics.branches
-        )
-        colours, depth, seed = hologram.wavelengths, settings.max_depth, settings.seed
-        radiance = measure_grains(
-            scene,
-            rays,
-            optics,
-            grid,
-            colours,
-            plan.passes,
-            depth,
-            seed,
-            lambda done: progress(0.05 + 0.4 * done, "Radiance"),
-        )
-        rays_traced["radiance paths"] = grid.columns * grid.rows * plan.passes
-        lap("radiance")
-    field = trace_field(
-        scene,
-        rays,
-        hologram,
-        estimator,
-        optics,
-        radiance,
-        phasors,
-        settings.max_depth,
-        settings.seed,
-        lambda done: progress(0.45 + 0.45 * done, "Wave tracing"),
-    )
-    rays_traced["wave rays"] = hologram.width * hologram.height * plan.rays_per_pixel * optics.branches
-    lap("wave tracing")
+        def at(done, message, number=number):
+            progress(0.04 + 0.96 * (number + done) / len(groups), message)
 
-    # plane to SLM, in place; the scale makes a plane of radiance L refocus to intensity L
-    shape = field.shape[-2:]
-    for k, wavelength in enumerate(hologram.wavelengths):
-        padded = padded_shape(shape, hologram.pitch, wavelength, plan.wrp)
-        transfer = transfer_function(padded, hologram.pitch, wavelength, -plan.wrp)
-        transfer *= carrier(wavelength, -plan.wrp) / np.float32(np.sqrt(recordable))
-        for m in range(len(field)):
-            field[m, k] = field_of(spectrum(field[m, k], padded) * transfer, shape)
-            progress(
-                0.9 + 0.1 * (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths)),
-                "To the SLM",
-            )
-    lap("propagation")
+        with tuned(scene, group):
+            recording = Recording(scene, camera, part, settings, plan, clock)
+            fields.append(_field_at_slm(recording, phasors, recordable, at))
+        for name, count in recording.rays_traced.items():
+            rays_traced[name] = rays_traced.get(name, 0) + count
+    field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
     report = {
-        "seconds": seconds,
+        "seconds": clock.seconds,
         "rays": rays_traced,
         "variant": backend.activate(),
         "frames": settings.frames,
     }
     return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
+
+
+def _field_at_slm(recording, phasors, recordable, progress):
+    """The wave field at the SLM of the wavelengths that a `Recording` is for."""
+    hologram, planes = recording.hologram, recording.plan.planes
+    progress(0.0, "Radiance")
+    radiance = recording.radiance(lambda done: progress(0.4 * done, "Radiance"))
+    field, share = None, 0.5 / len(planes)
+    for number, plane in enumerate(planes):
+        recorded = recording.field(
+            plane,
+            radiance,
+            phasors,
+            lambda part, done=0.4 + number * share: progress(done + share * part, "Wave tracing"),
+        )
+        if field is None:
+            field = recorded
+            continue
+        # what lies behind passes the surfaces of this slab as a wave
+        clear = 1 - recording.silhouette(plane)
+        with recording.clock("propagation"):
+            for k, m, wave in _moved(field, hologram, plane.z - planes[number - 1].z):
+                field[m, k] = wave * clear + recorded[m, k]
+                progress(0.4 + (number + 1) * share, "Between planes")
+    with recording.clock("propagation"):
+        # the scale makes a plane of radiance L refocus to intensity L
+        scale = np.float32(1 / np.sqrt(recordable))
+        for k, m, wave in _moved(field, hologram, -planes[-1].z):
+            field[m, k] = scale * wave
+            step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
+            progress(0.9 + 0.1 * step, "To the SLM")
+    return field
+
+
+class Clock:
+    """Seconds spent in each stage, summed over its visits."""
+
+    def __init__(self):
+        self.seconds = {}
+
+    @contextmanager
+    def __call__(self, stage):
+        """Count what is done inside towards a stage."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+
+
+class Recording:
+    """The parts of a planned render that need the scene.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings
+    plan : Plan
+    clock : Clock
+    """
+
+    def __init__(self, scene, camera, hologram, settings, plan, clock):
+        from .chains import FirstHits, SpecularChains
+        from .radiance import PathTracer
+
+        self.scene, self.camera, self.hologram = scene, camera, hologram
+        self.settings, self.plan, self.clock = settings, plan, clock
+        self.mapping = DepthMapping.of(hologram, camera, plan.near)
+        self.max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
+        self.tracer = PathTracer(settings.max_depth, plan.radiance_limit)
+        self.rays_traced = {}
+        if plan.chain:
+            self.optics = SpecularChains(scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent)
+        else:
+            self.optics = FirstHits(plan.coherent)
+
+    def _rays(self, plane):
+        from .rays import Rays
+
+        span = (plane.far, plane.near)
+        return Rays(self.hologram, self.camera, self.mapping, plane.z, plane.depth_limit, span)
+
+    def radiance(self, progress):
+        """Where the radiance of rays comes from: a map of grains, or paths of their own."""
+        from .grains import GrainGrid, measure_grains
+        from .radiance import PathsPerRay
+        from .rays import Rays
+
+        plan, hologram, settings = self.plan, self.hologram, self.settings
+        if settings.radiance == "ray":
+            return PathsPerRay(self.tracer, settings.paths)
+        grid = GrainGrid(
+            hologram.width,
+            hologram.height,
+            plan.margin,
+            plan.slabs,
+            plan.bins,
+            plan.z_low,
+            plan.z_high,
+            plan.cone * self.max_slope,
+            self.optics.branches,
+        )
+        middle = 0.5 * (plan.planes[0].z + plan.planes[-1].z)
+        ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
+        limit = max(abs(offset) + reach for offset, reach in ends)
+        rays = Rays(hologram, self.camera, self.mapping, middle, limit)
+        self.rays_traced["radiance paths"] = grid.columns * grid.rows * plan.passes
+        with self.clock("radiance"):
+            return measure_grains(
+                self.scene,
+                rays,
+                self.optics,
+                self.tracer,
+                grid,
+                hologram.wavelengths,
+                plan.passes,
+                settings.seed,
+                progress,
+            )
+
+    def field(self, plane, radiance, phasors, progress):
+        """The wave field on a recording plane, as `tracer.trace_field`."""
+        from .chains import FirstHits
+        from .estimators import LatticeEstimator, RandomEstimator
+        from .tracer import trace_field
+
+        hologram, optics = self.hologram, self.optics
+        if plane.far > self.mapping.z_far:
+            optics = FirstHits(self.plan.coherent, sky=False)
+        with self.clock("kernel tables"):
+            if self.settings.estimator == "lattice":
+                lattice = Lattice.of(
+                    self.max_slope, plane.depth_limit, hologram.pitch, self.plan.cone, plane.rays
+                )
+                tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
+                estimator = LatticeEstimator(hologram, lattice, tables)
+            else:
+                estimator = RandomEstimator(hologram, plane.rays, self.settings.seed)
+        count = hologram.width * hologram.height * plane.rays * optics.branches
+        self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
+        with self.clock("wave tracing"):
+            return trace_field(
+                self.scene,
+                self._rays(plane),
+                hologram,
+                estimator,
+                optics,
+                radiance,
+                phasors,
+                self.settings.seed,
+                progress,
+            )
+
+    def silhouette(self, plane):
+        """Where the surfaces of a plane's slab block what lies behind: 1 or 0 for each pixel.
+
+        The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces on the plane.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        from .rays import intersect
+
+        hologram = self.hologram
+        rays = self._rays(plane)
+        index = dr.arange(mi.UInt32, hologram.width * hologram.height)
+        place = rays.place(mi.Float(index % hologram.width), mi.Float(index // hologram.width))
+        ray, _ = rays.world(*place, mi.Float(0), mi.Float(0))
+        blocked = np.asarray(intersect(self.scene, ray, self.plan.coherent).is_valid())
+        return blocked.reshape(hologram.height, hologram.width).astype(np.float32)
+
+
+def _moved(field, hologram, distance):
+    """Wavelength number, frame number and the field moved by a distance, for each of a stack of fields."""
+    shape = field.shape[-2:]
+    for k, wavelength in enumerate(hologram.wavelengths):
+        padded = padded_shape(shape, hologram.pitch, wavelength, distance)
+        transfer = transfer_function(padded, hologram.pitch, wavelength, distance) * carrier(
+            wavelength, distance
+        )
+        for m in range(len(field)):
+            yield k, m, field_of(spectrum(field[m, k], padded) * transfer, shape)

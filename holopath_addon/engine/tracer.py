@@ -1,8 +1,8 @@
 """The wave path tracer: rays from the recording plane through the scene, and back as a wave field.
 
 The paper's stages (section 4) by name: s1 a direction at a pixel (`estimators`), s2 hologram space to world and
-s3 the first hit (`rays`), s4 its surface ends the coherent chain, s5 its radiance (`grains`), s6 the image point
-Q in hologram space (`rays`), s7 the path's phase (`estimators`), s8 one random phase a frame and s9 the
+s3 the first hit (`rays`), s4 the coherent chain (`chains`), s5 the radiance at its end (`grains`, `radiance`), s6 the
+image point Q in hologram space (`rays`), s7 the path's phase (`estimators`), s8 one random phase a frame and s9 the
 accumulation (here).
 """
 
@@ -11,7 +11,6 @@ import mitsuba as mi
 import numpy as np
 
 from .buffers import PHASOR_SCALE, gather_phasors, packed_phasors
-from .grains import radiance_integrator
 from .hologram import channel
 
 CHUNK_RAYS = 1 << 22  # between two looks at progress and cancel; well below a second on two cores
@@ -19,7 +18,7 @@ BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
 
-def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, max_depth, seed, progress):
+def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, seed, progress):
     """The wave field on the recording plane: all frames and wavelengths from one traversal.
 
     Parameters
@@ -29,10 +28,9 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, max
     hologram : Hologram
     estimator : LatticeEstimator or RandomEstimator
     optics : FirstHits or SpecularChains
-    radiance : RadianceMap or None
-        From `measure_grains`; None takes one radiance path a ray.
+    radiance : RadianceMap or PathsPerRay
     phasors : numpy.ndarray, complex64, shape (frames, height, width)
-    max_depth, seed : int
+    seed : int
         Of the radiance paths.
     progress : callable
         ``progress(done)``, may raise.
@@ -44,7 +42,6 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, max
     """
     width, height, colours = hologram.width, hologram.height, len(hologram.wavelengths)
     channels = [channel(w) for w in hologram.wavelengths]
-    integrator = radiance_integrator(max_depth) if radiance is None else None
 
     def trace_rows(first, rows, phasor_buffer, frames):
         size = rows * width
@@ -53,10 +50,7 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, max
         row = mi.Int(index // width + dr.opaque(mi.UInt32, first))
         x, y = rays.place(mi.Float(column), mi.Float(row))
         random = estimator.random(first * width, size)
-        sampler = None
-        if integrator is not None:
-            sampler = mi.load_dict({"type": "independent"})
-            sampler.seed(seed * 9973 + first, size)
+        sampler = radiance.sampler(seed * 9973 + first, size)
         field = [dr.zeros(mi.Float, size) for _ in range(2 * frames * colours)]
 
         def body(step, field, random, sampler):
@@ -67,11 +61,8 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, max
             dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)  # s6
             over, up, kernel = estimator.path(slope_x, slope_y, dz)  # s7
             grain_column, grain_row = column + over, row - up
-            if integrator is None:  # s5
-                amplitude = radiance.amplitude(grain_column, grain_row, dz, slope_x, slope_y, seen.branch)
-            else:
-                light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(seen.ray), None, True)
-                amplitude = [dr.sqrt(dr.maximum(light[c], 0)) for c in channels]
+            grain = (grain_column, grain_row, rays.plane + dz)
+            amplitude = radiance.amplitudes(scene, sampler, seen, grain, (slope_x, slope_y), channels)  # s5
             amplitude = [dr.select(seen.exists, a, 0) for a in amplitude]
             if seen.weight is not None:
                 shares = [seen.weight[c] for c in channels]

@@ -10,23 +10,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .node_graph import Pin, follow, output_node
-from .textures import ImageValue
+from .textures import LUMINANCE, ImageValue
 
-# Below this roughness a glass or mirror is exported as perfectly smooth.
+# Below this roughness a glass, mirror or polished surface is exported as perfectly smooth.
 SMOOTH = 0.02
+# The same of a coat, so that Blender's default coat roughness of 0.03 is smooth.
+SMOOTH_COAT = 0.035
 
 _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+_CLEAR = {"type": "null"}
 
 # Principled inputs that are not carried over: (name, value that has no effect)
 _PRINCIPLED_IGNORED = (
     ("Subsurface Weight", 0.0),
-    ("Coat Weight", 0.0),
     ("Sheen Weight", 0.0),
     ("Anisotropic", 0.0),
     ("Thin Film Thickness", 0.0),
     ("Diffuse Roughness", 0.0),
+    ("Thin Wall", False),
     ("Specular Tint", (1.0, 1.0, 1.0)),
-    ("Alpha", 1.0),
 )
 
 
@@ -37,19 +39,25 @@ class Look:
     Attributes
     ----------
     bsdf : dict or None
-        One-sided Mitsuba BSDF; None reflects nothing.
+        Mitsuba BSDF; None reflects nothing.
     emission : number, colour, ImageValue or None
         Emitted radiance.
     transmissive : bool
-        Whether light passes through, so that the BSDF must not be made two-sided.
+        Whether light passes through: then the BSDF serves both sides, else the front only.
     smooth : bool
-        Whether it mirrors so sharply that lamps would be seen in it.
+        Whether it mirrors or lets through so sharply that lamps would be seen in it.
     """
 
     bsdf: dict | None = None
     emission: object = None
     transmissive: bool = False
     smooth: bool = False
+
+    @property
+    def both_sides(self):
+        """BSDF that serves both sides of a surface."""
+        bsdf = self.bsdf or _BLACK
+        return bsdf if self.transmissive else {"type": "twosided", "bsdf": bsdf}
 
 
 @dataclass
@@ -109,24 +117,19 @@ class Materials:
     def _export(self, material):
         import mitsuba as mi
 
-        uv_names = []
         name = "default material" if material is None else material.name
-        reader = _ShaderReader(name, material, self._textures, self._notes, uv_names)
-        look = Look(reader.diffuse((0.8, 0.8, 0.8))) if material is None else reader.read()
+        look, uv_names = read_material(material, self._textures, self._notes)
         if look.emission is not None and not np.any(self._textures.mean_colour(look.emission) > 0):
             look.emission = None
         if isinstance(look.emission, ImageValue):
             uv_names.append(look.emission.uv_name)
-        bsdf = look.bsdf or _BLACK
-        if not look.transmissive:
-            bsdf = {"type": "twosided", "bsdf": bsdf}
         distinct = list(dict.fromkeys(uv_names))
         if len(distinct) > 1:
             self._notes.add(
                 name, "Several UV maps in one material", f"all use {distinct[0] or 'the active one'}"
             )
         uv_name = distinct[0] if distinct else ""
-        return ExportedMaterial(name, mi.load_dict(bsdf), look.emission, uv_name, look.smooth)
+        return ExportedMaterial(name, mi.load_dict(look.both_sides), look.emission, uv_name, look.smooth)
 
     def emitter(self, material, share):
         """A new area emitter with a material's emission, for one mesh.
@@ -147,6 +150,28 @@ class Materials:
         return mi.load_dict({"type": "area", "radiance": radiance, "sampling_weight": share})
 
 
+def read_material(material, textures, notes):
+    """Read a material's nodes.
+
+    Parameters
+    ----------
+    material : bpy.types.Material or None
+    textures : Textures
+    notes : Notes
+
+    Returns
+    -------
+    look : Look
+    uv_names : list of (str or None)
+        UV maps that its BSDF reads, see `ExportedMaterial`.
+    """
+    uv_names = []
+    if material is None:
+        reader = _ShaderReader("default material", None, textures, notes, uv_names)
+        return Look(reader.diffuse((0.8, 0.8, 0.8))), uv_names
+    return _ShaderReader(material.name, material, textures, notes, uv_names).read(), uv_names
+
+
 class _ShaderReader:
     """Turns one material's node tree into a `Look`."""
 
@@ -156,6 +181,9 @@ class _ShaderReader:
         self._textures = textures
         self._notes = notes
         self._uv_names = uv_names
+        settings = getattr(material, "holopath", None)  # there once the properties are registered
+        self._abbe = settings.abbe_number if settings else 0.0
+        self._disperses = False
 
     # -- the material
 
@@ -170,19 +198,16 @@ class _ShaderReader:
         for name in ("Volume", "Displacement"):
             if output.inputs[name].is_linked:
                 self._note(name, "ignored")
-        surface = follow(Pin(output.inputs["Surface"]))
-        if not surface.socket.is_output:
-            return Look()
-        return self._shader(surface)
+        look = self._linked_shader(Pin(output.inputs["Surface"]))
+        if self._abbe and not self._disperses:
+            self._note("Abbe number", "ignored: only smooth glass disperses")
+        return look
 
     def _viewport_look(self):
         """Materials without nodes: what the viewport shows, which Cycles renders too."""
         material = self._material
-        return Look(
-            self._principled_bsdf(
-                tuple(material.diffuse_color)[:3], material.metallic, material.roughness, 1.5, 0.0
-            )
-        )
+        colour = tuple(material.diffuse_color)[:3]
+        return self._opaque(colour, material.metallic, material.roughness, _f0(1.5))
 
     def _shader(self, source):
         node = source.node
@@ -211,38 +236,58 @@ class _ShaderReader:
         ior = self._constant(node, "IOR", 1.5)
         level = self._constant(node, "Specular IOR Level", 0.5)
         for name, neutral in _PRINCIPLED_IGNORED:
-            pin = node.input(name)
-            if pin is None:
-                continue
-            source = follow(pin)
-            if source.socket.is_output or not np.allclose(
-                _first(source.socket.default_value, neutral), neutral
-            ):
+            if self._deviates(node, name, neutral):
                 self._note(f"Principled {name}", "ignored")
         self._note_normals(node, "Normal", "Tangent")
-        emission = self._emission(node, "Emission Color", "Emission Strength")
-        if transmission == 1 and metallic == 0:
+        f0 = 2 * level * _f0(ior)
+        if transmission == 0 or metallic == 1:
+            look = self._opaque(base, metallic, roughness, f0)
+        else:
+            if level != 0.5:
+                self._note("Principled Specular IOR Level", "ignored where light is transmitted")
             # Blender's Principled tints by the square root at each of two surfaces, and no reflections
-            look = self._glass(_square_root(base), (1.0, 1.0, 1.0), roughness, ior)
-            look.emission = emission
-            return look
-        if transmission != 0:
-            self._note("Principled partial transmission", "approximated: darker inside the object")
-        f0 = ((ior - 1) / (ior + 1)) ** 2
-        if transmission == 0:
-            f0 *= 2 * level
-        elif level != 0.5:
-            self._note("Principled Specular IOR Level", "ignored where light is transmitted")
-        if not isinstance(metallic, ImageValue):
-            # Blender takes from the diffuse layer what the coat over it reflects, Mitsuba does not
-            base = _times(base, 1 - (1 - metallic) * min(f0, 1)) or (0.0, 0.0, 0.0)
-        eta = _eta(f0) if ior >= 1 or transmission == 0 else ior
-        return Look(
-            self._principled_bsdf(base, metallic, roughness, eta, transmission),
-            emission,
-            transmissive=transmission != 0,
-            smooth=_at_most(roughness, 0.15) and metallic != 0,
-        )
+            glass = self._glass(_square_root(base), (1.0, 1.0, 1.0), roughness, ior)
+            look = self._blend(self._opaque(base, 0.0, roughness, f0), glass, transmission)
+            look = self._blend(look, self._opaque(base, 1.0, roughness, f0), metallic)
+        look.emission = self._emission(node, "Emission Color", "Emission Strength")
+        coat = self._number(node, "Coat Weight", 0.0)
+        if coat != 0:
+            look = self._coated(look, node, coat)
+        return self._blend(_clear(), look, self._number(node, "Alpha", 1.0))
+
+    def _opaque(self, base, metallic, roughness, f0):
+        """What a Principled BSDF reflects where it transmits nothing."""
+        smooth = _at_most(roughness, 0.15) and metallic != 0
+        if not _at_most(roughness, SMOOTH):
+            if not isinstance(metallic, ImageValue):
+                # Blender takes from the diffuse layer what the gloss over it reflects, Mitsuba does not
+                base = _times(base, 1 - (1 - metallic) * min(f0, 1)) or (0.0, 0.0, 0.0)
+            return Look(self._principled_bsdf(base, metallic, roughness, _eta(f0)), smooth=smooth)
+        polished = Look(self.diffuse(base))
+        if f0 > 0:
+            polished = self._under_gloss(polished, _eta(f0))
+        return self._blend(polished, Look(self._mirror(base, 0.0), smooth=True), metallic)
+
+    def _coated(self, look, node, weight):
+        """A Principled BSDF's coat over the rest of it."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if self._deviates(node, "Coat Tint", (1.0, 1.0, 1.0)):
+            self._note("Principled Coat Tint", "ignored")
+        self._note_normals(node, "Coat Normal")
+        ior = self._constant(node, "Coat IOR", 1.5)
+        roughness = self._constant(node, "Coat Roughness", 0.03)
+        coated = self._under_gloss(look, ior, weight, 0.0 if roughness < SMOOTH_COAT else roughness)
+        reflected = dr.slice(mi.fresnel_diffuse_reflectance(ior))
+        kept = _rest(weight.scaled(reflected) if isinstance(weight, ImageValue) else weight * reflected)
+        return replace(coated, emission=self._product(look.emission, kept))
+
+    def _under_gloss(self, look, ior, weight=1.0, roughness=0.0):
+        """A look below the surface of a clear dielectric, where that is present with a weight."""
+        bsdf = self._mixture(look, Look(self._mirror((1.0, 1.0, 1.0), roughness)), weight)
+        bsdf["int_ior"] = ior
+        return replace(look, bsdf=bsdf, smooth=look.smooth or roughness <= 0.15)
 
     def _read_BsdfDiffuse(self, node):
         if self._constant(node, "Roughness", 0.0) > 0:
@@ -265,71 +310,63 @@ class _ShaderReader:
         if self._constant(node, "Anisotropy", 0.0) != 0:
             self._note("Glossy BSDF Anisotropy", "ignored")
         self._note_normals(node, "Normal", "Tangent")
-        colour = self._colour(node, "Color")
         roughness = self._constant(node, "Roughness", 0.5)
-        reflectance = self._build(colour, limit=1)
-        if roughness < SMOOTH:
-            bsdf = {"type": "conductor", "material": "none", "specular_reflectance": reflectance}
-        else:
-            bsdf = {
-                "type": "roughconductor",
-                "material": "none",
-                "distribution": "ggx",
-                "alpha": roughness**2,
-                "specular_reflectance": reflectance,
-            }
-        return Look(bsdf, smooth=roughness <= 0.15)
+        return Look(self._mirror(self._colour(node, "Color"), roughness), smooth=roughness <= 0.15)
 
     _read_BsdfGlossy = _read_BsdfAnisotropic
 
     def _read_BsdfTransparent(self, node):
-        self._note("Transparent BSDF", "not supported: shown opaque")
-        return Look()
+        colour = self._colour(node, "Color")
+        if isinstance(colour, ImageValue) or len(set(colour)) > 1:
+            self._note("Transparent BSDF Color", "replaced by a grey")
+        return self._blend(Look(_BLACK), _clear(), self._grey(colour))
 
     def _read_AddShader(self, node):
         first, second = (self._linked_shader(Pin(socket, node.groups)) for socket in node.node.inputs)
         if first.bsdf and second.bsdf:
-            self._note("Add Shader of two reflecting shaders", "only the first is used")
-        return Look(
-            first.bsdf or second.bsdf,
-            self._sum(first.emission, second.emission),
-            first.transmissive if first.bsdf else second.transmissive,
-            first.smooth or second.smooth,
-        )
+            self._note("Add Shader of two reflecting or transparent shaders", "only one is used")
+        used = first if first.bsdf and not (second.bsdf and first.bsdf is _CLEAR) else second
+        return replace(used, emission=self._sum(first.emission, second.emission))
 
     def _read_MixShader(self, node):
         factor, first, second = (Pin(socket, node.groups) for socket in node.node.inputs)
-        sources = [follow(first), follow(second)]
-        for source, other in (sources, sources[::-1]):
-            if source.socket.is_output and source.node.bl_idname == "ShaderNodeBsdfTransparent":
-                self._note("Mix with Transparent BSDF", "transparency ignored: shown opaque")
-                return self._shader(other) if other.socket.is_output else Look()
-        weight = self._textures.value(factor, self._name, 0.5)
-        looks = self._linked_shader(first), self._linked_shader(second)
-        if isinstance(weight, ImageValue):
-            self._uv_names.append(weight.uv_name)
-            constant = float(self._textures.mean_colour(weight).mean())
-            if looks[0].emission is not None or looks[1].emission is not None:
-                self._note("Mix Shader of emission by a texture", "mixed by the texture's mean")
-        else:
-            weight = constant = float(np.clip(np.mean(weight), 0, 1))
-        emission = self._sum(_times(looks[0].emission, 1 - constant), _times(looks[1].emission, constant))
-        if looks[0].bsdf is None and looks[1].bsdf is None:
-            return Look(emission=emission)
-        if any(look.transmissive for look in looks) and not all(look.transmissive for look in looks):
-            self._note("Mix Shader of glass and an opaque shader", "the back of the opaque part is black")
-        bsdf = {
-            "type": "blendbsdf",
-            "weight": self._build(weight, grey=True, limit=1),
-            "first": looks[0].bsdf or _BLACK,
-            "second": looks[1].bsdf or _BLACK,
-        }
-        return Look(
-            bsdf,
-            emission,
-            transmissive=any(look.transmissive for look in looks),
-            smooth=any(look.smooth for look in looks),
+        weight = self._grey(self._textures.value(factor, self._name, 0.5))
+        return self._blend(self._linked_shader(first), self._linked_shader(second), weight)
+
+    def _blend(self, first, second, weight):
+        """Mix of two looks.
+
+        Parameters
+        ----------
+        first, second : Look
+        weight : float or ImageValue
+            Share of the second.
+
+        Returns
+        -------
+        Look
+        """
+        if not isinstance(weight, ImageValue):
+            weight = min(max(weight, 0.0), 1.0)
+            if weight in (0, 1):
+                return second if weight else first
+        mixed = Look(
+            emission=self._sum(
+                self._product(first.emission, _rest(weight)), self._product(second.emission, weight)
+            ),
+            transmissive=first.transmissive or second.transmissive,
+            smooth=first.smooth or second.smooth,
         )
+        if first.bsdf or second.bsdf:
+            mixed.bsdf = self._mixture(first, second, weight)
+        return mixed
+
+    def _mixture(self, first, second, weight):
+        """BSDF of two looks, see `engine.mixture`."""
+        through = first.transmissive or second.transmissive
+        parts = [look.both_sides if through else look.bsdf or _BLACK for look in (first, second)]
+        weight = self._build(weight, grey=True, limit=1)
+        return {"type": "mixture", "weight": weight, "first": parts[0], "second": parts[1]}
 
     # -- BSDFs
 
@@ -337,17 +374,20 @@ class _ShaderReader:
         """A diffuse BSDF."""
         return {"type": "diffuse", "reflectance": self._build(colour, limit=1)}
 
-    def _principled_bsdf(self, base, metallic, roughness, eta, transmission):
-        bsdf = {
+    def _principled_bsdf(self, base, metallic, roughness, eta):
+        return {
             "type": "principled",
             "base_color": self._build(base, limit=1),
             "roughness": self._build(roughness, grey=True, limit=1),
             "metallic": self._build(metallic, grey=True, limit=1),
-            "eta": max(float(eta), 1.001),
+            "eta": max(eta, 1.001),
         }
-        if transmission != 0:
-            bsdf["spec_trans"] = self._build(transmission, grey=True, limit=1)
-        return bsdf
+
+    def _mirror(self, colour, roughness):
+        common = {"material": "none", "specular_reflectance": self._build(colour, limit=1)}
+        if roughness < SMOOTH:
+            return {"type": "conductor", **common}
+        return {"type": "roughconductor", "distribution": "ggx", "alpha": roughness**2, **common}
 
     def _glass(self, transmittance, reflectance, roughness, ior):
         common = {
@@ -361,10 +401,14 @@ class _ShaderReader:
             roughness = float(self._textures.mean_colour(roughness).mean())
         if abs(ior - 1) < 1e-4:
             common["int_ior"] = 1.0001
-        if roughness < SMOOTH:
-            return Look({"type": "dielectric", **common}, transmissive=True, smooth=True)
-        rough = {"type": "roughdielectric", "distribution": "ggx", "alpha": roughness**2, **common}
-        return Look(rough, transmissive=True, smooth=roughness <= 0.15)
+        if roughness >= SMOOTH:
+            rough = {"type": "roughdielectric", "distribution": "ggx", "alpha": roughness**2, **common}
+            return Look(rough, transmissive=True, smooth=roughness <= 0.15)
+        if self._abbe:
+            self._disperses = True
+            common["abbe"] = self._abbe
+        kind = "dispersive_dielectric" if self._abbe else "dielectric"
+        return Look({"type": kind, **common}, transmissive=True, smooth=True)
 
     # -- values
 
@@ -372,8 +416,25 @@ class _ShaderReader:
         return self._textured(node, name, tuple(self._material.diffuse_color)[:3])
 
     def _number(self, node, name, default):
-        value = self._textured(node, name, default)
-        return value if isinstance(value, ImageValue) else float(np.mean(value))
+        return self._grey(self._textured(node, name, default))
+
+    @staticmethod
+    def _grey(value):
+        """As Cycles reads a number from a colour: its luminance."""
+        if isinstance(value, ImageValue):
+            return replace(value, grey=True)
+        return float(np.dot(value, LUMINANCE) if np.ndim(value) else value)
+
+    @staticmethod
+    def _deviates(node, name, neutral):
+        """Whether an input differs from the value that has no effect."""
+        pin = node.input(name)
+        if pin is None:
+            return False
+        source = follow(pin)
+        return source.socket.is_output or not np.allclose(
+            _first(source.socket.default_value, neutral), neutral
+        )
 
     def _textured(self, node, name, fallback):
         return self._textures.value(node.input(name), self._name, fallback)
@@ -393,6 +454,15 @@ class _ShaderReader:
             self._note("Negative emission", "ignored")
             return None
         return _times(self._textures.value(node.input(colour_name), self._name, (1.0, 1.0, 1.0)), strength)
+
+    def _product(self, value, weight):
+        """A value, or none, times a number or an image."""
+        if value is None or not isinstance(weight, ImageValue):
+            return _times(value, weight)
+        if not isinstance(value, ImageValue):
+            return weight.scaled(value)
+        self._note("Textured emission mixed by a texture", "mixed by the texture's mean")
+        return _times(value, float(self._textures.mean_colour(weight).mean()))
 
     def _sum(self, first, second):
         if first is None or second is None:
@@ -429,6 +499,20 @@ def _times(value, factor):
     if isinstance(value, ImageValue):
         return value.scaled(factor)
     return tuple(float(v) * factor for v in np.broadcast_to(value, 3))
+
+
+def _rest(weight):
+    """One minus a weight."""
+    return weight.inverted() if isinstance(weight, ImageValue) else 1 - weight
+
+
+def _clear():
+    """Look of a surface that is not there."""
+    return Look(_CLEAR, transmissive=True, smooth=True)
+
+
+def _f0(ior):
+    return ((ior - 1) / (ior + 1)) ** 2
 
 
 def _square_root(value):

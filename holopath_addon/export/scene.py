@@ -103,7 +103,7 @@ def export_scene(depsgraph, resolution, camera=None):
         for name in contents.smooth_materials:
             notes.add(
                 name,
-                "Lamps mirrored in or shining through a smooth surface",
+                "Lamps mirrored in or shining through a smooth or transparent surface",
                 "missing: use an emitting mesh as lamp",
             )
     return Exported(mi.load_dict(parts), exported_camera, list(notes))

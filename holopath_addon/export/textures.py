@@ -29,8 +29,12 @@ class ImageValue:
         UV map; None for the active one.
     uv_matrix : tuple of 9 floats
         Row-major transform of the UVs.
+    grey : bool
+        The colour's luminance instead of the colour.
     scale : tuple of 3 floats
         Factor on the linear colour.
+    offset : tuple of 3 floats
+        Added after the factor.
     power : float
         Exponent on the linear colour, before the factor.
     """
@@ -41,13 +45,22 @@ class ImageValue:
     extension: str = "REPEAT"
     uv_name: str | None = None
     uv_matrix: tuple = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    grey: bool = False
     scale: tuple = (1.0, 1.0, 1.0)
+    offset: tuple = (0.0, 0.0, 0.0)
     power: float = 1.0
 
     def scaled(self, factor):
         """The same image times a number or a colour."""
-        factor = np.broadcast_to(np.asarray(factor, float), 3)
-        return replace(self, scale=tuple(float(v) for v in np.asarray(self.scale) * factor))
+        return self._affine(np.asarray(factor, float), 0.0)
+
+    def inverted(self):
+        """One minus the image."""
+        return self._affine(-1.0, 1.0)
+
+    def _affine(self, factor, offset):
+        scale, offset = np.asarray(self.scale) * factor, np.asarray(self.offset) * factor + offset
+        return replace(self, scale=tuple(map(float, scale)), offset=tuple(map(float, offset)))
 
 
 def linear_pixels(image, notes):
@@ -204,11 +217,21 @@ class Textures:
         """Mean linear colour of a value, shape (3,)."""
         if not isinstance(value, ImageValue):
             return np.broadcast_to(np.asarray(value, float), 3)
+        colour = self._linear_colour(value)
+        mean = MAGENTA if colour is None else colour.mean((0, 1))
+        return mean * np.array(value.scale) + value.offset
+
+    def _linear_colour(self, value):
+        """The channels of an image that count, [y, x, 3], or None."""
         pixels = self.pixels(value.image)
         if pixels is None:
-            return np.array(MAGENTA) * value.scale
-        channels = pixels[..., 3:] if value.alpha else pixels[..., :3]
-        return np.broadcast_to(channels.mean((0, 1)), 3) * value.scale
+            return None
+        if value.alpha:
+            return np.repeat(pixels[..., 3:], 3, axis=2)
+        colour = pixels[..., :3]
+        return (
+            np.repeat((colour @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.grey else colour
+        )
 
     def build(self, value, grey=False, limit=None):
         """A Mitsuba texture or constant.
@@ -240,14 +263,9 @@ class Textures:
         key = (replace(value, image=None), value.image.name_full, grey, limit)
         if key in self._built:
             return self._built[key]
-        pixels = self.pixels(value.image)
-        if pixels is None:
-            return self.build(tuple(np.array(MAGENTA) * value.scale), grey, limit)
-        colour = np.repeat(pixels[..., 3:], 3, axis=2) if value.alpha else pixels[..., :3]
-        colour = np.maximum(colour, 0) ** np.float32(value.power)
-        colour = np.clip(colour * np.array(value.scale, np.float32), 0, limit)
-        if grey:
-            colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
+        colour = self._linear_colour(value)
+        if colour is None:
+            return self.build(tuple(self.mean_colour(value)), grey, limit)
         to_uv = np.array(value.uv_matrix).reshape(3, 3)
         if value.extension == "CLIP":
             # a black frame of one pixel, repeated outwards
@@ -256,6 +274,11 @@ class Textures:
             x, y = width / (width + 2), height / (height + 2)
             frame = np.array([[x, 0, 1 / (width + 2)], [0, y, 1 / (height + 2)], [0, 0, 1]])
             to_uv = frame @ to_uv
+        colour = np.maximum(colour, 0) ** np.float32(value.power)
+        colour = colour * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
+        colour = np.clip(colour, 0, limit)
+        if grey:
+            colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
         wrap = {"REPEAT": "repeat", "MIRROR": "mirror"}.get(value.extension, "clamp")
         # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
         texture = mi.load_dict(

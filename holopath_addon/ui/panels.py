@@ -1,4 +1,4 @@
-"""The panels: the same sections in the 3D View's sidebar, the Render properties and the Image Editor."""
+"""The panels: the same sections in the 3D View's sidebar, the Render properties and the Image Editor; materials."""
 
 import bpy
 
@@ -77,6 +77,21 @@ class HOLOPATH_PT_image(_Section, bpy.types.Panel):
         sections.failure(layout, context)
 
 
+class HOLOPATH_PT_material(_Section, bpy.types.Panel):
+    """What a material has for HoloPath; shown for any engine, as the sidebar is."""
+
+    bl_label = "HoloPath"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "material"
+    bl_options = {"DEFAULT_CLOSED"}
+    section = staticmethod(sections.material)
+
+    @classmethod
+    def poll(cls, context):
+        return context.material is not None and not context.material.is_grease_pencil
+
+
 def _subpanels(parent, place):
     for name, label, section, closed in _SUBPANELS:
         identifier = f"{parent.__name__}_{name}"
@@ -99,5 +114,6 @@ CLASSES = (
     *_subpanels(HOLOPATH_PT_view3d, _View3D),
     HOLOPATH_PT_render,
     *_subpanels(HOLOPATH_PT_render, _Properties),
+    HOLOPATH_PT_material,
     HOLOPATH_PT_image,
 )

@@ -58,11 +58,20 @@ def quality(layout, context):
     layout.prop(props, "estimator")
     layout.prop(props, "radiance")
     layout.prop(props, "max_depth")
+    layout.prop(props, "most_hits")
+    row = layout.row()
+    row.enabled = props.most_hits > 0
+    row.prop(props, "virtual_image")
     row = layout.row(heading="Recording Plane")
     row.prop(props, "wrp_auto", text="Automatic")
     if not props.wrp_auto:
         layout.prop(props, "wrp_mm", text="Plane (mm)")
     layout.prop(props, "seed")
+
+
+def material(layout, context):
+    """What HoloPath knows of a material beyond its nodes."""
+    layout.prop(context.material.holopath, "abbe_number")
 
 
 def render(layout, context):

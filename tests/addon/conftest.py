@@ -15,7 +15,8 @@ def addon():
         from holopath_addon import properties
 
         properties.detach()
-        bpy.utils.unregister_class(properties.HoloPathSettings)
+        for cls in properties.CLASSES:
+            bpy.utils.unregister_class(cls)
     holopath_addon.register()
     yield holopath_addon
     holopath_addon.unregister()

@@ -39,13 +39,30 @@ def test_all_settings(settings):
     settings.limit_rays, settings.spp = True, 99
     settings.estimator, settings.radiance, settings.quality = "paper", "ray", "full"
     settings.frames, settings.seed, settings.max_depth = 3, 7, 2
+    settings.virtual_image, settings.most_hits = "opl", 3
     hologram = properties.hologram_of(settings, (20, 10))
     assert hologram == engine.Hologram(
         20, 10, 8e-6, (532e-9,), depth_far=10e-3, depth_near=15e-3, depth_mapping="eyepiece", near=0.3
     )
     assert properties.settings_of(settings) == engine.Settings(
-        3, estimator="paper", radiance="ray", quality="full", spp=99, wrp=11.5e-3, max_depth=2, seed=7
+        3,
+        estimator="paper",
+        radiance="ray",
+        quality="full",
+        spp=99,
+        wrp=11.5e-3,
+        max_depth=2,
+        virtual_image="opl",
+        most_hits=3,
+        seed=7,
     )
+
+
+def test_materials_hold_an_abbe_number(addon):
+    material = bpy.data.materials.new("glass")
+    assert material.holopath.abbe_number == 0
+    material.holopath.abbe_number = 59.0
+    assert material.copy().holopath.abbe_number == 59.0
 
 
 def test_focus(settings):

@@ -21,7 +21,8 @@ def traces():
         and "holopath" not in name.lower()
     }
     handlers = [len(getattr(bpy.app.handlers, name)) for name in HANDLERS]
-    return names, engines, handlers, hasattr(bpy.types.Scene, "holopath"), hasattr(bpy.ops.holopath, "plan")
+    held = hasattr(bpy.types.Scene, "holopath") or hasattr(bpy.types.Material, "holopath")
+    return names, engines, handlers, held, hasattr(bpy.ops.holopath, "plan")
 
 
 def test_cycles(addon):

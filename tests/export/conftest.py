@@ -93,6 +93,23 @@ class Stage:
         image.pack()
         return image
 
+    def float_image(self, pixels):
+        """An image of linear numbers, [y, x], top row first."""
+        pixels = np.repeat(np.asarray(pixels, np.float32)[..., None], 3, axis=2)
+        return self.image(pixels, float_buffer=True, space="Non-Color")
+
+    def mix(self, material, node, factor=0.5, first=False):
+        """Mix a material's shader with another node, which becomes the second or the first input."""
+        tree = material.node_tree
+        output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+        before = output.inputs["Surface"].links[0].from_socket
+        mix, other = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new(node)
+        mix.inputs[0].default_value = factor
+        tree.links.new(before, mix.inputs[2 if first else 1])
+        tree.links.new(other.outputs[0], mix.inputs[1 if first else 2])
+        tree.links.new(mix.outputs[0], output.inputs["Surface"])
+        return mix, other
+
     def lamp(self, kind, energy=10.0, location=(0, 0, 2), rotation=(0, 0, 0), **values):
         data = bpy.data.lights.new(kind.lower(), kind)
         data.energy = energy
@@ -141,7 +158,10 @@ class Stage:
                 "rfilter": {"type": "box"},
             },
         }
-        integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth})
+        # Mitsuba 3.9's `path` squares the opacity of masks
+        masked = any(mi.has_flag(s.bsdf().flags(), mi.BSDFFlags.Null) for s in exported.scene.shapes())
+        kind = "volpath" if masked else "path"
+        integrator = mi.load_dict({"type": kind, "max_depth": depth, "rr_depth": depth})
         image = mi.render(exported.scene, sensor=mi.load_dict(sensor), integrator=integrator, spp=spp)
         return np.array(image)
 

@@ -1,0 +1,104 @@
+"""Glass whose index of refraction depends on the wavelength: Mitsuba BSDF type ``dispersive_dielectric``."""
+
+from contextlib import contextmanager
+
+import mitsuba as mi
+
+from .lobes import parts_of
+
+LINE_D, LINE_F, LINE_C = (
+    587.6e-9,
+    486.1e-9,
+    656.3e-9,
+)  # metres: Fraunhofer's lines that define the Abbe number
+
+
+def cauchy(index, abbe, wavelength):
+    """Index of refraction by Cauchy's equation n = A + B / wavelength^2.
+
+    Parameters
+    ----------
+    index : float
+        n_d, at 587.6 nm.
+    abbe : float
+        (n_d - 1) / (n_F - n_C).
+    wavelength : float
+        Metres.
+
+    Returns
+    -------
+    float
+    """
+    slope = (index - 1) / abbe / (LINE_F**-2 - LINE_C**-2)
+    return index + slope * (wavelength**-2 - LINE_D**-2)
+
+
+def register():
+    """Make the type known to the active variant of Mitsuba."""
+
+    class DispersiveDielectric(mi.BSDF):
+        """Mitsuba's `dielectric` with ``int_ior`` at 587.6 nm and the Abbe number ``abbe``.
+
+        Rendered colours are those of one wavelength at a time, which `tuned` sets.
+        """
+
+        def __init__(self, props):
+            super().__init__(props)
+            self.index, self.abbe = props.get("int_ior", 1.5168), props.get("abbe", 64.17)
+            if self.abbe <= 0:
+                raise ValueError(
+                    "dispersive_dielectric: 'abbe' must be positive, such as 64 for crown glass."
+                )
+            self.outside = props.get("ext_ior", 1.0)
+            glass = {"type": "dielectric", "int_ior": self.index, "ext_ior": self.outside}
+            for name in ("specular_transmittance", "specular_reflectance"):
+                if name in props:
+                    glass[name] = props.get_texture(name)
+            self.glass = mi.load_dict(glass)
+            self.m_components = [self.glass.flags(i) for i in range(self.glass.component_count())]
+            self.m_flags = self.glass.flags()
+
+        def tune(self, wavelength):
+            """Take the index of refraction at a wavelength in metres."""
+            parameters = mi.traverse(self.glass)
+            parameters["eta"] = cauchy(self.index, self.abbe, wavelength) / self.outside
+            parameters.update()
+
+        def sample(self, ctx, si, sample1, sample2, active=True):
+            return self.glass.sample(ctx, si, sample1, sample2, active)
+
+        def eval(self, ctx, si, wo, active=True):
+            return self.glass.eval(ctx, si, wo, active)
+
+        def pdf(self, ctx, si, wo, active=True):
+            return self.glass.pdf(ctx, si, wo, active)
+
+        def eval_pdf(self, ctx, si, wo, active=True):
+            return self.glass.eval_pdf(ctx, si, wo, active)
+
+        def traverse(self, callback):
+            callback.put("glass", self.glass, mi.ParamFlags.Differentiable)
+
+        def to_string(self):
+            return f"DispersiveDielectric[int_ior={self.index}, abbe={self.abbe}]"
+
+    mi.register_bsdf("dispersive_dielectric", DispersiveDielectric)
+
+
+def wavelength_groups(scene, wavelengths):
+    """Wavelengths that share their rays: all, or each for itself where the scene disperses."""
+    disperses = any(hasattr(part, "tune") for part in parts_of(scene))
+    return [(w,) for w in wavelengths] if disperses and len(wavelengths) > 1 else [tuple(wavelengths)]
+
+
+@contextmanager
+def tuned(scene, wavelengths):
+    """The scene as the wavelengths of one group see it, metres; afterwards as at 587.6 nm."""
+    glasses = [part for part in parts_of(scene) if hasattr(part, "tune")]
+    try:
+        for glass in glasses:
+            glass.tune(wavelengths[0])
+        yield
+    finally:
+        for glass in glasses:
+            glass.tune(LINE_D)

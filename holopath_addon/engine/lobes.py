@@ -1,0 +1,132 @@
+"""The δ lobes of a scene's surfaces: mirrors, clear refraction and straight passage, each with its exact share."""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+REFLECTION = int(mi.BSDFFlags.DeltaReflection)
+REFRACTION = int(mi.BSDFFlags.DeltaTransmission)
+PASSAGE = int(mi.BSDFFlags.Null)  # straight on: a thin pane, a mask
+SHARP = REFLECTION | REFRACTION | PASSAGE
+SMOOTH = int(mi.BSDFFlags.Smooth)  # Mitsuba's word for all lobes that are not δ
+
+
+@dataclass
+class Lobe:
+    """One way on from a surface (Dr.Jit types).
+
+    Attributes
+    ----------
+    direction : mitsuba.Vector3f
+        In the world.
+    weight : mitsuba.Color3f
+        Share of the radiance, zero where there is no such lobe.
+    eta : mitsuba.Float
+        Index of refraction beyond the surface relative to before.
+    """
+
+    direction: object
+    weight: object
+    eta: object
+
+    @property
+    def exists(self):
+        """Whether any light comes this way."""
+        return dr.max(self.weight) > 0
+
+
+class SpecularLobes:
+    """Samples the δ lobes of any BSDF without chance: component by component, so that blends keep their shares.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    """
+
+    def __init__(self, scene):
+        self.components, self.mixed, self.passes = set(), False, False
+        for bsdf, emits in _surfaces(scene):
+            flags = int(bsdf.flags())
+            if not flags & SHARP:
+                continue
+            self.mixed |= emits or bool(flags & SMOOTH)
+            self.passes |= bool(flags & PASSAGE)
+            for number in range(bsdf.component_count()):
+                self.components |= {
+                    (number, lobe) for lobe in (REFLECTION, REFRACTION) if bsdf.flags(number) & lobe
+                }
+
+    @property
+    def refracts(self):
+        """Whether any surface changes the index of refraction."""
+        return any(lobe == REFRACTION for _, lobe in self.components)
+
+    def at(self, si, active):
+        """Whether a surface scatters or emits, and its reflecting and transmitting `Lobe`."""
+        bsdf = si.bsdf()
+        flags = bsdf.flags()
+        scatters = (flags & SMOOTH) != 0
+        if self.mixed:
+            scatters |= si.shape.is_emitter()
+        reflected = self._lobe(bsdf, si, REFLECTION, active & ((flags & REFLECTION) != 0))
+        transmitted = self._lobe(bsdf, si, REFRACTION, active & ((flags & REFRACTION) != 0))
+        if self.passes:
+            straight = active & ((flags & PASSAGE) != 0)
+            share = dr.select(straight, bsdf.eval_null_transmission(si, straight), 0)
+            transmitted.direction = dr.select(straight, -si.to_world(si.wi), transmitted.direction)
+            transmitted.weight += share
+        return scatters, reflected, transmitted
+
+    def _lobe(self, bsdf, si, kind, active):
+        direction, weight, eta = mi.Vector3f(0, 0, 1), mi.Color3f(0), mi.Float(1)
+        for number, lobe in sorted(self.components):
+            if lobe != kind:
+                continue
+            context = mi.BSDFContext()
+            context.type_mask, context.component = kind, number
+            sample, share = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), active)
+            found = active & ((sample.sampled_type & kind) != 0) & (dr.max(share) > 0)
+            direction = dr.select(found, sample.wo, direction)
+            eta = dr.select(found, sample.eta, eta)
+            weight += dr.select(found, share, 0)
+        return Lobe(si.to_world(direction), weight, eta)
+
+
+def is_specular(flags):
+    """Whether a surface of these BSDF flags has a δ lobe."""
+    return (flags & SHARP) != 0
+
+
+def parts_of(scene):
+    """Every object of Mitsuba's that a scene is made of, once: shapes, instanced ones too, BSDFs, textures."""
+
+    class Parts(mi.TraversalCallback):
+        def __init__(self):
+            mi.TraversalCallback.__init__(self)
+            self.found = []
+
+        def put(self, name, value, flags, cpptype=None):
+            if isinstance(value, mi.Object):
+                self.found.append(value)
+
+    pending, seen = [scene], {}
+    while pending:
+        part = pending.pop()
+        if part in seen:
+            continue
+        seen[part] = None
+        callback = Parts()
+        part.traverse(callback)
+        pending += callback.found
+    return list(seen)
+
+
+def _surfaces(scene):
+    """Each BSDF that a shape of the scene has, once, and whether such a shape shines."""
+    surfaces = {}
+    for shape in parts_of(scene):
+        if isinstance(shape, mi.Shape) and shape.bsdf() is not None:
+            bsdf = shape.bsdf()
+            surfaces[bsdf] = surfaces.get(bsdf, False) or shape.is_emitter()
+    return surfaces.items()

@@ -1,0 +1,58 @@
+"""Several recording planes: fewer rays, and far things shaded by near ones as waves."""
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.planner import depth_slabs
+
+
+def test_slabs_close_up_around_gaps():
+    depths = np.concatenate([np.linspace(0, 1, 50), np.linspace(5, 6, 50), np.linspace(9, 9.5, 50)])
+    assert depth_slabs(depths, 3) == [(0, 1), (5, 6), (9, 9.5)]
+    assert depth_slabs(depths, 1) == [(0, 9.5)]
+    assert depth_slabs(np.full(10, 2.0), 4) == [(2, 2)]
+
+
+def test_slabs_share_an_even_range():
+    slabs = depth_slabs(np.linspace(0, 8, 10_000), 4)
+    assert [high - low for low, high in slabs] == pytest.approx([2, 2, 2, 2], abs=0.15)
+
+
+def test_three_planes_with_a_tenth_of_the_rays(build, camera, small):
+    """Each surface on a plane of its own; near focus keeps what lies behind."""
+    scene, focus = build.three_planes(), [0.5, 1.0, 2.0]
+    truth = engine.reference(scene, camera, small, focus, spp=128, near=0.5)
+    values, rays = {}, {}
+    for planes in (1, 3):
+        field = engine.render(scene, camera, small, engine.Settings(frames=24, planes=planes))
+        pictures = engine.reconstruct(field, focus)
+        values[planes] = [engine.psnr(p, t, 25) for p, t in zip(pictures, truth, strict=True)]
+        rays[planes] = field.plan["rays_per_pixel"]
+        inner = slice(25, -25)
+        ratios = [
+            p[inner, inner].mean() / t[inner, inner].mean() for p, t in zip(pictures, truth, strict=True)
+        ]
+        assert ratios == pytest.approx([1, 1, 1], abs=0.03)
+    assert rays[3] < rays[1] / 5
+    assert min(np.subtract(values[3], values[1])) > -0.3
+    assert values[3][0] > values[1][0]
+
+
+def test_a_floor_without_gaps(build, camera, small):
+    scene, focus = build.floor(), [0.55, 1.0, 4.0]
+    field = engine.render(scene, camera, small, engine.Settings(frames=24, planes=4))
+    truth = engine.reference(scene, camera, small, focus, spp=128, near=field.near)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        assert engine.psnr(picture, reference, 25) > 21.5
+        inner = slice(25, -25)
+        assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.05)
+
+
+def test_images_in_mirrors_need_one_plane(build, camera, small):
+    mirror = {"bsdf": {"type": "conductor"}}
+    behind = {"type": "rectangle", "to_world": build.T().translate([0, 0, 1]).rotate([0, 1, 0], 180)}
+    scene = build.scene(mirror=build.plane(1.0, mirror), lamp=behind | build.emissive(build.grey(1.0)))
+    plan = engine.plan(scene, camera, small, engine.Settings(planes=4))
+    assert len(plan.planes) == 1
+    assert any("mirrors" in decision.reason for decision in plan.decisions)

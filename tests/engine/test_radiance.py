@@ -1,0 +1,74 @@
+"""Radiance at the end of a chain: against Mitsuba's path tracer, with rare bright paths, by several paths a ray."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from holopath_addon import engine
+
+GREEN = 516.5e-9
+
+
+def test_path_tracer_agrees_with_mitsuba(build):
+    """The same mean as Mitsuba's `path`, in every channel, where nearly all light is indirect."""
+    import drjit as dr
+
+    from holopath_addon.engine.radiance import PathTracer
+
+    mi, scene, rays = build.mi, build.closed_box(), 1 << 20
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(1, rays)
+    u = 2 * sampler.next_2d() - 1
+    ray = mi.Ray3f(mi.Point3f(0), dr.normalize(mi.Vector3f(0.18 * u.x, 0.18 * u.y, -1)))
+    for depth in (1, 2, 8):
+        path = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 8})
+        theirs, _, _ = path.sample(scene, sampler, mi.RayDifferential3f(ray), None, True)
+        surface = scene.ray_intersect_preliminary(ray)
+        ours = PathTracer(depth).radiance(scene, sampler, ray, surface, mi.Bool(True))
+        theirs, ours = (np.stack([np.asarray(c) for c in light]) for light in (theirs, ours))
+        error = np.sqrt((theirs.var(1) + ours.var(1)) / rays)
+        assert (abs(theirs.mean(1) - ours.mean(1)) <= 4 * error).all(), depth
+
+
+def test_rare_bright_paths_do_not_destroy_grains(build, camera):
+    """A wall lit by a lamp, and a little by a bulb behind glass, which paths find once in thousands."""
+    hologram = engine.Hologram(128, 128, 8e-6, (GREEN,), 0.3e-3, 1.5e-3)
+    glass = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+    lamp = build.T().look_at(origin=[1.0, 1.5, 0.5], target=[0, 0, -1], up=[0, 1, 0]).scale(0.5)
+    scene = build.scene(
+        wall=build.plane(1.0, build.diffuse(build.grey(0.7))),
+        lamp={"type": "rectangle", "to_world": lamp, **build.emissive(build.grey(8.0))},
+        shell={"type": "sphere", "center": [0.25, 0, -0.85], "radius": 0.02, "bsdf": glass},
+        bulb={
+            "type": "sphere",
+            "center": [0.3, 0, -0.8],
+            "radius": 0.003,
+            **build.emissive(build.grey(300.0)),
+        },
+    )
+    settings = engine.Settings(frames=24)
+    plan = engine.plan(scene, camera, hologram, settings)
+    spots, means = [], []
+    for limit in (plan.radiance_limit, math.inf):
+        chosen = dataclasses.replace(plan, radiance_limit=limit)
+        field = engine.render(scene, camera, hologram, settings, chosen)
+        picture = engine.reconstruct(field, [1.0])[0, 16:-16, 16:-16, 0]
+        spots.append(picture.max() / np.median(picture))
+        means.append(picture.mean())
+    assert spots[0] < 5 < 10 < spots[1]
+    assert 0.6 * means[1] < means[0] < means[1]  # what is cut is lost
+
+
+def test_more_paths_a_ray_are_less_dark(build):
+    camera = engine.Camera(np.eye(4), math.radians(36))
+    hologram = engine.Hologram(64, 64, 8e-6, (GREEN,), 0.2e-3, 1.2e-3)
+    scene = build.closed_box()
+    truth = engine.reference(scene, camera, hologram, [1.0], spp=512, near=0.9).mean()
+    bright = []
+    for paths in (1, 16):
+        settings = engine.Settings(frames=8, radiance="ray", paths=paths)
+        field = engine.render(scene, camera, hologram, settings)
+        bright.append(float(engine.reconstruct(field, [1.0]).mean() / truth))
+    assert bright[0] < 0.8
+    assert bright[0] + 0.1 < bright[1] < 1
