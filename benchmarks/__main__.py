@@ -10,6 +10,7 @@ def main():
     print(kernel.run(), flush=True)
     print(accuracy.run("out/bench"), flush=True)
     print(convergence.run("out/bench"), flush=True)
+    print(convergence.planes_table(), flush=True)
     print(scaling.run(), flush=True)
     print(optics.run(), flush=True)
 

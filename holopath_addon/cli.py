@@ -197,11 +197,13 @@ def _add_scene(parser):
         help="images in mirrors and lenses (default curvature)",
     )
     add("--most-hits", type=int, metavar="N", help="longest chain of mirrors and glass (default 8; 0: none)")
-    add("--radiance", choices=choices.RADIANCES, help="average per grain, or one path a ray")
+    add("--radiance", choices=choices.RADIANCES, help="average per grain, or a few paths for each ray")
+    add("--paths", type=int, metavar="N", help="paths a ray with --radiance ray (default 1)")
     quality = parser.add_mutually_exclusive_group()
     quality.add_argument("--quality", choices=choices.QUALITIES)
     quality.add_argument("--spp", type=int, metavar="N", help="most rays a pixel")
     add("--wrp", type=_argument(_wrp), metavar="auto|MM", help="recording plane's distance from the SLM")
+    add("--planes", type=int, metavar="J", help="most recording planes: fewer rays in all (default 1)")
     add(
         "--depth-range",
         type=_numbers(2, "FAR,NEAR", "millimetres"),
@@ -263,7 +265,7 @@ def _hologram_of(args, base):
 
 def _settings_of(args, base):
     names = ("frames", "method", "estimator", "phase_field", "radiance", "quality", "spp", "wrp", "seed")
-    names += ("virtual_image", "most_hits")
+    names += ("virtual_image", "most_hits", "planes", "paths")
     changes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if "quality" in changes:
         changes["spp"] = None

@@ -28,7 +28,7 @@ _LABELS = {
         "Per grain",
         "Average every grain's radiance before the root is taken: right where light is indirect",
     ),
-    "ray": ("Per ray", "One light path a ray: dark where light is indirect"),
+    "ray": ("Per ray", "Light paths of its own for each ray, as published: dark where light is indirect"),
     "curvature": ("Wavefront", "Where neighbouring rays cross: right for curved mirrors and lenses"),
     "opl": ("Path length", "At the optical path length, as published: right for flat mirrors only"),
     "fit": ("Fit scene", "Spread the scene from its near end to infinity over the depth range"),
@@ -231,6 +231,25 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         description="How path-traced light becomes amplitude",
         items=_items(choices.RADIANCES),
     )
+    paths: IntProperty(
+        name="Paths a Ray",
+        description="Radiance paths that are averaged for each ray; few are dark where light is indirect",
+        default=1,
+        min=1,
+        max=1 << 16,
+        soft_max=64,
+    )
+    planes: IntProperty(
+        name="Recording Planes",
+        description=(
+            "Most planes that rays start from, each near its part of the scene: more planes need fewer rays. Where "
+            "mirrors or clear glass are in view there is one"
+        ),
+        default=1,
+        min=1,
+        max=32,
+        soft_max=8,
+    )
     most_hits: IntProperty(
         name="Mirrors and Glass",
         description=(
@@ -389,6 +408,8 @@ def settings_of(props):
         spp=props.spp if props.limit_rays else None,
         wrp="auto" if props.wrp_auto else _tidy(props.wrp_mm * 1e-3),
         max_depth=props.max_depth,
+        paths=props.paths,
+        planes=props.planes,
         most_hits=props.most_hits,
         virtual_image=props.virtual_image,
         seed=props.seed,

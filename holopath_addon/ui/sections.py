@@ -57,6 +57,9 @@ def quality(layout, context):
     value.prop(props, "spp", text="")
     layout.prop(props, "estimator")
     layout.prop(props, "radiance")
+    row = layout.row()
+    row.enabled = props.radiance == "ray"
+    row.prop(props, "paths")
     layout.prop(props, "max_depth")
     layout.prop(props, "most_hits")
     row = layout.row()
@@ -64,7 +67,9 @@ def quality(layout, context):
     row.prop(props, "virtual_image")
     row = layout.row(heading="Recording Plane")
     row.prop(props, "wrp_auto", text="Automatic")
-    if not props.wrp_auto:
+    if props.wrp_auto:
+        layout.prop(props, "planes")
+    else:
         layout.prop(props, "wrp_mm", text="Plane (mm)")
     layout.prop(props, "seed")
 

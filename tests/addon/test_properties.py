@@ -40,6 +40,7 @@ def test_all_settings(settings):
     settings.estimator, settings.radiance, settings.quality = "paper", "ray", "full"
     settings.frames, settings.seed, settings.max_depth = 3, 7, 2
     settings.virtual_image, settings.most_hits = "opl", 3
+    settings.planes, settings.paths = 4, 5
     hologram = properties.hologram_of(settings, (20, 10))
     assert hologram == engine.Hologram(
         20, 10, 8e-6, (532e-9,), depth_far=10e-3, depth_near=15e-3, depth_mapping="eyepiece", near=0.3
@@ -54,6 +55,8 @@ def test_all_settings(settings):
         max_depth=2,
         virtual_image="opl",
         most_hits=3,
+        planes=4,
+        paths=5,
         seed=7,
     )
 

@@ -2,25 +2,14 @@
 
 import math
 
-import numpy as np
 import pytest
-import scipy.ndimage
 
+from benchmarks.optics import displacement
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.planner import depth_of_focus
 
 GREEN = 516.5e-9
-
-
-def displacement(picture, truth):
-    """Pixels to the right by which a picture lies off the truth, least squares over contrast and shift."""
-    a, t = (
-        scipy.ndimage.gaussian_filter(p[..., 0].astype(float), 2)[30:-30, 30:-30] for p in (picture, truth)
-    )
-    model = np.stack([np.ones_like(t), t, -np.gradient(t, axis=1)], -1).reshape(-1, 3)
-    _, contrast, moved = np.linalg.lstsq(model, a.ravel(), rcond=None)[0]
-    return moved / contrast
 
 
 @pytest.mark.parametrize("roughness", [0.1, 0.2])

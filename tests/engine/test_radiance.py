@@ -37,7 +37,7 @@ def test_rare_bright_paths_do_not_destroy_grains(build, camera):
     glass = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
     lamp = build.T().look_at(origin=[1.0, 1.5, 0.5], target=[0, 0, -1], up=[0, 1, 0]).scale(0.5)
     scene = build.scene(
-        wall=build.plane(1.0, build.diffuse(build.grey(0.7))),
+        wall=build.plane(1.0, build.diffuse(build.grey(0.7)), 0.4),
         lamp={"type": "rectangle", "to_world": lamp, **build.emissive(build.grey(8.0))},
         shell={"type": "sphere", "center": [0.25, 0, -0.85], "radius": 0.02, "bsdf": glass},
         bulb={
