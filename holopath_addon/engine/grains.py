@@ -10,6 +10,7 @@ from .buffers import gather_row, row_stride
 from .hologram import channel
 from .lobes import SHARP
 
+SCOUTS = 16  # passes that look for occupied cells: what fewer rays see borrows a neighbour's radiance
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
 BINNED = 8 / (
     3 * math.pi
@@ -139,24 +140,25 @@ def measure_grains(scene, rays, optics, tracer, grid, wavelengths, passes, seed,
     RadianceMap
     """
     pixels = grid.columns * grid.rows
-    together = max(1, min(passes, CHUNK_PATHS // pixels))
-    chunks = [(first, min(together, passes - first)) for first in range(0, passes, together)]
+    together = max(1, CHUNK_PATHS // passes)
+    chunks = [(first, min(together, pixels - first)) for first in range(0, pixels, together)]
     occupied = dr.zeros(mi.UInt32, pixels * grid.slabs * grid.branches)
     for first, count in chunks:
-        _, _, cell, inside, _, binned = _grains(scene, rays, optics, grid, first, count, seed)
+        few = min(passes, SCOUTS)
+        _, _, cell, inside, _, binned = _grains(scene, rays, optics, grid, first, count, few, seed)
         dr.scatter_reduce(
             dr.ReduceOp.Max, occupied, dr.select(binned, mi.UInt32(grid.bins**2), 1), cell, inside
         )
         dr.eval(occupied)
         dr.sync_thread()
-        progress(0.1 * (first + count) / passes)
+        progress(0.1 * (first + count) / pixels)
     numbers, rows = _numbered(occupied, grid)
     if not dr.any((numbers & 1) == 1):
         grid = replace(grid, bins=1)
 
     sums = dr.zeros(mi.UInt64, 4 * rows)
     for first, count in chunks:
-        sampler, seen, cell, inside, slope, _ = _grains(scene, rays, optics, grid, first, count, seed)
+        sampler, seen, cell, inside, slope, _ = _grains(scene, rays, optics, grid, first, count, passes, seed)
         light = tracer.radiance(scene, sampler, seen.ray, seen.surface, seen.whole)
         inside &= dr.all(dr.isfinite(light))
         number = dr.gather(mi.UInt32, numbers, cell, inside)
@@ -167,25 +169,26 @@ def measure_grains(scene, rays, optics, tracer, grid, wavelengths, passes, seed,
             dr.scatter_add(sums, steps, at + k, inside)
         dr.eval(sums)
         dr.sync_thread()
-        progress(0.1 + 0.9 * (first + count) / passes)
+        progress(0.1 + 0.9 * (first + count) / pixels)
     return RadianceMap(grid, numbers, _means(sums, numbers, grid, wavelengths), len(wavelengths))
 
 
-def _grains(scene, rays, optics, grid, first, count, seed):
-    """What rays of `count` passes from number `first` on see, spread over pixels and pupil; the same at every call.
+def _grains(scene, rays, optics, grid, first, count, passes, seed):
+    """What rays through `count` pixels from number `first` on see, all passes; the same at every call.
 
     Returns the sampler, the `View`, cell, whether it is on the grid, slope, and whether its surface looks
     different across the pupil.
     """
-    pixels = grid.columns * grid.rows
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed * 9973 + first, pixels * count)
-    index = dr.arange(mi.UInt32, pixels * count)
-    number, pixel = mi.Float(index // pixels + dr.opaque(mi.UInt32, first)), index % pixels
-    jitter, turn = sampler.next_2d(), sampler.next_2d()
+    sampler.seed(seed * 9973 + first, count * passes)
+    # the passes of a pixel side by side: their rays stay near each other, which fine meshes repay
+    index = dr.arange(mi.UInt32, count * passes)
+    number, pixel = index % passes, index // passes + dr.opaque(mi.UInt32, first)
+    jitter = sampler.next_2d()
     column = mi.Float(pixel % grid.columns) - grid.margin + jitter.x - 0.5
     row = mi.Float(pixel // grid.columns) - grid.margin + jitter.y - 0.5
-    # the R2 sequence spreads a pixel's passes over the pupil, the random turn decorrelates pixels
+    # the R2 sequence spreads a pixel's passes over the pupil, from a start of its own
+    turn = mi.Point2f(*(mi.Float(word) * 2.0**-32 for word in mi.sample_tea_32(pixel, seed)))
     u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
     slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)

@@ -34,7 +34,7 @@ IMAGE_LIMITS = (-0.5, 1.5)  # of the near end's vergence: images beyond, as of c
 DEPTH_BINS = 128  # that recording planes are fitted to
 MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
-MAP_BYTES = 1 << 30  # largest index of the radiance map
+MAP_BYTES = 1 << 30  # largest index of the radiance map, and its largest pupil bins
 CELL_BYTES = 48  # of an occupied cell: three sums and a count of 8 bytes, and the amplitudes made of them
 SURFACES = 2  # occupied slabs of a pixel column, roughly
 
@@ -381,6 +381,9 @@ def _radiance(hologram, settings, seen, light, margin, thickness, decisions):
     glossy = seen.turn > 0 or seen.specular > LEAST_SHARE
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
+    share = min(1, len(seen.gloss) / max(len(seen.vergence), 1) + seen.specular)
+    room = MAP_BYTES / (columns * SURFACES * max(share, 0.01) * CELL_BYTES)
+    bins = max(1, min(bins, math.floor(math.sqrt(room))))
     slabs = max(1, min(MOST_SLABS, MAP_BYTES // (4 * columns), math.ceil(thickness / SLAB)))
     decisions.append(
         Decision(

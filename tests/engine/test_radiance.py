@@ -42,9 +42,9 @@ def test_rare_bright_paths_do_not_destroy_grains(build, camera):
         shell={"type": "sphere", "center": [0.25, 0, -0.85], "radius": 0.02, "bsdf": glass},
         bulb={
             "type": "sphere",
-            "center": [0.3, 0, -0.8],
+            "center": [0.25, 0, -0.85],
             "radius": 0.003,
-            **build.emissive(build.grey(300.0)),
+            **build.emissive(build.grey(3000.0)),
         },
     )
     settings = engine.Settings(frames=24)
