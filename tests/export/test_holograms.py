@@ -1,0 +1,67 @@
+"""Blender materials as holograms, against Mitsuba's thin-lens picture of the same export."""
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+
+PRINCIPLED = "ShaderNodeBsdfPrincipled"
+GREEN = 516.5e-9
+
+
+@pytest.mark.parametrize(
+    ("node", "values"),
+    [
+        (PRINCIPLED, {"Roughness": 0.0, "Metallic": 0.0}),
+        (PRINCIPLED, {"Roughness": 0.0, "Metallic": 0.5}),
+        (PRINCIPLED, {"Roughness": 0.0, "Metallic": 1.0}),
+        (PRINCIPLED, {"Roughness": 0.0, "Transmission_Weight": 1.0}),
+        (PRINCIPLED, {"Roughness": 0.0, "Transmission_Weight": 0.5}),
+        (PRINCIPLED, {"Roughness": 0.3, "Metallic": 1.0}),
+        (PRINCIPLED, {"Roughness": 0.5}),
+        (PRINCIPLED, {"Roughness": 1.0, "Transmission_Weight": 0.5}),
+        (PRINCIPLED, {"Roughness": 0.4, "Coat_Weight": 1.0}),
+        (PRINCIPLED, {"Roughness": 0.0, "Alpha": 0.5}),
+        (PRINCIPLED, {"Roughness": 0.8, "Alpha": 0.5}),
+        ("ShaderNodeBsdfGlass", {"Roughness": 0.0}),
+        ("ShaderNodeBsdfGlass", {"Roughness": 0.3}),
+        ("ShaderNodeBsdfAnisotropic", {"Roughness": 0.1}),
+        ("ShaderNodeBsdfDiffuse", {}),
+        ("ShaderNodeEmission", {"Strength": 0.7}),
+    ],
+)
+def test_a_ball_of_each_material(stage, node, values):
+    """A ball before a wall with a bright panel behind the viewer: brightness, and finite everywhere."""
+    stage.sphere(0.35, stage.material(node, **values))
+    stage.plane(6, stage.material("ShaderNodeBsdfDiffuse", Color=(0.4, 0.6, 0.5, 1)), "wall", (0, 0, -1.5))
+    panel = stage.plane(2, stage.material("ShaderNodeEmission", Strength=4.0), "panel", (1.5, 1, 6))
+    panel.rotation_euler = (np.pi - 0.2, 0.3, 0)
+    stage.world((0.3, 0.3, 0.3))
+    exported = stage.export((96, 96))
+    hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 0.3e-3, 1.8e-3)
+    field = engine.render(
+        exported.scene, exported.camera, hologram, engine.Settings(frames=16, quality="preview")
+    )
+    assert np.isfinite(field.data).all()
+    focus = [3.8, 5.5]
+    truth = engine.reference(exported.scene, exported.camera, hologram, focus, spp=128, near=field.near)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        inner = slice(10, -10)
+        assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.03)
+
+
+def test_mixed_shaders(stage):
+    """Half mirror, half matt."""
+    material = stage.material("ShaderNodeBsdfDiffuse", Color=(0.7, 0.5, 0.3, 1))
+    _, mirror = stage.mix(material, "ShaderNodeBsdfAnisotropic", 0.5)
+    mirror.inputs["Roughness"].default_value = 0.0
+    stage.sphere(0.35, material)
+    stage.world((0.5, 0.5, 0.5))
+    exported = stage.export((96, 96))
+    hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 0.3e-3, 1.8e-3)
+    plan = engine.plan(exported.scene, exported.camera, hologram)
+    assert plan.chain and plan.splits
+    field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=16), plan)
+    (truth,) = engine.reference(exported.scene, exported.camera, hologram, [3.8], spp=128, near=field.near)
+    (picture,) = engine.reconstruct(field, [3.8])
+    assert picture[10:-10, 10:-10].mean() / truth[10:-10, 10:-10].mean() == pytest.approx(1, abs=0.03)
