@@ -133,8 +133,8 @@ class Settings:
     wrp : 'auto' or float
         Distance of the wave recording plane from the SLM, metres.
     planes : int
-        Most recording planes. More need fewer rays, and each shades what lies behind it as a wave; where mirrors or
-        clear glass are in view there is one.
+        Most recording planes. More need fewer rays, and each shades what lies behind it as a wave; where mirrors,
+        clear glass or sharp gloss are in view there is one.
     max_depth : int
         Vertices of a radiance path, as Mitsuba counts them: 1 emission only, 2 direct light.
     virtual_image : {'curvature', 'opl'}

@@ -58,6 +58,8 @@ class RecordingPlane:
         Of the plane.
     far, near : float
         Ends of the slab, within which its rays see surfaces; infinite for the outermost.
+    low : float
+        Depth of its farthest surface.
     depth_limit : float
         Largest distance of a surface from the plane.
     rays : int
@@ -67,6 +69,7 @@ class RecordingPlane:
     z: float
     far: float
     near: float
+    low: float
     depth_limit: float
     rays: int
 
@@ -255,12 +258,16 @@ def _planes(hologram, settings, z_low, z_high, depths, gloss, chain, decisions, 
         z, reason = 0.0, "the SLM itself: method direct"
     elif settings.wrp != "auto":
         z, reason = float(settings.wrp), "as asked"
-    elif count > 1 and not chain:
+    elif count > 1 and not chain and not len(gloss):
         slabs = depth_slabs(depths, count)
         ends = [-math.inf, *(0.5 * (a[1] + b[0]) for a, b in pairwise(slabs)), math.inf]
         planes = tuple(
             RecordingPlane(
-                0.5 * (low + high), far, near, *_rays(hologram, settings, 0.5 * (high - low), warnings)
+                0.5 * (low + high),
+                far,
+                near,
+                low,
+                *_rays(hologram, settings, 0.5 * (high - low), warnings, len(slabs)),
             )
             for (low, high), far, near in zip(slabs, ends[:-1], ends[1:], strict=True)
         )
@@ -276,10 +283,13 @@ def _planes(hologram, settings, z_low, z_high, depths, gloss, chain, decisions, 
             z = _beside_gloss(z_low, z_high, gloss, depth_of_focus(hologram))
             reason = "a depth of focus beside gloss, which looks different across the pupil"
         if count > 1:
-            reason += "; one only, since silhouettes on planes do not hold for images in mirrors"
+            reason += "; one only, since "
+            reason += (
+                "silhouettes do not hold for images in mirrors" if chain else "gloss needs it beside itself"
+            )
     decisions.append(Decision("recording plane", f"{z * 1e3:.3f} mm from the SLM", reason))
     limit, rays = _rays(hologram, settings, max(z_high - z, z - z_low), warnings)
-    planes = (RecordingPlane(z, -math.inf, math.inf, limit, rays),)
+    planes = (RecordingPlane(z, -math.inf, math.inf, z_low, limit, rays),)
     decisions.append(_ray_decision(settings, rays, planes))
     return planes
 
@@ -344,8 +354,8 @@ def depth_slabs(depths, count):
     return [(float(first[0]), float(last[end])), *slabs[::-1]]
 
 
-def _rays(hologram, settings, thickness, warnings):
-    """Depth limit of a plane with surfaces up to `thickness` away, and its rays a pixel."""
+def _rays(hologram, settings, thickness, warnings, planes=1):
+    """Depth limit of a plane, one of several, with surfaces up to `thickness` away, and its rays a pixel."""
     slope, cone = _slope(hologram), CONE[settings.quality]
     # rays between the probe's may meet surfaces a little beyond what it saw
     limit = 1.02 * thickness + 0.1 * hologram.pitch / slope
@@ -358,7 +368,8 @@ def _rays(hologram, settings, thickness, warnings):
             f"range, or use the paper's estimator."
         )
     whole = Lattice.of(slope, limit, hologram.pitch, cone)
-    lattice = Lattice.of(slope, limit, hologram.pitch, cone, settings.spp)
+    most = settings.spp and max(1, settings.spp // planes)
+    lattice = Lattice.of(slope, limit, hologram.pitch, cone, most)
     if lattice.rays < whole.rays:
         warnings.append(
             f"{lattice.rays} rays a pixel are fewer than the {whole.rays} that this depth range needs: the farthest "
@@ -381,10 +392,10 @@ def _radiance(hologram, settings, seen, light, margin, thickness, decisions):
     glossy = seen.turn > 0 or seen.specular > LEAST_SHARE
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    share = min(1, len(seen.gloss) / max(len(seen.vergence), 1) + seen.specular)
-    room = MAP_BYTES / (columns * SURFACES * max(share, 0.01) * CELL_BYTES)
+    room = MAP_BYTES / (columns * SURFACES * _binned(seen) * CELL_BYTES)
     bins = max(1, min(bins, math.floor(math.sqrt(room))))
-    slabs = max(1, min(MOST_SLABS, MAP_BYTES // (4 * columns), math.ceil(thickness / SLAB)))
+    most_slabs = min(MOST_SLABS, MAP_BYTES // (4 * columns << seen.splits))
+    slabs = max(1, min(most_slabs, math.ceil(thickness / SLAB)))
     decisions.append(
         Decision(
             "radiance paths a pixel",
@@ -404,6 +415,11 @@ def _radiance(hologram, settings, seen, light, margin, thickness, decisions):
     return passes, slabs, bins
 
 
+def _binned(seen):
+    """Share of the occupied cells that have all pupil bins."""
+    return min(1.0, max(0.01, len(seen.gloss) / max(len(seen.vergence), 1) + seen.specular))
+
+
 def _costs(hologram, settings, seen, light, rays, passes, margin, slabs, bins):
     """Estimated seconds and bytes, from the probe's speed and the sizes of the arrays."""
     pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
@@ -413,7 +429,8 @@ def _costs(hologram, settings, seen, light, rays, passes, margin, slabs, bins):
     seconds += 0.6 * paths / light.paths_per_second + pixels * frames * colours * 0.1e-6
     fields = pixels * frames * (colours + 1) * 8
     tables = LEVELS * margin**2 * 8 * colours
-    radiance = columns * (4 * slabs + SURFACES * bins**2 * CELL_BYTES)
+    rows = 1 + (bins**2 - 1) * _binned(seen)
+    radiance = columns * ((4 * slabs << seen.splits) + SURFACES * rows * CELL_BYTES)
     return seconds, fields + tables + radiance + CHUNK_BYTES
 
 

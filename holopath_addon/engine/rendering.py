@@ -93,11 +93,13 @@ def _field_at_slm(recording, phasors, recordable, progress):
         if field is None:
             field = recorded
             continue
-        # what lies behind passes the surfaces of this slab as a wave
+        # what lies behind passes the surfaces of this slab as a wave, there where they begin
         clear = 1 - recording.silhouette(plane)
         with recording.clock("propagation"):
-            for k, m, wave in _moved(field, hologram, plane.z - planes[number - 1].z):
-                field[m, k] = wave * clear + recorded[m, k]
+            for k, m, wave in _moved(field, hologram, plane.low - planes[number - 1].z):
+                field[m, k] = wave * clear
+            for k, m, wave in _moved(field, hologram, plane.z - plane.low):
+                field[m, k] = wave + recorded[m, k]
                 progress(0.4 + (number + 1) * share, "Between planes")
     with recording.clock("propagation"):
         # the scale makes a plane of radiance L refocus to intensity L
@@ -231,7 +233,7 @@ class Recording:
     def silhouette(self, plane):
         """Where the surfaces of a plane's slab block what lies behind: 1 or 0 for each pixel.
 
-        The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces on the plane.
+        The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces at one depth.
         """
         import drjit as dr
         import mitsuba as mi

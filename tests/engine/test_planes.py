@@ -56,3 +56,9 @@ def test_images_in_mirrors_need_one_plane(build, camera, small):
     plan = engine.plan(scene, camera, small, engine.Settings(planes=4))
     assert len(plan.planes) == 1
     assert any("mirrors" in decision.reason for decision in plan.decisions)
+
+
+def test_most_rays_are_shared_by_the_planes(build, camera, small):
+    plan = engine.plan(build.floor(), camera, small, engine.Settings(planes=4, spp=60))
+    assert len(plan.planes) == 4 and plan.rays_per_pixel <= 60
+    assert any("lose contrast" in warning for warning in plan.warnings)
