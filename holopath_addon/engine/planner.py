@@ -130,13 +130,22 @@ class Plan:
     warnings: tuple = ()
 
     def to_dict(self):
-        """JSON-able form."""
-        return asdict(self)
+        """JSON-able form; null for what is unlimited."""
+        return _finite(asdict(self))
 
     def __str__(self):
         lines = [f"{d.name}: {d.value} ({d.reason})" for d in self.decisions]
         lines.append(f"time: about {self.seconds:.0f} s, memory: about {self.memory_bytes / 1e6:.0f} MB")
         return "\n".join(lines + [f"warning: {w}" for w in self.warnings])
+
+
+def _finite(value):
+    """Infinite numbers, which JSON does not have, as None."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and math.isinf(value) else value
 
 
 def plan(scene, camera, hologram, settings=None):
