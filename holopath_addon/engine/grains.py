@@ -10,7 +10,6 @@ from .buffers import gather_row, row_stride
 from .hologram import channel
 from .lobes import SHARP
 
-SCOUTS = 16  # passes that look for occupied cells: what fewer rays see borrows a neighbour's radiance
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
 BINNED = 8 / (
     3 * math.pi
@@ -144,8 +143,7 @@ def measure_grains(scene, rays, optics, tracer, grid, wavelengths, passes, seed,
     chunks = [(first, min(together, pixels - first)) for first in range(0, pixels, together)]
     occupied = dr.zeros(mi.UInt32, pixels * grid.slabs * grid.branches)
     for first, count in chunks:
-        few = min(passes, SCOUTS)
-        _, _, cell, inside, _, binned = _grains(scene, rays, optics, grid, first, count, few, seed)
+        _, _, cell, inside, _, binned = _grains(scene, rays, optics, grid, first, count, passes, seed)
         dr.scatter_reduce(
             dr.ReduceOp.Max, occupied, dr.select(binned, mi.UInt32(grid.bins**2), 1), cell, inside
         )
