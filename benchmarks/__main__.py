@@ -5,7 +5,7 @@ from holopath_addon.engine import backend
 
 def main():
     backend.activate()
-    from . import accuracy, convergence, kernel, optics, scaling
+    from . import accuracy, convergence, kernel, optics, phase_fields, scaling
 
     print(kernel.run(), flush=True)
     print(accuracy.run("out/bench"), flush=True)
@@ -13,6 +13,7 @@ def main():
     print(convergence.planes_table(), flush=True)
     print(scaling.run(), flush=True)
     print(optics.run(), flush=True)
+    print(phase_fields.run("out/bench"), flush=True)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ class View:
 
     def psnr(self, spp, **settings):
         """Rays a pixel, and PSNR in dB for each of FRAMES."""
-        settings = engine.Settings(frames=max(FRAMES), max_depth=1, spp=spp, **settings)
+        settings = engine.Settings(frames=max(FRAMES), phase_field="random", max_depth=1, spp=spp, **settings)
         field = engine.render(self.scene, self.camera, self.hologram, settings)
         border = (self.hologram.width - self.truth.shape[2]) // 2
         inner = slice(border, -border)
@@ -200,7 +200,7 @@ def planes_table(planes=range(1, 9)):
     lines = ["planes: 256 x 256, 8 µm, M = 24; rays a pixel on all planes, PSNR in dB at each focus depth"]
     for name, view in views().items():
         for j in planes:
-            settings = engine.Settings(frames=24, max_depth=1, planes=j)
+            settings = engine.Settings(frames=24, phase_field="random", max_depth=1, planes=j)
             field = engine.render(view.scene, view.camera, view.hologram, settings)
             inner = slice(border(view.hologram), -border(view.hologram))
             pictures = engine.reconstruct(field, view.focus)[:, inner, inner]

@@ -98,7 +98,7 @@ def measured(scene, focus, spp=128, **settings):
     """PSNR and brightness ratio at each focus, and seconds of the second render."""
     camera = engine.Camera(np.eye(4), FOV)
     hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
-    settings = engine.Settings(frames=24, **settings)
+    settings = engine.Settings(frames=24, phase_field="random", **settings)
     plan = engine.plan(scene, camera, hologram, settings)
     engine.render(scene, camera, hologram, settings, plan)
     start = time.perf_counter()
@@ -156,7 +156,8 @@ def highlights(roughness, seeds=4):
     views = [engine.reference(scene, camera, hologram, [0.81], p, spp=256, near=plan.near)[0] for p in pupils]
     errors = []
     for seed in range(seeds):
-        field = engine.render(scene, camera, hologram, engine.Settings(frames=24, seed=seed), plan)
+        settings = engine.Settings(frames=24, phase_field="random", seed=seed)
+        field = engine.render(scene, camera, hologram, settings, plan)
         pictures = [engine.reconstruct(field, [0.81], pupil)[0] for pupil in pupils]
         left, right = (displacement(p, v) for p, v in zip(pictures, views, strict=True))
         errors.append(right - left)

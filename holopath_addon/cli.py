@@ -190,7 +190,12 @@ def _add_scene(parser):
     add("--frames", type=int, metavar="M", help="time-multiplexed frames (default: the file's, 8)")
     add("--method", choices=choices.METHODS, help="what is traced")
     add("--estimator", choices=choices.ESTIMATORS, help="lattice with exact kernel, or as published")
-    add("--phase-field", choices=choices.PHASE_FIELDS, help="where the frames' phases come from")
+    add(
+        "--phase-field",
+        choices=choices.PHASE_FIELDS,
+        help="designed for little speckle (default), or at random",
+    )
+    add("--despeckle", type=int, metavar="STEPS", help="steps that take out more of it (default 0: none)")
     add(
         "--virtual-image",
         choices=choices.VIRTUAL_IMAGES,
@@ -265,7 +270,7 @@ def _hologram_of(args, base):
 
 def _settings_of(args, base):
     names = ("frames", "method", "estimator", "phase_field", "radiance", "quality", "spp", "wrp", "seed")
-    names += ("virtual_image", "most_hits", "planes", "paths")
+    names += ("virtual_image", "most_hits", "planes", "paths", "despeckle")
     changes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if "quality" in changes:
         changes["spp"] = None

@@ -29,6 +29,11 @@ _LABELS = {
         "Average every grain's radiance before the root is taken: right where light is indirect",
     ),
     "ray": ("Per ray", "Light paths of its own for each ray, as published: dark where light is indirect"),
+    "designed": ("Designed", "Maps designed so that the frames' mean has little speckle, at any focus"),
+    "random": (
+        "Random",
+        "Independent for each frame, as published: speckle of one over the root of the frames",
+    ),
     "curvature": ("Wavefront", "Where neighbouring rays cross: right for curved mirrors and lenses"),
     "opl": ("Path length", "At the optical path length, as published: right for flat mirrors only"),
     "fit": ("Fit scene", "Spread the scene from its near end to infinity over the depth range"),
@@ -198,11 +203,27 @@ class HoloPathSettings(bpy.types.PropertyGroup):
     )
     frames: IntProperty(
         name="Frames",
-        description="Time-multiplexed frames a colour; speckle falls as one over the root of their number",
+        description="Time-multiplexed frames a colour; more have less speckle",
         default=8,
         min=1,
         max=256,
         soft_max=32,
+    )
+    phase_field: EnumProperty(
+        name="Phase Fields",
+        description="Where the phases of the frames come from",
+        items=_items(choices.PHASE_FIELDS),
+    )
+    despeckle: IntProperty(
+        name="Despeckle",
+        description=(
+            "Steps that take speckle out of this scene's own fields after tracing, towards the mean of 96 frames, "
+            "which are traced for it; 60 do most. 0: none"
+        ),
+        default=0,
+        min=0,
+        max=1 << 16,
+        soft_max=200,
     )
     quality: EnumProperty(
         name="Quality",
@@ -402,6 +423,8 @@ def settings_of(props):
     """Engine's settings, see `hologram_of`."""
     return engine.Settings(
         frames=props.frames,
+        phase_field=props.phase_field,
+        despeckle=props.despeckle,
         estimator=props.estimator,
         radiance=props.radiance,
         quality=props.quality,

@@ -8,7 +8,7 @@ from .errors import InvalidInput
 QUALITIES = ("preview", "balanced", "full")
 METHODS = ("full", "direct")
 ESTIMATORS = ("lattice", "paper")
-PHASE_FIELDS = ("random",)
+PHASE_FIELDS = ("designed", "random")
 RADIANCES = ("grain", "ray")
 DEPTH_MAPPINGS = ("fit", "eyepiece")
 VIRTUAL_IMAGES = ("curvature", "opl")
@@ -113,15 +113,15 @@ class Settings:
     Parameters
     ----------
     frames : int
-        Time-multiplexed frames M; speckle contrast falls as 1/sqrt(M).
+        Time-multiplexed frames M; more have less speckle.
     method : {'full', 'direct'}
         Rays from a recording plane in the scene, or straight from the SLM with the paper's estimator: its slow
         baseline.
     estimator : {'lattice', 'paper'}
         Lattice of directions with the exact kernel, or the paper's random directions with a
         spherical wave.
-    phase_field : {'random'}
-        Where the phases of the frames come from.
+    phase_field : {'designed', 'random'}
+        Phases of the frames: maps designed for little speckle, or independent random fields as published.
     radiance : {'grain', 'ray'}
         Average the path-traced radiance per grain before the root is taken, or take a few paths for each ray.
     paths : int
@@ -142,6 +142,8 @@ class Settings:
         length as in the paper.
     most_hits : int
         Longest chain of mirrors and clear surfaces that is followed; 0 shows them as pictures on themselves.
+    despeckle : int
+        Gradient steps that take speckle out of this scene's own fields, see `despeckle`; 0: none.
     seed : int
         Of every random number used.
 
@@ -154,7 +156,7 @@ class Settings:
     frames: int = 8
     method: str = "full"
     estimator: str = "lattice"
-    phase_field: str = "random"
+    phase_field: str = "designed"
     radiance: str = "grain"
     paths: int = 1
     quality: str = "balanced"
@@ -164,6 +166,7 @@ class Settings:
     max_depth: int = 8
     virtual_image: str = "curvature"
     most_hits: int = 8
+    despeckle: int = 0
     seed: int = 0
 
     def __post_init__(self):
@@ -196,6 +199,8 @@ class Settings:
             raise InvalidInput(f"Paths need at least 1 vertex, not {self.max_depth}.")
         if not 0 <= self.most_hits <= 64:
             raise InvalidInput(f"Chains of mirrors must be 0 to 64 hits long, not {self.most_hits}.")
+        if not 0 <= self.despeckle <= 1 << 16:
+            raise InvalidInput(f"Steps against speckle must be 0 to {1 << 16}, not {self.despeckle}.")
         if self.seed < 0:
             raise InvalidInput(f"The seed must not be negative, not {self.seed}.")
 

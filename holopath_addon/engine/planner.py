@@ -6,11 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from . import backend
+from . import backend, despeckle
 from .errors import InvalidInput
 from .hologram import Settings
 from .kernel_table import LEVELS, Lattice
 from .mapping import DepthMapping
+from .phase_fields import REACH, SETS, speckle_contrast
 from .probing import LEAST_SHARE, Pilot, near_end, vergence_range
 
 CONE = {
@@ -18,7 +19,11 @@ CONE = {
     "balanced": 1.15,
     "full": 1.3,
 }  # of the recordable slope: how much of the kernel's tails
-GRAIN_NOISE = {"preview": 0.5, "balanced": 0.3, "full": 0.15}  # of a grain's mean, as a share of the speckle
+GRAIN_NOISE = {
+    "preview": 0.5,
+    "balanced": 0.3,
+    "full": 0.15,
+}  # of a grain's mean, as a share of random speckle
 PASSES = {
     "preview": (8, 64),
     "balanced": (16, 256),
@@ -227,13 +232,20 @@ def plan(scene, camera, hologram, settings=None):
             f"bring the depth range nearer to the SLM or use more pixels."
         )
 
-    decisions.append(
-        Decision(
-            "frames",
-            str(settings.frames),
-            f"speckle contrast about {1 / math.sqrt(settings.frames):.0%}",
+    speckle = speckle_contrast(settings.phase_field, settings.frames)
+    reason = f"{settings.phase_field} phase fields leave a speckle contrast of about {speckle:.0%}"
+    reach = REACH * hologram.pitch**2 / max(hologram.wavelengths)
+    if settings.phase_field == "designed" and reach < z_high - z_low:
+        reason += f" up to {reach * 1e3:.2g} mm from focus, {speckle_contrast('random', settings.frames):.0%} beyond"
+    decisions.append(Decision("frames", str(settings.frames), reason))
+    if settings.despeckle:
+        decisions.append(
+            Decision(
+                "despeckling",
+                f"{settings.despeckle} steps",
+                f"towards the mean of {despeckle.BATCHES * SETS[-1]} frames of the same paths, which are traced too",
+            )
         )
-    )
     seconds, memory = _costs(
         hologram, settings, seen, light, rays << seen.splits, passes, margin, slabs, bins
     )
@@ -395,7 +407,8 @@ def _radiance(hologram, settings, seen, light, margin, thickness, decisions):
         )
         return 0, 1, 1
     fewest, most = PASSES[settings.quality]
-    wanted = GRAIN_NOISE[settings.quality] / math.sqrt(settings.frames)
+    speckle = speckle_contrast("random", settings.frames)
+    wanted = GRAIN_NOISE[settings.quality] * speckle
     passes = min(max(fewest, math.ceil(light.noise / wanted**2)), most)
     left = math.sqrt(light.noise / passes)
     glossy = seen.turn > 0 or seen.specular > LEAST_SHARE
@@ -409,7 +422,7 @@ def _radiance(hologram, settings, seen, light, margin, thickness, decisions):
         Decision(
             "radiance paths a pixel",
             str(passes),
-            f"leaves {left:.1%} noise in a grain's mean where {1 / math.sqrt(settings.frames):.0%} is speckle",
+            f"leaves {left:.1%} noise in a grain's mean where frames of random phase leave {speckle:.0%} speckle",
         )
     )
     decisions.append(
@@ -437,6 +450,13 @@ def _costs(hologram, settings, seen, light, rays, passes, margin, slabs, bins):
     paths = columns * passes if settings.radiance == "grain" else pixels * rays * settings.paths
     seconds += 0.6 * paths / light.paths_per_second + pixels * frames * colours * 0.1e-6
     fields = pixels * frames * (colours + 1) * 8
+    if settings.despeckle:
+        many = despeckle.BATCHES * SETS[-1]
+        seconds += pixels * rays * despeckle.BATCHES * 1.3 / seen.rays_per_second
+        seconds += pixels * many * colours * (rays * 0.3e-9 + 1e-6)
+        seconds += pixels * frames * colours * settings.despeckle * 25e-9
+        # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
+        fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
     tables = LEVELS * margin**2 * 8 * colours
     rows = 1 + (bins**2 - 1) * _binned(seen)
     radiance = columns * ((4 * slabs << seen.splits) + SURFACES * rows * CELL_BYTES)

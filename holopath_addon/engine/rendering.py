@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from . import backend, planner
+from . import backend, despeckle, planner
 from .hologram import Settings
 from .kernel_table import Lattice, kernel_table
 from .mapping import DepthMapping
-from .phase_fields import pixel_transmission, random_phasors, recordable_fraction
+from .phase_fields import phasors_of, pixel_transmission, recordable_fraction
 from .propagation import carrier, field_of, padded_shape, spectrum, transfer_function
 from .wavefield import WaveField
 
@@ -47,12 +47,11 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     progress(0.0, "Planning")
     with clock("plan"):
         plan = plan or planner.plan(scene, camera, hologram, settings)
-    progress(0.02, "Random phases")
+    progress(0.02, "Phase fields")
     with clock("phase fields"):
-        phasors = random_phasors(settings.frames, hologram.height, hologram.width, settings.seed)
-        recordable = recordable_fraction(phasors)
-        if settings.estimator == "paper":
-            recordable *= pixel_transmission()
+        phasors = phasors_of(
+            settings.phase_field, settings.frames, hologram.height, hologram.width, settings.seed
+        )
 
     groups = wavelength_groups(scene, hologram.wavelengths)
     fields, rays_traced = [], {}
@@ -64,7 +63,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
 
         with tuned(scene, group):
             recording = Recording(scene, camera, part, settings, plan, clock)
-            fields.append(_field_at_slm(recording, phasors, recordable, at))
+            fields.append(_field_at_slm(recording, phasors, at))
         for name, count in recording.rays_traced.items():
             rays_traced[name] = rays_traced.get(name, 0) + count
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
@@ -77,18 +76,39 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
 
 
-def _field_at_slm(recording, phasors, recordable, progress):
+def _field_at_slm(recording, phasors, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
     hologram, planes = recording.hologram, recording.plan.planes
+    steps = recording.settings.despeckle
     progress(0.0, "Radiance")
-    radiance = recording.radiance(lambda done: progress(0.4 * done, "Radiance"))
-    field, share = None, 0.5 / len(planes)
+    radiance = recording.radiance(lambda done: progress(0.3 * done, "Radiance"))
+    traced = 0.5 if steps else 0.9
+    field = _field_in_scene(
+        recording, radiance, phasors, lambda done, what: progress(0.3 + (traced - 0.3) * done, what)
+    )
+    if steps:
+        _despeckle(recording, radiance, field, lambda done, what: progress(0.5 + 0.4 * done, what))
+    with recording.clock("propagation"):
+        for k, m, wave in _moved(field, hologram, -planes[-1].z):
+            field[m, k] = wave
+            step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
+            progress(0.9 + 0.1 * step, "To the SLM")
+    return field
+
+
+def _field_in_scene(recording, radiance, phasors, progress):
+    """The wave field on the plane nearest to the viewer, of all that lies before and behind it.
+
+    Its scale makes a plane of radiance L refocus to intensity L.
+    """
+    hologram, planes = recording.hologram, recording.plan.planes
+    field, share = None, 1 / len(planes)
     for number, plane in enumerate(planes):
         recorded = recording.field(
             plane,
             radiance,
             phasors,
-            lambda part, done=0.4 + number * share: progress(done + share * part, "Wave tracing"),
+            lambda part, number=number: progress(share * (number + part), "Wave tracing"),
         )
         if field is None:
             field = recorded
@@ -100,15 +120,41 @@ def _field_at_slm(recording, phasors, recordable, progress):
                 field[m, k] = wave * clear
             for k, m, wave in _moved(field, hologram, plane.z - plane.low):
                 field[m, k] = wave + recorded[m, k]
-                progress(0.4 + (number + 1) * share, "Between planes")
-    with recording.clock("propagation"):
-        # the scale makes a plane of radiance L refocus to intensity L
-        scale = np.float32(1 / np.sqrt(recordable))
-        for k, m, wave in _moved(field, hologram, -planes[-1].z):
-            field[m, k] = scale * wave
-            step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
-            progress(0.9 + 0.1 * step, "To the SLM")
+                progress(share * (number + 1), "Between planes")
+    recordable = recordable_fraction(phasors)
+    if recording.settings.estimator == "paper":
+        recordable *= pixel_transmission()
+    field *= np.float32(1 / np.sqrt(recordable))
     return field
+
+
+def _despeckle(recording, radiance, field, progress):
+    """Take speckle out of the field on the plane nearest to the viewer, in place; the same paths, more frames."""
+    hologram, plan, settings = recording.hologram, recording.plan, recording.settings
+    ends = [z - plan.planes[-1].z for z in (plan.z_low, plan.z_high)]
+    targets = [
+        despeckle.Targets(field.shape[-2:], hologram.pitch, wavelength, *ends, settings.seed)
+        for wavelength in hologram.wavelengths
+    ]
+    for number in range(despeckle.BATCHES):
+        many = _field_in_scene(
+            recording,
+            radiance,
+            despeckle.batch_phasors(number),
+            lambda done, what, number=number: progress(0.5 * (number + done) / despeckle.BATCHES, what),
+        )
+        with recording.clock("despeckle"):
+            for k, target in enumerate(targets):
+                target.add(many[:, k])
+    with recording.clock("despeckle"):
+        for k, target in enumerate(targets):
+            field[:, k] = despeckle.despeckle(
+                field[:, k],
+                target,
+                settings.despeckle,
+                settings.seed,
+                lambda done, k=k: progress(0.5 + 0.5 * (k + done) / len(targets), "Despeckling"),
+            )
 
 
 class Clock:
@@ -147,7 +193,7 @@ class Recording:
         self.mapping = DepthMapping.of(hologram, camera, plan.near)
         self.max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
         self.tracer = PathTracer(settings.max_depth, plan.radiance_limit)
-        self.rays_traced = {}
+        self.rays_traced, self._estimators = {}, {}
         if plan.chain:
             self.optics = SpecularChains(scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent)
         else:
@@ -200,21 +246,15 @@ class Recording:
     def field(self, plane, radiance, phasors, progress):
         """The wave field on a recording plane, as `tracer.trace_field`."""
         from .chains import FirstHits
-        from .estimators import LatticeEstimator, RandomEstimator
         from .tracer import trace_field
 
         hologram, optics = self.hologram, self.optics
         if plane.far > self.mapping.z_far:
             optics = FirstHits(self.plan.coherent, sky=False)
         with self.clock("kernel tables"):
-            if self.settings.estimator == "lattice":
-                lattice = Lattice.of(
-                    self.max_slope, plane.depth_limit, hologram.pitch, self.plan.cone, plane.rays
-                )
-                tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
-                estimator = LatticeEstimator(hologram, lattice, tables)
-            else:
-                estimator = RandomEstimator(hologram, plane.rays, self.settings.seed)
+            if plane not in self._estimators:
+                self._estimators[plane] = self._estimator(plane)
+            estimator = self._estimators[plane]
         count = hologram.width * hologram.height * plane.rays * optics.branches
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
         with self.clock("wave tracing"):
@@ -229,6 +269,16 @@ class Recording:
                 self.settings.seed,
                 progress,
             )
+
+    def _estimator(self, plane):
+        from .estimators import LatticeEstimator, RandomEstimator
+
+        hologram = self.hologram
+        if self.settings.estimator == "paper":
+            return RandomEstimator(hologram, plane.rays, self.settings.seed)
+        lattice = Lattice.of(self.max_slope, plane.depth_limit, hologram.pitch, self.plan.cone, plane.rays)
+        tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
+        return LatticeEstimator(hologram, lattice, tables)
 
     def silhouette(self, plane):
         """Where the surfaces of a plane's slab block what lies behind: 1 or 0 for each pixel.

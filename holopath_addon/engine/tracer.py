@@ -29,7 +29,8 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, see
     estimator : LatticeEstimator or RandomEstimator
     optics : FirstHits or SpecularChains
     radiance : RadianceMap or PathsPerRay
-    phasors : numpy.ndarray, complex64, shape (frames, height, width)
+    phasors : numpy.ndarray, complex64, shape (frames, rows, columns)
+        One period of the phase maps.
     seed : int
         Of the radiance paths.
     progress : callable
@@ -42,6 +43,7 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, see
     """
     width, height, colours = hologram.width, hologram.height, len(hologram.wavelengths)
     channels = [channel(w) for w in hologram.wavelengths]
+    _, period_rows, period_columns = phasors.shape
 
     def trace_rows(first, rows, phasor_buffer, frames):
         size = rows * width
@@ -71,7 +73,8 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, see
                 ]
             # branches that end at the same place must not interfere: each looks elsewhere in the phase maps
             aside = mi.Int(seen.branch) * BRANCH_SHIFT
-            grain = _wrapped(grain_row + aside, height) * width + _wrapped(grain_column + aside, width)
+            grain = _wrapped(grain_row + aside, period_rows) * period_columns
+            grain += _wrapped(grain_column + aside, period_columns)
             phasor = gather_phasors(phasor_buffer, mi.UInt32(grain), frames)  # s8
             field = list(field)
             for k, a in enumerate(amplitude):  # s9
@@ -106,6 +109,6 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, see
 
 
 def _wrapped(index, size):
-    """Index modulo size, not negative: the phase maps are periodic with the hologram."""
+    """Index modulo size, not negative: the phase maps are periodic."""
     rest = index % size
     return dr.select(rest < 0, rest + size, rest)

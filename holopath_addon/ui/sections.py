@@ -49,6 +49,8 @@ def quality(layout, context):
     """Frames, rays and estimator."""
     props = context.scene.holopath
     layout.prop(props, "frames")
+    layout.prop(props, "phase_field")
+    layout.prop(props, "despeckle")
     layout.prop(props, "quality")
     row = layout.row(heading="Limit Rays")
     row.prop(props, "limit_rays", text="")

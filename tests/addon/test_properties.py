@@ -41,6 +41,7 @@ def test_all_settings(settings):
     settings.frames, settings.seed, settings.max_depth = 3, 7, 2
     settings.virtual_image, settings.most_hits = "opl", 3
     settings.planes, settings.paths = 4, 5
+    settings.phase_field, settings.despeckle = "random", 40
     hologram = properties.hologram_of(settings, (20, 10))
     assert hologram == engine.Hologram(
         20, 10, 8e-6, (532e-9,), depth_far=10e-3, depth_near=15e-3, depth_mapping="eyepiece", near=0.3
@@ -57,6 +58,8 @@ def test_all_settings(settings):
         most_hits=3,
         planes=4,
         paths=5,
+        phase_field="random",
+        despeckle=40,
         seed=7,
     )
 

@@ -81,3 +81,18 @@ def test_plan_is_plain_words_and_json(build, camera, small):
 def test_impossible_settings_are_refused(change):
     with pytest.raises(engine.InvalidInput):
         engine.Settings(**change)
+
+
+def test_the_plan_says_how_far_from_focus_designed_fields_serve(build, camera):
+    """60 pitch^2 / wavelength: 7.4 mm at 8 µm in green, 1.6 mm at 3.74 µm."""
+    scene = build.two_planes(build.emissive)
+    for pitch, kind, says in (
+        (8e-6, "designed", "22%"),
+        (3.74e-6, "designed", "up to 1.6 mm"),
+        (8e-6, "random", "35%"),
+    ):
+        hologram = engine.Hologram(128, 128, pitch, (516.5e-9,), 1e-3, 6e-3)
+        plan = engine.plan(scene, camera, hologram, engine.Settings(frames=8, phase_field=kind))
+        (reason,) = (d.reason for d in plan.decisions if d.name == "frames")
+        assert f"{kind} phase fields" in reason and ("from focus" in reason) == (pitch < 5e-6)
+        assert says in reason

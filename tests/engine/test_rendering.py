@@ -134,7 +134,7 @@ def test_points_refocus_at_their_depth(build, mode, fov, depths):
 def test_speckle_contrast_falls_as_the_root_of_the_frames(build, camera, small):
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5))))
     for frames in (1, 3, 8, 24):
-        field = engine.render(scene, camera, small, engine.Settings(frames=frames))
+        field = engine.render(scene, camera, small, engine.Settings(frames=frames, phase_field="random"))
         for picture in engine.reconstruct(field, [0.7, 1.4]):  # out of focus: fully developed speckle
             inner = picture[48:-48, 48:-48]
             assert inner.std() / inner.mean() * math.sqrt(frames) == pytest.approx(1, abs=0.05), frames
