@@ -25,7 +25,7 @@ STOPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # first frames whose own mea
 LAYERS, PUPILS, FLAT, IN_FOCUS = 0.3, 0.15, 0.2, 1 / 3  # how often a step has what
 BRANCH = 37  # pixels, as tracer.BRANCH_SHIFT
 VIEWS = 2  # pictures a step
-PLANE_VIEWS = 7  # of an even plane, spread evenly over all defocus
+PLANE_VIEWS = 7  # of an even plane out of focus, spread evenly
 BRIGHTNESS = 10.0  # a picture 10 % too bright counts as much as a speckle contrast of 0.3
 
 
@@ -84,12 +84,11 @@ class Layer:
 
 @dataclass(frozen=True)
 class Picture:
-    """How a scene is looked at: focus beyond the first layer, part of the pupil, and how much the errors count."""
+    """How a scene is looked at: focus beyond the first layer, part of the pupil, and how much speckle counts."""
 
     defocus: float
     pupil: tuple | None = None
     speckle: float = 1.0
-    brightness: float = BRIGHTNESS
 
 
 class Optics:
@@ -147,9 +146,9 @@ def invent(rng, size, reach, plane):
 
     if rng.random() < plane:
         places = (np.arange(PLANE_VIEWS) + rng.random(PLANE_VIEWS)) / PLANE_VIEWS
-        pictures = [Picture(reach * (2 * place - 1)) for place in places]
+        pictures = [Picture(0.0)] + [Picture(reach * (2 * place - 1)) for place in places]
         # the light must fill the pupil evenly
-        pictures.append(Picture(focus(), part(), 1e-4, 10 * BRIGHTNESS))
+        pictures.append(Picture(focus(), part(), 1e-4))
         return [Layer(np.ones((size, size), np.float32))], pictures
     layers = [Layer(texture(rng, size))]
     if rng.random() < LAYERS:
@@ -184,7 +183,7 @@ def incoherent_view(optics, layers, picture):
         target = target + scipy.fft.ifft2(scipy.fft.fft2(layer.amplitude**2) * blur).real
     target = np.maximum(target, 0)
     weight = picture.speckle / ((target + DARK * target.mean()) * target.sum())
-    return View(optics.transfer(picture.defocus, picture.pupil), target, weight, picture.brightness)
+    return View(optics.transfer(picture.defocus, picture.pupil), target, weight, BRIGHTNESS)
 
 
 class Design:
