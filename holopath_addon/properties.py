@@ -272,7 +272,7 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         soft_max=8,
     )
     most_hits: IntProperty(
-        name="Mirrors and Glass",
+        name="Mirrors, Glass",
         description=(
             "Longest chain of mirrors and clear glass that is followed to what is seen in it; what is beyond is "
             "black. 0: none are followed, and reflections lie on the mirror"

@@ -74,7 +74,7 @@ def contrasts(phasors, steps=13):
 
 
 @pytest.mark.parametrize(
-    ("frames", "mean", "worst"), [(24, 0.03, 0.04), (8, 0.11, 0.16), (3, 0.38, 0.42), (1, 0.73, 0.77)]
+    ("frames", "mean", "worst"), [(24, 0.03, 0.04), (8, 0.11, 0.16), (3, 0.38, 0.42), (1, 0.75, 0.88)]
 )
 def test_an_even_plane_has_little_speckle_at_any_focus_and_wavelength(frames, mean, worst):
     values = contrasts(designed_phasors(frames))
@@ -100,7 +100,7 @@ def test_the_first_frames_alone_are_better_than_random_ones(frames):
     assert contrasts(phasors, 5).mean() < 0.95 / math.sqrt(frames)
 
 
-@pytest.mark.parametrize("frames", [8, 24])
+@pytest.mark.parametrize("frames", SETS)
 def test_light_fills_the_pupil_evenly(frames):
     """Parts of the pupil of half its diameter, anywhere in it, pass their share within 3 %."""
     power = np.mean([np.abs(np.fft.fft2(p)) ** 2 for p in designed_phasors(frames)], axis=0)
