@@ -7,15 +7,13 @@ import scipy.fft
 
 from .phase_fields import SETS, designed_phasors
 from .propagation import circular_band, padded_shape, transfer_function
-from .supervision import Adam, Frames, View, supervise
+from .supervision import Adam, Frames, View, relative, supervise
 
 BATCHES = 4  # of the largest designed set, whose mean is what the picture should be
 PUPILS = 2  # parts of the pupil looked through at each depth, besides the whole
 PART = 0.5  # radius of a part, of the pupil's
 RATE = 0.05  # longest step, of the field's root mean square
 VIEWS = 2  # pictures looked at in each step
-BRIGHTNESS = 10.0  # a picture 10 % too bright counts as much as a speckle contrast of 0.3
-DARK = 0.05  # of the mean intensity, added where errors are divided by the intensity
 
 
 def batch_phasors(number):
@@ -85,14 +83,13 @@ class Targets:
         self.frames += len(fields)
 
     def view(self, number):
-        """A picture, weighted as `phase_fields.design` does; what lies outside the fields does not count."""
+        """A picture; what lies outside the fields does not count."""
         rows, columns = self.shape
         wanted = self.sums[number] / self.frames
         target, weight = np.zeros((2, *self.padded), np.float32)
         target[:rows, :columns] = wanted
-        if wanted.any():
-            weight[:rows, :columns] = 1 / ((wanted + DARK * wanted.mean()) * wanted.sum())
-        return View(self.transfer(number), target, weight, BRIGHTNESS)
+        weight[:rows, :columns] = relative(wanted)
+        return View(self.transfer(number), target, weight)
 
 
 def despeckle(fields, targets, steps, seed, progress):
@@ -135,4 +132,7 @@ def despeckle(fields, targets, steps, seed, progress):
             slopes = threads.each(slope, len(fields))
             adam.step(values, slopes, Adam.rate(step, steps, longest), threads)
             progress((step + 1) / steps)
-    return fields
+        # the loss leaves the scale of the fields free
+        spectra = targets.spectra(fields, threads)
+    now = sum(float(np.vdot(s, s).real) for s in spectra) / (targets.band.size * len(fields))
+    return fields * np.float32(math.sqrt(energy / now))

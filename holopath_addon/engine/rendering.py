@@ -121,7 +121,8 @@ def _field_in_scene(recording, radiance, phasors, progress):
             for k, m, wave in _moved(field, hologram, plane.z - plane.low):
                 field[m, k] = wave + recorded[m, k]
                 progress(share * (number + 1), "Between planes")
-    recordable = recordable_fraction(phasors)
+    with recording.clock("phase fields"):
+        recordable = recordable_fraction(phasors)
     if recording.settings.estimator == "paper":
         recordable *= pixel_transmission()
     field *= np.float32(1 / np.sqrt(recordable))

@@ -1,6 +1,7 @@
 """Random and designed phase fields: statistics, speckle at any focus, prefixes, tiling, the design program."""
 
 import math
+import signal
 
 import numpy as np
 import pytest
@@ -139,7 +140,7 @@ def test_predicted_contrast_of_textured_pictures():
             assert np.mean(losses) == pytest.approx(gain, rel=0.3), count
 
 
-def test_independent_frames_have_the_loss_of_one(rng=2):
+def test_independent_frames_have_the_loss_of_one():
     """What the design descends is scaled so that the mean of m independent frames has 1/m."""
     recipe = Recipe(8, 128)
     design = Design(recipe, np.angle(random_phasors(8, 128, 128, 1)))
@@ -153,7 +154,6 @@ def test_independent_frames_have_the_loss_of_one(rng=2):
 def test_slopes_of_the_design_against_finite_differences(seed):
     recipe = Recipe(3, 64)
     design = Design(recipe, np.angle(random_phasors(3, 64, 64)))
-    design.optics.transfer(0.0)
     rng = np.random.default_rng(seed)
     tasks = invent(rng, 64, 20.0, 0.3)
     step = 1e-2 * rng.standard_normal(design.phases.shape).astype(np.float32)
@@ -173,6 +173,7 @@ def test_slopes_of_the_design_against_finite_differences(seed):
 def total(design, tasks, threads):
     """The whole loss of a design, brightness included, from its definition."""
     from holopath_addon.engine.phase_fields.design import incoherent_view
+    from holopath_addon.engine.supervision import BRIGHTNESS
 
     layers, pictures = tasks
     optics, value = design.optics, 0.0
@@ -192,7 +193,7 @@ def total(design, tasks, threads):
             bright = image.sum() / view.target.sum()
             whole = np.mean([np.sum(np.abs(s) ** 2) / s.size for s in spectra[:m]]) / energy
             error = (view.weight * (image / bright - view.target) ** 2).sum()
-            value += stage * (error + view.brightness * (bright / whole - 1) ** 2)
+            value += stage * (error + BRIGHTNESS * (bright / whole - 1) ** 2)
     return value
 
 
@@ -205,11 +206,11 @@ def test_the_design_program_goes_on_where_it_was_interrupted(tmp_path, monkeypat
     (tmp_path / "whole").mkdir()
     status, whole = program(tmp_path / "whole", "--steps", "12")
     assert status == 0
-    step, count = Design.step, iter(range(100))
+    step = Design.step
 
     def interrupted(self, threads):
-        if next(count) == 5:
-            raise KeyboardInterrupt
+        if self.done == 4:
+            signal.raise_signal(signal.SIGINT)  # as Ctrl-C in the middle of a step
         return step(self, threads)
 
     monkeypatch.setattr(Design, "step", interrupted)
@@ -269,12 +270,33 @@ def test_states_of_other_designs_are_refused(tmp_path, capsys):
     program(tmp_path, "--steps", "2")
     assert program(tmp_path, "--steps", "3")[0] == 2
     assert "another design" in capsys.readouterr().err
-    (tmp_path / "maps.state.npz").write_bytes(b"nothing")
-    assert program(tmp_path, "--steps", "2")[0] == 2
-    assert "remove it" in capsys.readouterr().err
+    whole = (tmp_path / "maps.state.npz").read_bytes()
+    for damaged in (b"nothing", whole[: len(whole) // 2]):
+        (tmp_path / "maps.state.npz").write_bytes(damaged)
+        assert program(tmp_path, "--steps", "2")[0] == 2
+        assert "remove it" in capsys.readouterr().err
 
 
-def test_a_hologram_of_any_size_has_neither_seams_nor_a_period(build, camera):
+def test_a_state_that_cannot_be_kept_is_known_before_the_work(tmp_path, capsys):
+    status, _ = program(tmp_path, "--state", str(tmp_path / "nowhere" / "state.npz"))
+    assert status == 1
+    assert "Cannot write" in capsys.readouterr().err
+
+
+def test_maps_to_begin_with(tmp_path, capsys):
+    start = tmp_path / "start.npy"
+    np.save(start, np.full((4, 64, 64), 64, np.uint8))
+    status, out = program(tmp_path, "--steps", "1", "--start", str(start))
+    assert status == 0
+    assert abs(int(np.median(np.load(out))) - 64) <= 1
+    np.save(start, np.zeros((3, 64, 64), np.uint8))
+    out.unlink()
+    (tmp_path / "maps.state.npz").unlink()
+    assert program(tmp_path, "--steps", "1", "--start", str(start))[0] == 2
+    assert "change --frames or --size" in capsys.readouterr().err
+
+
+def test_a_hologram_of_any_size_has_no_seams(build, camera):
     """An even plane on 560 x 300 pixels, over two and a bit tiles, out of focus: as little speckle where tiles meet."""
     hologram = engine.Hologram(560, 300, PITCH, (WAVELENGTHS[1],), 1e-3, 6e-3, near=0.5)
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)), 0.6))

@@ -2,7 +2,9 @@
 
 import argparse
 import math
+import signal
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from .design import Design, Recipe, run
 
 
 def main(argv=None):
-    """Returns the exit status: 0 done, 2 bad input, 130 interrupted."""
+    """Returns the exit status: 0 done, 1 a file cannot be written, 2 bad input, 130 interrupted."""
     parser = argparse.ArgumentParser(prog="python -m holopath_addon.engine.phase_fields")
     commands = parser.add_subparsers(required=True)
     design = commands.add_parser(
@@ -47,15 +49,33 @@ def main(argv=None):
             print(f"going on at step {work.done} of {state}", file=sys.stderr)
         else:
             work = Design(recipe, _start(recipe, args.start))
-        run(work, state, _report)
+        with _interrupts() as interrupted:
+            finished = run(work, state, _report, interrupted)
+        if not finished:
+            print("interrupted: the same command goes on from here", file=sys.stderr)
+            return 130
         work.save_maps(args.out)
     except InvalidInput as error:
         print(error, file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("interrupted: the same command goes on from here", file=sys.stderr)
-        return 130
+    except OSError as error:
+        print(f"Cannot write {error.filename}: {error.strerror}.", file=sys.stderr)
+        return 1
     return 0
+
+
+@contextmanager
+def _interrupts():
+    """Inside, Ctrl-C and SIGTERM only make the function that it gives return True."""
+    seen = []
+    before = {
+        number: signal.signal(number, lambda *_: seen.append(1)) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield lambda: bool(seen)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _start(recipe, path):

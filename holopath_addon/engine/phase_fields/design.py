@@ -9,6 +9,7 @@ which alone paraxial pictures depend; so one set serves all wavelengths and pitc
 import json
 import math
 import os
+import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,16 +18,14 @@ import scipy.fft
 
 from ..errors import InvalidInput
 from ..propagation import circular_band
-from ..supervision import Adam, Frames, View, supervise
+from ..supervision import Adam, Frames, View, relative, supervise
 
 RATE = 0.1  # radians, Adam's longest step
-DARK = 0.05  # of the mean intensity, added where errors are divided by the intensity
 STOPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # first frames whose own mean is looked at
 LAYERS, PUPILS, FLAT, IN_FOCUS = 0.3, 0.15, 0.2, 1 / 3  # how often a step has what
 BRANCH = 37  # pixels, as tracer.BRANCH_SHIFT
 VIEWS = 2  # pictures a step
 PLANE_VIEWS = 7  # of an even plane out of focus, spread evenly
-BRIGHTNESS = 10.0  # a picture 10 % too bright counts as much as a speckle contrast of 0.3
 
 
 @dataclass(frozen=True)
@@ -182,8 +181,8 @@ def incoherent_view(optics, layers, picture):
         blur = scipy.fft.fft2(kernel.real**2 + kernel.imag**2)
         target = target + scipy.fft.ifft2(scipy.fft.fft2(layer.amplitude**2) * blur).real
     target = np.maximum(target, 0)
-    weight = picture.speckle / ((target + DARK * target.mean()) * target.sum())
-    return View(optics.transfer(picture.defocus, picture.pupil), target, weight, BRIGHTNESS)
+    transfer = optics.transfer(picture.defocus, picture.pupil)
+    return View(transfer, target, picture.speckle * relative(target))
 
 
 class Design:
@@ -272,7 +271,7 @@ class Design:
                 kept, design = json.loads(str(state["recipe"])), cls(recipe, state["phases"])
                 design.adam.mean, design.adam.square = state["mean"], state["square"]
                 design.adam.count = design.done = int(state["done"])
-        except (KeyError, ValueError, OSError, EOFError) as error:
+        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
             raise InvalidInput(
                 f"{path} is no state of a design that can be read: remove it to begin anew."
             ) from error
@@ -295,27 +294,38 @@ def _write(path, save):
     os.replace(unfinished, path)
 
 
-def run(design, state, report, every=500):
-    """Finish a design, keeping its state on disk, also when it is interrupted.
+def run(design, state, report, stop, every=500):
+    """Go on with a design until it is finished or asked to stop; its state is kept on disk.
 
     Parameters
     ----------
     design : Design
     state : path
-        Written every few hundred steps and at the end.
+        Written at once, every few hundred steps and at the end.
     report : callable
         ``report(step, losses)`` every `every` steps, losses their mean since the last time, by number of frames.
+    stop : callable
+        ``stop()`` is asked after every step, so that a state is never that of half a step.
     every : int
+
+    Returns
+    -------
+    bool
+        Whether it is finished.
+
+    Raises
+    ------
+    OSError
+        If the state cannot be written.
     """
     losses = []
-    try:
-        with Frames() as threads:
-            while design.done < design.recipe.steps:
-                losses.append(design.step(threads))
-                if design.done % every == 0 or design.done == design.recipe.steps:
-                    report(design.done, {m: float(np.mean([loss[m] for loss in losses])) for m in losses[0]})
-                    losses = []
-                    design.save(state)
-    except KeyboardInterrupt:
-        design.save(state)
-        raise
+    design.save(state)
+    with Frames() as threads:
+        while design.done < design.recipe.steps and not stop():
+            losses.append(design.step(threads))
+            if design.done % every == 0 or design.done == design.recipe.steps:
+                report(design.done, {m: float(np.mean([loss[m] for loss in losses])) for m in losses[0]})
+                losses = []
+                design.save(state)
+    design.save(state)
+    return design.done == design.recipe.steps
