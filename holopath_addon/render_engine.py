@@ -4,6 +4,7 @@ import bpy
 
 from . import engine
 from .operators import session
+from .operators.jobs import on_main_thread
 
 
 class HoloPathEngine(bpy.types.RenderEngine):
@@ -28,7 +29,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
         pixels, failure = None, ""
         try:
             self.update_stats("", "HoloPath: exporting the scene")
-            task = session.prepare(depsgraph, depsgraph.scene.holopath, size)
+            task = on_main_thread(lambda: session.prepare(depsgraph, depsgraph.scene.holopath, size))
             result = task.compute(self._progress)
             session.keep(task, result)
             pixels = session.picture(result.images[0], task.hologram.wavelengths)

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .node_graph import Pin, follow, output_node
-from .textures import LUMINANCE, ImageValue
+from .node_graph import Pin, first_link, follow, output_node
+from .notes import Notes
+from .textures import LUMINANCE, ImageValue, Reading
 
 # Below this roughness a glass, mirror or polished surface is exported as perfectly smooth.
 SMOOTH = 0.02
@@ -74,6 +75,11 @@ class ExportedMaterial:
         UV map its textures read: None for the active one, "" if it reads none.
     smooth : bool
         See `Look`.
+    notes : Notes
+        What was approximated or left out.
+    wanted : dict
+        `baking.Output` of every socket to be baked on each object first, by `textures.socket_key`; empty where the
+        material can be used as it is.
     """
 
     name: str
@@ -81,6 +87,8 @@ class ExportedMaterial:
     emission: object
     uv_name: str | None
     smooth: bool
+    notes: Notes
+    wanted: dict
 
 
 class Materials:
@@ -89,47 +97,66 @@ class Materials:
     Parameters
     ----------
     textures : Textures
-    notes : Notes
     """
 
-    def __init__(self, textures, notes):
+    def __init__(self, textures):
         self._textures = textures
-        self._notes = notes
         self._exported = {}
 
-    def get(self, material):
+    def get(self, material, can_bake=True):
         """Export a material.
 
         Parameters
         ----------
         material : bpy.types.Material or None
             None is Blender's default surface, a white of 80 %.
+        can_bake : bool
+            False replaces by constants what would have to be baked.
 
         Returns
         -------
         ExportedMaterial
         """
-        key = None if material is None else material.name_full
+        key = None if material is None else material.name_full, can_bake
         if key not in self._exported:
-            self._exported[key] = self._export(material)
+            self._exported[key] = self._export(material, Reading({} if can_bake else None))
         return self._exported[key]
 
-    def _export(self, material):
+    def baked(self, material, pictures):
+        """Export a material whose varying sockets have been baked on one object.
+
+        Parameters
+        ----------
+        material : bpy.types.Material
+        pictures : dict of textures.Picture
+            By `textures.socket_key`, as `ExportedMaterial.wanted` asks for.
+
+        Returns
+        -------
+        ExportedMaterial
+        """
+        return self._export(material, Reading(pictures))
+
+    def _export(self, material, reading):
         import mitsuba as mi
 
         name = "default material" if material is None else material.name
-        look, uv_names = read_material(material, self._textures, self._notes)
-        if look.emission is not None and not np.any(self._textures.mean_colour(look.emission) > 0):
-            look.emission = None
-        if isinstance(look.emission, ImageValue):
-            uv_names.append(look.emission.uv_name)
+        notes = Notes(name)
+        with self._textures.reading(reading, notes):
+            look, uv_names = read_material(material, self._textures, notes)
+            if look.emission is not None and not np.any(self._textures.mean_colour(look.emission) > 0):
+                look.emission = None
+            if isinstance(look.emission, ImageValue):
+                uv_names.append(look.emission.uv_name)
+        if reading.incomplete:
+            bsdf = mi.load_dict(_BLACK)
+            return ExportedMaterial(name, bsdf, None, "", False, Notes(), reading.wanted)
         distinct = list(dict.fromkeys(uv_names))
         if len(distinct) > 1:
-            self._notes.add(
-                name, "Several UV maps in one material", f"all use {distinct[0] or 'the active one'}"
-            )
+            notes.add(name, "Several UV maps in one material", f"all use {distinct[0] or 'the active one'}")
         uv_name = distinct[0] if distinct else ""
-        return ExportedMaterial(name, mi.load_dict(look.both_sides), look.emission, uv_name, look.smooth)
+        bsdf = mi.load_dict(look.both_sides)
+        return ExportedMaterial(name, bsdf, look.emission, uv_name, look.smooth, notes, {})
 
     def emitter(self, material, share):
         """A new area emitter with a material's emission, for one mesh.
@@ -184,6 +211,7 @@ class _ShaderReader:
         settings = getattr(material, "holopath", None)  # there once the properties are registered
         self._abbe = settings.abbe_number if settings else 0.0
         self._disperses = False
+        self._normal = None  # what feeds the Normal sockets: a pin, or None
 
     # -- the material
 
@@ -195,13 +223,27 @@ class _ShaderReader:
         if output is None:
             self._note("Material Output", "missing: rendered black, as in Blender")
             return Look()
-        for name in ("Volume", "Displacement"):
-            if output.inputs[name].is_linked:
-                self._note(name, "ignored")
+        if output.inputs["Volume"].is_linked:
+            self._note("Volume", "ignored")
         look = self._linked_shader(Pin(output.inputs["Surface"]))
+        if look.bsdf is not None:
+            look = self._perturbed(look, output)
         if self._abbe and not self._disperses:
             self._note("Abbe number", "ignored: only smooth glass disperses")
         return look
+
+    def _perturbed(self, look, output):
+        """A look under the normals of its bump and normal maps, and of its displacement."""
+        displaced = first_link(output.inputs["Displacement"]) is not None
+        if displaced and self._material.displacement_method != "BUMP":
+            self._note("Displacement", "shown as bumps: the surface is not moved")
+        if self._normal is None and not displaced:
+            return look
+        normals = self._textures.normal(self._normal, self._name)
+        if normals is None:
+            return look
+        bumpy = {"type": "normalmap", "normalmap": self._build(normals), "bsdf": look.bsdf or _BLACK}
+        return replace(look, bsdf=bumpy)
 
     def _viewport_look(self):
         """Materials without nodes: what the viewport shows, which Cycles renders too."""
@@ -481,10 +523,17 @@ class _ShaderReader:
         self._notes.add(self._name, feature, effect)
 
     def _note_normals(self, node, *names):
+        """Remember what feeds a shader's normal; all of a material share one."""
         for name in names:
             pin = node.input(name)
-            if pin is not None and pin.socket.is_linked:
-                self._note(f"{name} input (bump or normal map)", "ignored")
+            if pin is None or not follow(pin).socket.is_output:
+                continue
+            if name != "Normal":
+                self._note(f"{name} input", "ignored")
+            elif self._normal is None:
+                self._normal = pin
+            elif follow(pin).socket != follow(self._normal).socket:
+                self._note("Several bump or normal maps in one material", "only one is used")
 
 
 def _uses_nodes(material):

@@ -36,7 +36,7 @@ def follow(pin):
         whose own value counts because nothing is linked to it.
     """
     while True:
-        link = next((link for link in pin.socket.links if link.is_valid and not link.is_muted), None)
+        link = first_link(pin.socket)
         if link is None:
             return pin
         source, node = link.from_socket, link.from_node
@@ -58,6 +58,11 @@ def follow(pin):
             pin = Pin(_by_identifier(output.inputs, source.identifier), (*pin.groups, node))
         else:
             return Pin(source, pin.groups)
+
+
+def first_link(socket):
+    """The link that feeds an input socket, or None."""
+    return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
 
 
 def _passed_through(node, source):

@@ -7,12 +7,15 @@ import numpy as np
 
 from ..engine import Camera, InvalidInput
 from ..engine.backend import activate
+from . import baking
 from .camera import export_camera, find_camera
 from .geometry import read_mesh, split_by_slot
-from .lights import export_lamp, export_world
+from .lights import export_lamp
 from .materials import Materials
 from .notes import Notes
-from .textures import Textures
+from .textures import Picture, Textures
+from .unwrapping import unwrap
+from .world import export_world
 
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 UNSUPPORTED_TYPES = {
@@ -24,6 +27,8 @@ UNSUPPORTED_TYPES = {
 }
 # Repeated meshes are copied up to this many triangles in all, then shared: copies are faster to trace.
 COPIED_TRIANGLES = 200_000
+# Side of a baked texture: two texels a pixel of the hologram where it is nearest, within these limits.
+LEAST_TEXELS, MOST_TEXELS = 64, 2048
 
 
 @dataclass
@@ -84,13 +89,13 @@ def export_scene(depsgraph, resolution, camera=None):
     scale = unit_scale(scene)
     exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
     textures = Textures(notes)
-    materials = Materials(textures, notes)
+    materials = Materials(textures)
 
-    contents = _Contents(depsgraph, scale, materials, notes)
+    contents = _Contents(depsgraph, scale, materials, notes, _texels_of(exported_camera, resolution, scale))
     parts = {"type": "scene"}
     for number, part in enumerate([*contents.shapes(), *contents.emitters]):
         parts[f"part_{number}"] = part
-    world = export_world(scene.world, textures, notes)
+    world = export_world(scene.world, scene.frame_current, textures, notes)
     if len(parts) - len(contents.emitters) == 1 and world is None:
         raise InvalidInput(
             f"The scene '{scene.name}' has nothing visible to render: add or unhide an object with faces."
@@ -115,10 +120,25 @@ def unit_scale(scene):
     return 1.0 if units.system == "NONE" else float(units.scale_length)
 
 
+def _texels_of(camera, resolution, scale):
+    """Function that gives the texels a mesh in world coordinates (Blender units) is worth, as a side."""
+    eye = camera.to_world[:3, 3] / scale
+    per_pixel = 2 * np.tan(camera.fov_x / 2) / resolution[0]  # footprint at unit distance
+
+    def texels(vertices, triangles):
+        a, b, c = (vertices[triangles[:, k]] for k in range(3))
+        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+        low, high = vertices.min(0), vertices.max(0)
+        nearest = np.linalg.norm(np.clip(eye, low, high) - eye)
+        return 2 * np.sqrt(area) / max(nearest * per_pixel, 1e-30)
+
+    return texels
+
+
 class _Contents:
     """Reads every instance of the depsgraph once; meshes are kept, then turned into shapes."""
 
-    def __init__(self, depsgraph, scale, materials, notes):
+    def __init__(self, depsgraph, scale, materials, notes, texels):
         self.emitters = []
         self.emits = False
         self.smooth_materials = []
@@ -126,16 +146,24 @@ class _Contents:
         self._scale = scale
         self._materials = materials
         self._notes = notes
+        self._texels = texels
+        self._flats = {}
         self._meshes = {}
         self._slots = {}
         self._placed = []
         self._override = depsgraph.view_layer.material_override
         shown = _render_visible(depsgraph.view_layer)
-        for instance in depsgraph.object_instances:
-            owner = (instance.parent if instance.is_instance else instance.object).original
-            hidden = owner.hide_render or instance.object.original.hide_render
-            if instance.show_self and owner.name in shown and not hidden:
-                self._add(instance)
+        try:
+            for instance in depsgraph.object_instances:
+                owner = (instance.parent if instance.is_instance else instance.object).original
+                hidden = owner.hide_render or instance.object.original.hide_render
+                if instance.show_self and owner.name in shown and not hidden:
+                    self._add(instance)
+            for key in list(self._flats):
+                self._bake(key)
+        finally:
+            for flat, *_ in self._flats.values():
+                flat.remove()
         self._note_missing(shown)
 
     def _add(self, instance):
@@ -173,24 +201,81 @@ class _Contents:
         slots = [slot.material for slot in object.material_slots] or [None]
         if self._override is not None:
             slots = [self._override] * len(slots)
-        looks = [self._materials.get(material) for material in slots]
+        looks = [self._materials.get(material, baking.possible()) for material in slots]
+        if any(look.wanted for look in looks):
+            try:
+                flat = baking.Flat(object, self._depsgraph, self._unwrap(object))
+                self._flats[key] = flat, slots, looks, object.name
+                mesh = flat.mesh
+                data = read_mesh(mesh, object.name, {look.uv_name for look in looks} - {""} | {baking.ATLAS})
+                if data is not None and data.normals is not None:
+                    data.normals = flat.normals
+                self._meshes[key] = data
+                return
+            except baking.BakingFailed as error:
+                self._notes.add(object.name, "Baking", f"failed: {error}")
+                looks = [self._materials.get(material, False) for material in slots]
         mesh = object.to_mesh()
         try:
             data = mesh and read_mesh(mesh, object.name, {look.uv_name for look in looks} - {""})
         finally:
             object.to_mesh_clear()
-        self._meshes[key] = data
+        self._meshes[key] = data or None
+        self._wear(key, object.name, looks)
+
+    def _unwrap(self, object):
+        """How to lay out an object's mesh, see `baking.Flat`."""
+        matrix = np.array(object.matrix_world, dtype=np.float64)
+
+        def lay_out(vertices, triangles):
+            wanted = self._texels(vertices @ matrix[:3, :3].T + matrix[:3, 3], triangles)
+            if wanted > 2 * MOST_TEXELS:
+                self._notes.add(
+                    object.name,
+                    "Baked textures",
+                    f"{wanted / MOST_TEXELS:.0f} times coarser than the picture",
+                )
+            return unwrap(vertices, triangles, int(np.clip(wanted, LEAST_TEXELS, MOST_TEXELS)))
+
+        return lay_out
+
+    def _bake(self, key):
+        """Bake what the materials of a mesh want, and finish them with that."""
+        flat, slots, looks, name = self._flats[key]
+        wanted = [(slot, list(look.wanted.items())) for slot, look in zip(slots, looks, strict=True)]
+        try:
+            baked = baking.bake_surface(
+                flat,
+                [(slot, [output for _, output in outputs]) for slot, outputs in wanted],
+                self._depsgraph.scene.frame_current,
+            )
+        except baking.BakingFailed as error:
+            self._notes.add(name, "Baking", f"failed: {error}")
+            self._wear(key, name, [self._materials.get(slot, False) for slot in slots])
+            return
+        done = []
+        for number, ((slot, outputs), look, pictures) in enumerate(zip(wanted, looks, baked, strict=True)):
+            if look.wanted:
+                pictures = {
+                    socket: Picture(f"{key} {number} {socket}", pixels)
+                    for (socket, _), pixels in zip(outputs, pictures, strict=True)
+                }
+                look = self._materials.baked(slot, pictures)
+            done.append(look)
+        self._wear(key, name, done)
+
+    def _wear(self, key, name, looks):
+        """Settle on the materials of a mesh, and note what is missing of either."""
         self._slots[key] = looks
-        if not data:
-            self._meshes[key] = None
+        data = self._meshes[key]
+        if data is None:
             return
         used = {looks[slot].name: looks[slot] for slot in np.unique(np.clip(data.slots, 0, len(looks) - 1))}
         for look in used.values():
+            self._notes.worn(name, look.notes)
             wanted = data.active_uv if look.uv_name is None else look.uv_name
             if look.uv_name != "" and wanted not in data.uvs:
-                self._notes.add(
-                    object.name, f"UV map '{wanted or 'active'}'", "missing: textures read one point"
-                )
+                self._notes.add(name, f"UV map '{wanted or 'active'}'", "missing: textures read one point")
             if look.smooth and look.name not in self.smooth_materials:
                 self.smooth_materials.append(look.name)
 

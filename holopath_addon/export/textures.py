@@ -1,15 +1,34 @@
-"""Values of shader sockets: constants, or images as Mitsuba bitmaps."""
+"""Values of shader sockets: constants, images as Mitsuba bitmaps, or what has been baked of anything else."""
 
+import contextlib
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .baking import ATLAS, COLOUR, NORMAL, NUMBER, Output
 from .node_graph import follow
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAGENTA = (1.0, 0.0, 1.0)
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Pixels of our own, in the place of a Blender image.
+
+    Attributes
+    ----------
+    name_full : str
+        Unlike any other picture's.
+    pixels : float32 [y, x, channel]
+        Linear, bottom row first; one or three channels.
+    """
+
+    name_full: str
+    pixels: np.ndarray
+    is_float: bool = True
 
 
 @dataclass(frozen=True)
@@ -18,7 +37,7 @@ class ImageValue:
 
     Attributes
     ----------
-    image : bpy.types.Image
+    image : bpy.types.Image or Picture
     alpha : bool
         Read the alpha channel instead of the colour.
     closest : bool
@@ -99,6 +118,44 @@ def linear_pixels(image, notes):
     return pixels
 
 
+class Reading:
+    """What one reading of a material needs.
+
+    Parameters
+    ----------
+    baked : dict or None
+        Baked `Picture` by `socket_key`; None where nothing can be baked, so that unsupported nodes are replaced
+        by constants.
+
+    Attributes
+    ----------
+    wanted : dict
+        `baking.Output` by `socket_key`, of every socket that is not constant.
+    pressing : bool
+        Whether there are sockets that only baking can serve.
+    uv_names : set of (str or None)
+        UV maps of the images read directly.
+    """
+
+    def __init__(self, baked=()):
+        self.baked = baked
+        self.wanted = {}
+        self.pressing = False
+        self.uv_names = set()
+
+    @property
+    def incomplete(self):
+        """Whether the sockets that vary have to be baked."""
+        return self.baked is not None and not self.baked and (self.pressing or len(self.uv_names) > 1)
+
+
+def socket_key(pin):
+    """Tells an input socket from all others of a material, also of another evaluation of it."""
+    if pin is None:
+        return ("displacement",)
+    return (*(group.name for group in pin.groups), pin.node.name, pin.socket.identifier)
+
+
 class Textures:
     """Reads socket values and builds each Mitsuba texture once.
 
@@ -111,6 +168,17 @@ class Textures:
         self._notes = notes
         self._pixels = {}
         self._built = {}
+        self._reading = Reading(None)
+
+    @contextlib.contextmanager
+    def reading(self, reading, notes):
+        """Values read within are those of one material; what they need, and notes, are left in the arguments."""
+        outer = self._reading, self._notes
+        self._reading, self._notes = reading, notes
+        try:
+            yield
+        finally:
+            self._reading, self._notes = outer
 
     def value(self, pin, owner, fallback):
         """What feeds a socket.
@@ -136,12 +204,67 @@ class Textures:
         node = source.node
         if node.bl_idname in ("ShaderNodeRGB", "ShaderNodeValue"):
             return _plain(source.socket.default_value)
+        feature = f"{node.bl_label} node into {pin.socket.name}"
+        reading = self._reading
+        reading.wanted[socket_key(pin)] = Output(pin, NUMBER if pin.socket.type == "VALUE" else COLOUR)
+        if reading.baked:
+            return self._baked(pin, owner, feature)
         if node.bl_idname == "ShaderNodeTexImage" and not node.mute:
-            return self._image(source, owner)
-        self._notes.add(
-            owner, f"{node.bl_label} node into {pin.socket.name}", "not supported: replaced by a constant"
-        )
+            if reading.baked is None or self._is_direct(source):
+                return self._image(source, owner)
+        reading.pressing = True
+        if reading.baked is None:
+            self._notes.add(owner, feature, "not supported: replaced by a constant")
         return fallback
+
+    def normal(self, pin, owner):
+        """Tangent-space normal map baked of a linked Normal socket, or of the displacement (None).
+
+        Returns
+        -------
+        ImageValue or None
+        """
+        what = "Displacement" if pin is None else f"{follow(pin).node.bl_label} node into {pin.socket.name}"
+        self._reading.wanted[socket_key(pin)] = Output(pin, NORMAL)
+        if self._reading.baked:
+            return self._baked(pin, owner, what)
+        self._reading.pressing = True
+        if self._reading.baked is None:
+            self._notes.add(owner, what, "ignored")
+        return None
+
+    def _baked(self, pin, owner, feature):
+        picture = self._reading.baked[socket_key(pin)]
+        self._notes.add(owner, feature, "baked to a texture")
+        return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
+
+    def _is_direct(self, source):
+        """Whether Mitsuba can read an image as it is; a missing one, too, has nothing to bake."""
+        node, image = source.node, source.node.image
+        if image is None or image.size[0] * image.size[1] == 0:
+            return True
+        return (
+            node.projection == "FLAT"
+            and image.source not in ("TILED", "MOVIE", "SEQUENCE")
+            and (image.is_float or image.colorspace_settings.name in ("sRGB", *_LINEAR_SPACES))
+            and self._reads_uv(source.input("Vector"))
+        )
+
+    def _reads_uv(self, pin):
+        """Whether a Vector socket carries a UV map, moved by Mapping nodes in the plane at most."""
+        source = follow(pin)
+        if not source.socket.is_output:
+            return True
+        node = source.node
+        if node.bl_idname == "ShaderNodeMapping" and node.vector_type in ("POINT", "TEXTURE"):
+            sides = [follow(source.input(name)) for name in ("Location", "Rotation", "Scale")]
+            if any(side.socket.is_output for side in sides):
+                return False
+            turned = sides[1].socket.default_value
+            return abs(turned[0]) + abs(turned[1]) < 1e-6 and self._reads_uv(source.input("Vector"))
+        return node.bl_idname == "ShaderNodeUVMap" or (
+            node.bl_idname == "ShaderNodeTexCoord" and source.socket.name == "UV"
+        )
 
     def constant(self, pin, owner, fallback):
         """Like `value`, for parameters that take no texture; images are noted and replaced."""
@@ -159,6 +282,7 @@ class Textures:
         if node.projection != "FLAT":
             self._notes.add(owner, f"{node.projection.title()} projection", "mapped by UV instead")
         uv_name, matrix = self._coordinates(source.input("Vector"), owner)
+        self._reading.uv_names.add(uv_name)
         return ImageValue(
             node.image,
             alpha=source.socket.name == "Alpha",
@@ -208,6 +332,8 @@ class Textures:
 
     def pixels(self, image):
         """Cached `linear_pixels`."""
+        if isinstance(image, Picture):
+            return image.pixels
         key = image.name_full
         if key not in self._pixels:
             self._pixels[key] = linear_pixels(image, self._notes)
@@ -226,6 +352,8 @@ class Textures:
         pixels = self.pixels(value.image)
         if pixels is None:
             return None
+        if pixels.shape[2] == 1:
+            return np.repeat(pixels, 3, axis=2)
         if value.alpha:
             return np.repeat(pixels[..., 3:], 3, axis=2)
         colour = pixels[..., :3]

@@ -1,8 +1,46 @@
-"""Work in a thread that reports progress and can be cancelled. Imports no bpy."""
+"""Work in a thread that reports progress and can be cancelled, and work that only the main thread may do."""
 
 import threading
 
+import bpy
+
 from .. import engine
+
+# The main thread may be busy with a dialog, or wait for this very thread.
+PATIENCE = 10.0  # seconds
+
+
+def on_main_thread(work):
+    """Have something done where Blender's data may be changed, and wait for it.
+
+    Parameters
+    ----------
+    work : callable
+        Without arguments.
+
+    Returns
+    -------
+    object
+        What `work` returns or raises. Where the main thread does not take it up, it is done in this one.
+    """
+    if threading.current_thread() is threading.main_thread():
+        return work()
+    taken, finished = threading.Lock(), threading.Event()
+    job = Job(lambda progress: work())
+
+    def run():
+        if taken.acquire(blocking=False):
+            job.run()
+            finished.set()
+
+    bpy.app.timers.register(run)
+    if not finished.wait(PATIENCE) and taken.acquire(blocking=False):
+        job.run()
+    else:
+        finished.wait()
+    if job.error is not None:
+        raise job.error
+    return job.result
 
 
 class Job:

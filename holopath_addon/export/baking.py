@@ -1,0 +1,537 @@
+"""What shader nodes compute, as pictures: Cycles evaluates them, so every node means what it means in Blender.
+
+Everything is made in a scene of its own that is removed afterwards. Blender's data may only be changed on the
+main thread: so does everything here.
+"""
+
+import contextlib
+import os
+import sys
+import threading
+from dataclasses import dataclass
+
+import bmesh
+import bpy
+import numpy as np
+
+from .node_graph import first_link
+
+ATLAS = "HoloPath atlas"
+_NORMAL, _TANGENT, _GENERATED = "HoloPath normal", "HoloPath tangent", "HoloPath generated"
+SUNNY = 100.0  # how much brighter than the mean a world's brightest texel is, for it to be looked at closely
+_NO_UV = "HoloPath none"  # an attribute that no mesh has reads as zero
+_MARGIN = 4
+# Textures that read generated coordinates where nothing is linked to their Vector.
+_GENERATED_BY_DEFAULT = {
+    f"ShaderNodeTex{name}"
+    for name in ("Noise", "Voronoi", "Wave", "Magic", "Gradient", "Checker", "Brick", "Gabor", "Musgrave")
+}
+
+COLOUR, NUMBER, NORMAL = "colour", "number", "normal"
+
+
+ELSEWHERE = "Blender's data may not be changed while it renders (F12): use Render Hologram in the sidebar"
+
+
+class BakingFailed(Exception):
+    """Cycles could not do it; the message says why."""
+
+
+def possible():
+    """Whether this is the main thread, where Blender's data may be changed."""
+    return threading.current_thread() is threading.main_thread()
+
+
+@dataclass
+class Output:
+    """One socket to be evaluated over a surface.
+
+    Attributes
+    ----------
+    pin : Pin
+        The input socket whose value is wanted; for a normal, see `kind`, None stands for the material's
+        displacement alone.
+    kind : str
+        ``COLOUR``, ``NUMBER`` or ``NORMAL``: the direction in the frame of the shading normal and the atlas' u,
+        halved and shifted to 0 ... 1 as in a tangent-space normal map.
+    """
+
+    pin: object
+    kind: str
+
+
+class Flat:
+    """A triangulated copy of an evaluated object with an atlas, ready to be baked.
+
+    Parameters
+    ----------
+    evaluated : bpy.types.Object
+    depsgraph : bpy.types.Depsgraph
+    unwrap : callable
+        ``unwrap(vertices, triangles)`` gives corners' places and the size of the picture, see `unwrapping.unwrap`.
+
+    Attributes
+    ----------
+    mesh : bpy.types.Mesh
+    normals : float32 [corner, 3]
+        Shading normals.
+    size : (int, int)
+        Texels of the picture.
+    uv_name : str
+        UV map that nodes read by default.
+    deformed : bool
+        Whether generated coordinates are not those of the shape as it is.
+    """
+
+    def __init__(self, evaluated, depsgraph, unwrap):
+        self.original = evaluated.original
+        self.matrix = evaluated.matrix_world.copy()
+        self.mesh = bpy.data.meshes.new_from_object(
+            evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
+        )
+        try:
+            self.deformed = self._keep_generated(evaluated.data)
+            flat = self.mesh.normals_domain == "FACE"
+            normals = _vectors(self.mesh, "corner_normals", "vector")
+            self._triangulate()
+            vertices = _vectors(self.mesh, "vertices", "co")
+            corners = np.empty(len(self.mesh.loops), np.int32)
+            self.mesh.loops.foreach_get("vertex_index", corners)
+            triangles = corners.reshape(-1, 3)
+            uv, self.size = unwrap(vertices, triangles)
+            # custom normals do not survive triangulation unchanged, those of bent flat faces must not
+            self.normals = (
+                _vectors(self.mesh, "corner_normals", "vector") if flat else normals[self._source_corner]
+            )
+            self.uv_name = next((layer.name for layer in self.mesh.uv_layers if layer.active_render), _NO_UV)
+            layer = self.mesh.uv_layers.new(name=ATLAS)
+            if layer is None:
+                raise BakingFailed("the mesh has eight UV maps, remove one")
+            layer.uv.foreach_set("vector", uv.ravel())
+            self._attribute(_NORMAL, "CORNER", self.normals)
+            self._attribute(_TANGENT, "CORNER", np.repeat(_dp_du(vertices[triangles], uv), 3, axis=0))
+        except BaseException:
+            self.remove()
+            raise
+
+    def _triangulate(self):
+        source = self.mesh.attributes.new("HoloPath corner", "INT", "CORNER")
+        source.data.foreach_set("value", np.arange(len(self.mesh.loops), dtype=np.int32))
+        work = bmesh.new()
+        try:
+            work.from_mesh(self.mesh)
+            bmesh.ops.triangulate(work, faces=work.faces[:])
+            work.to_mesh(self.mesh)
+        finally:
+            work.free()
+        self._source_corner = np.empty(len(self.mesh.loops), np.int32)
+        self.mesh.attributes["HoloPath corner"].data.foreach_get("value", self._source_corner)
+
+    def _keep_generated(self, data):
+        """Carry over coordinates before deformation, which a copy of the mesh forgets; whether they differ."""
+        if not isinstance(data, bpy.types.Mesh) or len(data.vertices) != len(self.mesh.vertices):
+            return False
+        points, undeformed = (_vectors(data, "vertices", name) for name in ("co", "undeformed_co"))
+        if np.array_equal(points, undeformed):
+            # the viewport's evaluation does not keep them: the mesh before its modifiers has them
+            source = self.original.data
+            if not isinstance(source, bpy.types.Mesh) or len(source.vertices) != len(points):
+                return False
+            undeformed = _vectors(source, "vertices", "co")
+            if np.allclose(points, undeformed, rtol=0, atol=1e-6 * np.abs(points).max(initial=0)):
+                return False
+        centre, half = np.array(data.texspace_location), np.array(data.texspace_size)
+        half[half == 0] = 1
+        self._attribute(_GENERATED, "POINT", (undeformed - centre) / (2 * half) + 0.5)
+        return True
+
+    def _attribute(self, name, domain, vectors):
+        attribute = self.mesh.attributes.new(name, "FLOAT_VECTOR", domain)
+        attribute.data.foreach_set("vector", np.ascontiguousarray(vectors, np.float32).ravel())
+
+    def remove(self):
+        """Take the copy out of the file again."""
+        bpy.data.meshes.remove(self.mesh)
+
+
+def _vectors(mesh, collection, attribute):
+    items = getattr(mesh, collection)
+    values = np.empty(3 * len(items), np.float32)
+    items.foreach_get(attribute, values)
+    return values.reshape(-1, 3)
+
+
+def _dp_du(points, uv):
+    """Derivative of position by u of triangles, as a renderer computes it, shape (triangle, 3)."""
+    (p0, p1, p2), (t0, t1, t2) = np.moveaxis(points, 1, 0), np.moveaxis(uv, 1, 0)
+    dp1, dp2, d1, d2 = p1 - p0, p2 - p0, t1 - t0, t2 - t0
+    determinant = d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]
+    return (d2[:, 1:] * dp1 - d1[:, 1:] * dp2) * np.sign(determinant)[:, None]
+
+
+def bake_surface(flat, slots, frame):
+    """Evaluate sockets of an object's materials over its atlas.
+
+    Parameters
+    ----------
+    flat : Flat
+    slots : list of (bpy.types.Material or None, list of Output)
+        For each material slot.
+    frame : int
+        Of the animation.
+
+    Returns
+    -------
+    list of list of float32 [y, x, 3] or [y, x, 1]
+        Linear values for each slot and output, bottom row first.
+
+    Raises
+    ------
+    BakingFailed
+    """
+    with _Studio(frame) as studio:
+        thing = studio.object(flat)
+        image = studio.image(*flat.size)
+        looks = [_Evaluated(studio, material, outputs, image, flat) for material, outputs in slots]
+        flat.mesh.materials.clear()
+        for look in looks:
+            flat.mesh.materials.append(look.material)
+        pictures = []
+        for number in range(max(len(look.passes) for look in looks)):
+            for look in looks:
+                look.show(number)
+            pictures.append(studio.bake(thing, image, "EMIT", 1))
+        return [look.collect(pictures) for look in looks]
+
+
+class _Evaluated:
+    """A private copy of a material that emits what its sockets carry, one colour or three numbers a pass."""
+
+    def __init__(self, studio, material, outputs, image, flat):
+        if material is None or not outputs:
+            self.material = studio.keep(bpy.data.materials.new("HoloPath baking"))
+            if self.material.node_tree is None:
+                self.material.use_nodes = True
+        else:
+            self.material = studio.keep(material.original.copy())
+            for tree in _own_groups(studio, self.material.node_tree):
+                _settle_coordinates(tree, flat)
+        self.tree = tree = self.material.node_tree
+        self.outputs = outputs
+        numbers = [k for k, output in enumerate(outputs) if output.kind == NUMBER]
+        self.passes = [[k] for k, output in enumerate(outputs) if output.kind != NUMBER]
+        self.passes += [numbers[k : k + 3] for k in range(0, len(numbers), 3)]
+        target = tree.get_output_node("CYCLES") or tree.nodes.new("ShaderNodeOutputMaterial")
+        for link in [*target.inputs["Volume"].links, *target.inputs["Surface"].links]:
+            tree.links.remove(link)
+        if not any(output.kind == NORMAL for output in outputs):
+            for link in target.inputs["Displacement"].links:
+                tree.links.remove(link)
+        if material is not None:
+            self.material.displacement_method = "BUMP"
+        self.emission = tree.nodes.new("ShaderNodeEmission")
+        tree.links.new(self.emission.outputs[0], target.inputs["Surface"])
+        self.shown = [self._colour_of(chosen) for chosen in self.passes]
+        texture = tree.nodes.new("ShaderNodeTexImage")
+        texture.image = image
+        tree.nodes.active = texture
+
+    def _colour_of(self, chosen):
+        """Socket that carries a pass as a colour."""
+        output = self.outputs[chosen[0]]
+        if output.kind == NORMAL:
+            return self._tangent_space(output.pin)
+        if output.kind == COLOUR:
+            return _expose(self.tree, output.pin)
+        combine = self.tree.nodes.new("ShaderNodeCombineColor")
+        for channel, k in zip(combine.inputs, chosen, strict=False):
+            self.tree.links.new(_expose(self.tree, self.outputs[k].pin), channel)
+        return combine.outputs[0]
+
+    def _tangent_space(self, pin):
+        new, link = self.tree.nodes.new, self.tree.links.new
+
+        def vector(operation, *sources):
+            node = new("ShaderNodeVectorMath")
+            node.operation = operation
+            for source, socket in zip(sources, node.inputs, strict=False):
+                if isinstance(source, tuple):
+                    socket.default_value = source
+                else:
+                    link(source, socket)
+            return node.outputs["Value" if operation == "DOT_PRODUCT" else "Vector"]
+
+        def attribute(name, kind):
+            read, turn = new("ShaderNodeAttribute"), new("ShaderNodeVectorTransform")
+            read.attribute_name = name
+            turn.vector_type, turn.convert_from, turn.convert_to = kind, "OBJECT", "WORLD"
+            link(read.outputs["Vector"], turn.inputs[0])
+            return vector("NORMALIZE", turn.outputs[0])
+
+        n = attribute(_NORMAL, "NORMAL")
+        t = attribute(_TANGENT, "VECTOR")
+        along = new("ShaderNodeVectorMath")
+        along.operation = "SCALE"
+        link(n, along.inputs[0])
+        link(vector("DOT_PRODUCT", n, t), along.inputs["Scale"])
+        s = vector("NORMALIZE", vector("SUBTRACT", t, along.outputs[0]))
+        perturbed = new("ShaderNodeNewGeometry").outputs["Normal"] if pin is None else _expose(self.tree, pin)
+        perturbed = vector("NORMALIZE", perturbed)
+        combine = new("ShaderNodeCombineXYZ")
+        for axis, socket in zip((s, vector("CROSS_PRODUCT", n, s), n), combine.inputs, strict=True):
+            link(vector("DOT_PRODUCT", perturbed, axis), socket)
+        return vector("MULTIPLY_ADD", combine.outputs[0], (0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
+
+    def show(self, number):
+        """Emit the values of a pass."""
+        if number < len(self.shown):
+            self.tree.links.new(self.shown[number], self.emission.inputs["Color"])
+
+    def collect(self, pictures):
+        """Each output's picture."""
+        found = [None] * len(self.outputs)
+        for picture, chosen in zip(pictures, self.passes, strict=False):
+            for channel, k in enumerate(chosen):
+                wide = self.outputs[k].kind != NUMBER
+                found[k] = picture[..., :3] if wide else picture[..., channel : channel + 1]
+        return found
+
+
+def _own_groups(studio, tree):
+    """Give a tree private copies of its groups, so that they can be changed; all trees that are private then."""
+    trees = [tree]
+    for node in tree.nodes:
+        if node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
+            node.node_tree = studio.keep(node.node_tree.copy())
+            trees += _own_groups(studio, node.node_tree)
+    return trees
+
+
+def _settle_coordinates(tree, flat):
+    """Name the UV map that a tree reads by default, which is the atlas now; give back generated coordinates."""
+    uv = tree.nodes.new("ShaderNodeUVMap")
+    uv.uv_map = flat.uv_name
+    sources = {"UV": uv.outputs["UV"]}
+    if flat.deformed:
+        generated = tree.nodes.new("ShaderNodeAttribute")
+        generated.attribute_name = _GENERATED
+        sources["Generated"] = generated.outputs["Vector"]
+    for node in list(tree.nodes):
+        if hasattr(node, "uv_map") and not node.uv_map:
+            node.uv_map = flat.uv_name
+        elif node.bl_idname == "ShaderNodeTexCoord" and not node.from_instancer:
+            for name, source in sources.items():
+                for link in list(node.outputs[name].links):
+                    tree.links.new(source, link.to_socket)
+        default = "UV" if node.bl_idname == "ShaderNodeTexImage" else "Generated"
+        if default == "UV" or node.bl_idname in _GENERATED_BY_DEFAULT:
+            if default in sources and not node.inputs["Vector"].is_linked:
+                tree.links.new(sources[default], node.inputs["Vector"])
+
+
+def _expose(tree, pin):
+    """Socket at the top of a copied tree that carries what feeds a pin of the original, perhaps inside groups."""
+    path, inner = [], tree
+    for group in pin.groups:
+        node = inner.nodes[group.name]
+        path.append((inner, node))
+        inner = node.node_tree
+    twin = next(s for s in inner.nodes[pin.node.name].inputs if s.identifier == pin.socket.identifier)
+    source = first_link(twin).from_socket
+    kind = {"RGBA": "NodeSocketColor", "VALUE": "NodeSocketFloat"}.get(source.type, "NodeSocketVector")
+    for outer, node in reversed(path):
+        exit = next(n for n in inner.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output)
+        item = inner.interface.new_socket("HoloPath", in_out="OUTPUT", socket_type=kind)
+        inner.links.new(source, next(s for s in exit.inputs if s.identifier == item.identifier))
+        source = next(s for s in node.outputs if s.identifier == item.identifier)
+        inner = outer
+    return source
+
+
+def bake_world(world, width, height, frame):
+    """The world as seen from the origin.
+
+    Parameters
+    ----------
+    world : bpy.types.World
+    width, height : int
+    frame : int
+
+    Returns
+    -------
+    float32 [y, x, 3]
+        Radiance over Blender's equirectangular directions, bottom row first.
+    """
+    with _Studio(frame) as studio:
+        studio.scene.world = world.original
+        image = studio.image(width, height)
+        radiance = studio.bake(_globe(studio, image), image, "ENVIRONMENT", 4)[..., :3]
+        brightness = radiance.sum(axis=2)
+        if brightness.max() > SUNNY * brightness.mean():
+            # few texels hold all the light: their shares of the sun's disk decide how much there is
+            row, column = np.unravel_index(np.argmax(brightness), brightness.shape)
+            rows = np.arange(max(row - 16, 0), min(row + 16, height))
+            columns, fine = np.arange(column - 32, column + 32), 8
+            patch = studio.image(fine * len(columns), fine * len(rows))
+            window = columns[0] / width, (columns[-1] + 1) / width, rows[0] / height, (rows[-1] + 1) / height
+            pixels = studio.bake(_globe(studio, patch, *window), patch, "ENVIRONMENT", 16)[..., :3]
+            blocks = pixels.reshape(len(rows), fine, len(columns), fine, 3).mean((1, 3))
+            radiance[rows[:, None], columns % width] = blocks
+        return radiance
+
+
+def bake_lamp(light, width, height, frame):
+    """What a lamp's nodes make of its light, by direction.
+
+    Parameters
+    ----------
+    light : bpy.types.Light
+    width, height : int
+    frame : int
+
+    Returns
+    -------
+    float32 [y, x, 3]
+        Factor on the lamp's own light, over Blender's equirectangular directions in the lamp's space, bottom row
+        first. Falls off with distance as one unit away.
+    """
+    with _Studio(frame) as studio:
+        image = studio.image(width, height)
+        globe = _globe(studio, image)
+        copy = studio.keep(light.original.copy())
+        copy.type = "POINT"
+        copy = bpy.data.lights[copy.name]
+        copy.energy, copy.color, copy.shadow_soft_size, copy.use_temperature = 100, (1, 1, 1), 0, False
+        copy.exposure = 0
+        lamp = studio.keep(bpy.data.objects.new("HoloPath baking", copy))
+        studio.scene.collection.objects.link(lamp)
+        shone = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})
+        copy.use_nodes = False
+        plain = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})
+        return shone[..., :3] / plain[..., :3].mean()
+
+
+def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):
+    """A sphere around the origin, or a part of it, over whose equirectangular directions a picture extends."""
+    across, up = 256, 128
+    places = np.stack(np.meshgrid(np.linspace(0, 1, across + 1), np.linspace(0, 1, up + 1)), axis=-1)
+    u, v = left + (right - left) * places[..., 0], bottom + (top - bottom) * places[..., 1]
+    longitude = (0.5 - u) * 2 * np.pi
+    latitude = np.clip((v - 0.5) * np.pi, -1.569, 1.569)  # triangles at the poles, too, have a normal
+    x, y = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude)
+    points = np.stack([x, y, np.sin(latitude)], axis=-1).reshape(-1, 3)
+    first = (np.arange(up)[:, None] * (across + 1) + np.arange(across)).ravel()
+    faces = first[:, None] + np.array([0, 1, across + 2, across + 1])  # facing inwards
+    mesh = studio.keep(bpy.data.meshes.new("HoloPath baking"))
+    mesh.from_pydata(points, [], faces)
+    uv = places.reshape(-1, 2)[faces.ravel()]
+    mesh.uv_layers.new(name=ATLAS).uv.foreach_set("vector", uv.astype(np.float32).ravel())
+    material = studio.keep(bpy.data.materials.new("HoloPath baking"))
+    if material.node_tree is None:
+        material.use_nodes = True
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    material.node_tree.nodes.active = texture
+    mesh.materials.append(material)
+    thing = studio.keep(bpy.data.objects.new("HoloPath baking", mesh))
+    studio.scene.collection.objects.link(thing)
+    return thing
+
+
+@contextlib.contextmanager
+def _silenced():
+    """Keep what Blender's C code prints about each bake out of our output."""
+    sys.stdout.flush()
+    saved, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 1)
+        yield
+    finally:
+        os.dup2(saved, 1)
+        os.close(saved)
+        os.close(nothing)
+
+
+class _Studio:
+    """A scene for Cycles that leaves nothing behind."""
+
+    def __init__(self, frame):
+        self._frame = frame
+        self._kept = []
+
+    def __enter__(self):
+        self.scene = bpy.data.scenes.new("HoloPath baking")
+        self.scene.frame_current = self._frame
+        try:
+            self.scene.render.engine = "CYCLES"
+        except TypeError:
+            self.__exit__()
+            raise BakingFailed(
+                "the add-on Cycles Render Engine is off, enable it in the preferences"
+            ) from None
+        settings = self.scene.cycles
+        settings.device = "CPU"
+        settings.use_adaptive_sampling = settings.use_denoising = False
+        settings.sample_clamp_direct = settings.sample_clamp_indirect = 0
+        return self
+
+    def __exit__(self, *_):
+        bpy.data.scenes.remove(self.scene)
+        bpy.data.batch_remove(self._kept)
+
+    def keep(self, block):
+        """Have a new data-block removed in the end."""
+        self._kept.append(block)
+        return block
+
+    def image(self, width, height):
+        """A picture of linear numbers."""
+        image = self.keep(
+            bpy.data.images.new("HoloPath baking", width, height, alpha=True, float_buffer=True)
+        )
+        image.colorspace_settings.name = "Non-Color"
+        return image
+
+    def object(self, flat):
+        """A stand-in for an object: its place and properties, another mesh."""
+        if flat.original.type == "MESH":
+            thing = self.keep(flat.original.copy())
+            thing.animation_data_clear()
+            thing.modifiers.clear()
+            thing.constraints.clear()
+            thing.parent = None
+            thing.data = flat.mesh
+        else:
+            thing = self.keep(bpy.data.objects.new("HoloPath baking", flat.mesh))
+        for slot in thing.material_slots:
+            slot.link = "DATA"
+        thing.matrix_world = flat.matrix
+        thing.hide_render = thing.hide_viewport = False
+        self.scene.collection.objects.link(thing)
+        return thing
+
+    def bake(self, thing, image, kind, samples, filters=frozenset()):
+        """Pixels [y, x, 4] of a bake, bottom row first."""
+        self.scene.cycles.samples = samples
+        layer = self.scene.view_layers[0]
+        layer.objects.active = thing
+        thing.select_set(True, view_layer=layer)
+        with bpy.context.temp_override(
+            scene=self.scene, view_layer=layer, object=thing, active_object=thing, selected_objects=[thing]
+        ):
+            try:
+                with _silenced():
+                    bpy.ops.object.bake(
+                        type=kind,
+                        pass_filter=set(filters),
+                        margin=_MARGIN,
+                        margin_type="EXTEND",
+                        use_clear=True,
+                        uv_layer=ATLAS,
+                    )
+            except RuntimeError as error:
+                raise BakingFailed(" ".join(str(error).split())) from error
+        width, height = image.size
+        pixels = np.empty(4 * width * height, np.float32)
+        image.pixels.foreach_get(pixels)
+        return pixels.reshape(height, width, 4)

@@ -1,0 +1,144 @@
+"""Blender's world to a Mitsuba environment."""
+
+import numpy as np
+
+from . import baking
+from .node_graph import Pin, follow, output_node
+from .textures import MAGENTA, ImageValue
+
+# Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
+WIDTH, HEIGHT = 2048, 1024
+
+
+def export_world(world, frame, textures, notes):
+    """Turn the world into one Mitsuba environment emitter.
+
+    Parameters
+    ----------
+    world : bpy.types.World or None
+    frame : int
+        Of the animation.
+    textures : Textures
+    notes : Notes
+
+    Returns
+    -------
+    dict or None
+        For `mitsuba.load_dict`; None where the world is black.
+    """
+    if world is None:
+        return None
+    if world.node_tree is None or not _uses_nodes(world):
+        return _uniform(world.color)
+    output = output_node(world.node_tree)
+    if output is None:
+        return None
+    if output.inputs["Volume"].is_linked:
+        notes.add(world.name, "World volume", "ignored")
+    source = follow(Pin(output.inputs["Surface"]))
+    if not source.socket.is_output:
+        return None
+    direct = _direct(source)
+    if direct is None:
+        return _baked(source, world, frame, notes)
+    colour, strength, rotation = direct
+    if strength <= 0:
+        return None
+    if not isinstance(colour, ImageValue):
+        return _uniform(np.array(colour) * strength)
+    pixels = textures.pixels(colour.image)
+    if pixels is None:
+        return _uniform(np.array(MAGENTA) * strength)
+    return _everywhere(pixels * np.float32(strength), rotation)
+
+
+def _direct(source):
+    """Colour or image, strength, and the 3x3 rotation from world directions to the image's; or None: bake it."""
+    if source.node.bl_idname not in ("ShaderNodeBackground", "ShaderNodeEmission") or source.node.mute:
+        return None
+    strength, colour = follow(source.input("Strength")), follow(source.input("Color"))
+    if strength.socket.is_output:
+        return None
+    strength = float(strength.socket.default_value)
+    if not colour.socket.is_output:
+        return tuple(colour.socket.default_value)[:3], strength, np.eye(3)
+    node = colour.node
+    if node.bl_idname != "ShaderNodeTexEnvironment" or node.mute:
+        return None
+    if node.image is None:
+        return MAGENTA, strength, np.eye(3)
+    if node.projection != "EQUIRECTANGULAR" or node.image.source in ("MOVIE", "SEQUENCE"):
+        return None
+    rotation = np.eye(3)
+    vector = follow(colour.input("Vector"))
+    if vector.socket.is_output and vector.node.bl_idname == "ShaderNodeMapping":
+        rotation = _rotation(vector)
+        vector = follow(vector.input("Vector"))
+    generated = vector.socket.is_output and (
+        vector.node.bl_idname == "ShaderNodeTexCoord" and vector.socket.name == "Generated"
+    )
+    if rotation is None or (vector.socket.is_output and not generated):
+        return None
+    return ImageValue(node.image), strength, rotation
+
+
+def _rotation(source):
+    """Rotation of directions by a Mapping node, or None if it does anything else."""
+    from mathutils import Euler
+
+    values = {}
+    for name in ("Location", "Rotation", "Scale"):
+        side = follow(source.input(name)) if source.input(name) else None
+        if side is not None and side.socket.is_output:
+            return None
+        values[name] = tuple(side.socket.default_value) if side else (0.0, 0.0, 0.0)
+    moves = np.any(values["Location"]) and source.node.vector_type in ("POINT", "TEXTURE")
+    if moves or np.ptp(values["Scale"]) > 1e-6 or values["Scale"][0] <= 0:
+        return None
+    rotation = np.array(Euler(values["Rotation"], "XYZ").to_matrix())
+    return rotation.T if source.node.vector_type == "TEXTURE" else rotation
+
+
+def _baked(source, world, frame, notes):
+    """The world that any nodes make, evaluated by Cycles in every direction."""
+    feature = f"{source.node.bl_label} node" if source.groups == () else "World nodes"
+    if any(node.bl_idname == "ShaderNodeLightPath" for node in world.node_tree.nodes):
+        notes.add(world.name, "Light Path node", "the world is the same for all kinds of rays")
+    try:
+        if not baking.possible():
+            raise baking.BakingFailed(baking.ELSEWHERE)
+        radiance = baking.bake_world(world, WIDTH, HEIGHT, frame)
+    except baking.BakingFailed as error:
+        notes.add(world.name, feature, f"not baked, {error}: the world's viewport colour is used")
+        return _uniform(world.color)
+    if np.ptp(radiance, axis=(0, 1)).max() <= 1e-4 * radiance.max():
+        return _uniform(radiance.mean((0, 1)))
+    notes.add(world.name, feature, f"baked to an environment texture of {WIDTH} x {HEIGHT}")
+    return _everywhere(radiance, np.eye(3))
+
+
+def _uniform(radiance):
+    radiance = np.maximum(np.array(radiance, float), 0)
+    if not np.any(radiance > 0):
+        return None
+    return {"type": "constant", "radiance": {"type": "rgb", "value": [float(v) for v in radiance]}}
+
+
+def _everywhere(radiance, rotation):
+    """Environment from pixels, bottom row first, whose directions are turned by a rotation."""
+    import mitsuba as mi
+
+    # Mitsuba's local y is up and z the middle of the picture: Blender's z and x
+    to_world = np.eye(4)
+    to_world[:3, :3] = np.linalg.inv(rotation) @ np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+    return {
+        "type": "envmap",
+        "bitmap": mi.Bitmap(np.ascontiguousarray(np.maximum(radiance[::-1, :, :3], 0))),
+        "to_world": mi.ScalarTransform4f(to_world),
+    }
+
+
+def _uses_nodes(world):
+    import bpy
+
+    return bpy.app.version >= (5, 0, 0) or world.use_nodes  # always true, and deprecated, since 5.0

@@ -1,0 +1,311 @@
+"""What Cycles evaluates for us, against Cycles' own pictures."""
+
+import threading
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from holopath_addon.export import unwrapping  # noqa: E402
+
+DIFFUSE = "ShaderNodeBsdfDiffuse"
+PRINCIPLED = "ShaderNodeBsdfPrincipled"
+EMISSION = "ShaderNodeEmission"
+BALL = (slice(4, 28), slice(4, 28))
+COLLECTIONS = ("scenes", "objects", "meshes", "materials", "images", "node_groups", "worlds", "lights")
+
+
+def add(material, node, **values):
+    """A new node with its inputs set."""
+    node = material.node_tree.nodes.new(node)
+    for name, value in values.items():
+        node.inputs[name.replace("_", " ")].default_value = value
+    return node
+
+
+def shader_of(material):
+    output = next(n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    return output.inputs["Surface"].links[0].from_node
+
+
+def noise(stage, socket="Color", kind=EMISSION, **values):
+    """A material with a noise in generated coordinates."""
+    material = stage.material(kind)
+    texture = add(material, "ShaderNodeTexNoise", **values)
+    material.node_tree.links.new(texture.outputs["Color"], shader_of(material).inputs[socket])
+    return material, texture
+
+
+def apart(stage, region=slice(None), spp=64, depth=4, **options):
+    """Mean relative difference from Cycles in blocks of 4 x 4 pixels, and Cycles' contrast."""
+    ours, theirs = (
+        render(spp=spp, depth=depth, **options)[region] for render in (stage.mitsuba, stage.cycles)
+    )
+    ours, theirs = (v.reshape(len(v) // 4, 4, -1, 4, 3).mean((1, 3)) for v in (ours, theirs))
+    return np.abs(ours - theirs).mean() / theirs.mean(), theirs.std() / theirs.mean()
+
+
+def counts():
+    return {name: len(getattr(bpy.data, name)) for name in COLLECTIONS}
+
+
+def features(exported):
+    return {(note.object, note.material, note.feature, note.effect) for note in exported.notes}
+
+
+@pytest.mark.parametrize("coordinates", [None, "Generated", "Object", "UV", "Normal"])
+def test_noise_in_any_coordinates(stage, coordinates):
+    material, texture = noise(stage, Scale=2.0)
+    if coordinates:
+        source = add(material, "ShaderNodeTexCoord").outputs[coordinates]
+        material.node_tree.links.new(source, texture.inputs["Vector"])
+    ball = stage.sphere(1, material)
+    ball.rotation_euler, ball.scale = (0.4, 0.3, 0.2), (1.0, 1.2, 0.8)
+    before = counts()
+    exported = stage.export()
+    assert counts() == before
+    assert features(exported) == {
+        ("sphere", "material", "Noise Texture node into Color", "baked to a texture")
+    }
+    difference, contrast = apart(stage, BALL)
+    assert difference < 0.02 < 0.1 < contrast
+
+
+def test_generated_coordinates_stay_with_the_undeformed_mesh(stage):
+    ball = stage.sphere(1, noise(stage, Scale=2.0)[0])
+    taper = ball.modifiers.new("taper", "SIMPLE_DEFORM")
+    taper.deform_method, taper.factor = "TAPER", 1.0
+    assert apart(stage, BALL)[0] < 0.02
+
+
+def test_nodes_inside_groups_and_numbers(stage):
+    """Three numbers and a colour, two of them from within a group within a group."""
+    inner = bpy.data.node_groups.new("inner", "ShaderNodeTree")
+    inner.interface.new_socket("Scale", in_out="INPUT", socket_type="NodeSocketFloat")
+    inner.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+    entry, exit = inner.nodes.new("NodeGroupInput"), inner.nodes.new("NodeGroupOutput")
+    principled, texture = inner.nodes.new(PRINCIPLED), inner.nodes.new("ShaderNodeTexNoise")
+    inner.links.new(entry.outputs[0], texture.inputs["Scale"])
+    for socket in ("Base Color", "Roughness", "Metallic", "Alpha"):
+        inner.links.new(texture.outputs["Color"], principled.inputs[socket])
+    inner.links.new(principled.outputs[0], exit.inputs[0])
+    outer = bpy.data.node_groups.new("outer", "ShaderNodeTree")
+    outer.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+    node, exit = outer.nodes.new("ShaderNodeGroup"), outer.nodes.new("NodeGroupOutput")
+    node.node_tree = inner
+    node.inputs["Scale"].default_value = 3.0
+    outer.links.new(node.outputs[0], exit.inputs[0])
+    material = stage.material()
+    group = add(material, "ShaderNodeGroup")
+    group.node_tree = outer
+    output = next(n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    material.node_tree.links.new(group.outputs[0], output.inputs["Surface"])
+    stage.plane(3, material)
+    stage.world((0.6, 0.5, 0.4))
+    before = counts()
+    difference, contrast = apart(stage, spp=256)
+    assert difference < 0.03 < contrast
+    assert counts() == before | {"images": counts()["images"]}
+    assert len(stage.export().notes) == 4
+
+
+def test_image_adjusted_by_nodes_and_a_second_uv_map(stage):
+    """An image in a named map, brightened, mixed with one in the default map."""
+    rng = np.random.default_rng(2)
+    material = stage.material(EMISSION)
+    tree = material.node_tree
+    first, second = (add(material, "ShaderNodeTexImage") for _ in range(2))
+    for texture in (first, second):
+        texture.image = stage.image(np.kron(rng.random((4, 4, 3)), np.ones((8, 8, 1))), space="Non-Color")
+        texture.interpolation = "Closest"
+    uv = add(material, "ShaderNodeUVMap")
+    uv.uv_map = "other"
+    tree.links.new(uv.outputs[0], first.inputs["Vector"])
+    bright = add(material, "ShaderNodeBrightContrast", Bright=0.2)
+    tree.links.new(first.outputs["Color"], bright.inputs["Color"])
+    mix = add(material, "ShaderNodeMix")
+    mix.data_type = "RGBA"
+    colours = [socket for socket in mix.inputs if socket.type == "RGBA"]
+    tree.links.new(bright.outputs["Color"], colours[0])
+    tree.links.new(second.outputs["Color"], colours[1])
+    result = next(socket for socket in mix.outputs if socket.type == "RGBA")
+    tree.links.new(result, shader_of(material).inputs["Color"])
+    plane = stage.plane(3, material)
+    turned = plane.data.uv_layers.new(name="other")
+    turned.uv.foreach_set("vector", np.array([1, 0, 1, 1, 0, 1, 0, 0], np.float32))
+    difference, contrast = apart(stage)
+    assert difference < 0.02 < 0.1 < contrast
+
+
+def test_two_uv_maps_of_plain_images(stage):
+    rng = np.random.default_rng(3)
+    material = stage.material(PRINCIPLED, Roughness=1.0)
+    for socket, name in (("Base Color", "UVMap"), ("Emission Color", "other")):
+        image = stage.image(np.kron(rng.random((4, 4, 3)), np.ones((8, 8, 1))), space="Non-Color")
+        texture = stage.texture(material, image, socket, shader_of(material))
+        uv = add(material, "ShaderNodeUVMap")
+        uv.uv_map = name
+        material.node_tree.links.new(uv.outputs[0], texture.inputs["Vector"])
+    shader_of(material).inputs["Emission Strength"].default_value = 0.5
+    plane = stage.plane(3, material)
+    turned = plane.data.uv_layers.new(name="other")
+    turned.uv.foreach_set("vector", np.array([1, 0, 1, 1, 0, 1, 0, 0], np.float32))
+    stage.world((0.5, 0.5, 0.5))
+    assert apart(stage, spp=256)[0] < 0.03
+    assert {note.effect for note in stage.export().notes} == {"baked to a texture"}
+
+
+@pytest.mark.parametrize("source", ["bump", "displacement", "normal map"])
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1.3, 0.8)])
+def test_bumps(stage, source, scale):
+    """Bumps under a lamp; the same without them is told apart."""
+    material = stage.material(DIFFUSE, Color=(0.7, 0.7, 0.7, 1))
+    tree = material.node_tree
+    diffuse = shader_of(material)
+    texture = add(material, "ShaderNodeTexNoise", Scale=1.5)
+    if source == "bump":
+        node = add(material, "ShaderNodeBump", Distance=0.6, Strength=0.8)
+        tree.links.new(texture.outputs[0], node.inputs["Height"])
+        tree.links.new(node.outputs[0], diffuse.inputs["Normal"])
+    elif source == "displacement":
+        output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+        node = add(material, "ShaderNodeDisplacement", Scale=0.6)
+        tree.links.new(texture.outputs[0], node.inputs["Height"])
+        tree.links.new(node.outputs[0], output.inputs["Displacement"])
+        material.displacement_method = "BUMP"
+    else:
+        rng = np.random.default_rng(4)
+        normals = np.kron(rng.normal(0, 0.3, (6, 6, 3)), np.ones((8, 8, 1))) + (0, 0, 1)
+        normals = 0.5 + 0.5 * normals / np.linalg.norm(normals, axis=2, keepdims=True)
+        node = add(material, "ShaderNodeNormalMap", Strength=1.0)
+        stage.texture(material, stage.image(normals, float_buffer=True, space="Non-Color"), "Color", node)
+        tree.links.new(node.outputs[0], diffuse.inputs["Normal"])
+    ball = stage.sphere(0.9, material)
+    ball.scale, ball.rotation_euler = scale, (0.7, 0.2, 0.3)
+    stage.lamp("AREA", 200, (2, 1, 3), (0, 0.6, 0.4))
+    stage.world((0.1, 0.1, 0.1))
+    difference, _ = apart(stage, BALL, spp=256)
+    assert difference < 0.03
+    bumpy = stage.mitsuba()
+    for link in list(node.outputs[0].links):
+        tree.links.remove(link)
+    plain = stage.mitsuba()
+    assert np.abs(bumpy - plain).mean() / plain.mean() > 3 * difference
+
+
+def test_objects_of_one_mesh_share_a_bake(stage, monkeypatch):
+    from holopath_addon.export import baking
+
+    material, _ = noise(stage)
+    first = stage.sphere(0.5, material)
+    stage.link(bpy.data.objects.new("twin", first.data)).location.x = 1
+    calls = []
+    real = baking.bake_surface
+    monkeypatch.setattr(baking, "bake_surface", lambda *a: calls.append(1) or real(*a))
+    stage.export()
+    assert len(calls) == 1
+
+
+def test_slots_that_need_no_baking_keep_their_images(stage):
+    """Left half noise, right half an image, in one mesh."""
+    material, _ = noise(stage, Scale=2.0)
+    other = stage.material(EMISSION)
+    rng = np.random.default_rng(5)
+    image = stage.image(np.kron(rng.random((4, 4, 3)), np.ones((8, 8, 1))), space="Non-Color")
+    stage.texture(other, image, "Color").interpolation = "Closest"
+    vertices = [(-1, -1, 0), (0, -1, 0), (1, -1, 0), (-1, 1, 0), (0, 1, 0), (1, 1, 0)]
+    uv = [(0, 0), (1, 0), (1, 1), (0, 1)] * 2
+    both = stage.mesh("both", vertices, [(0, 1, 4, 3), (1, 2, 5, 4)], material, uv)
+    both.data.materials.append(other)
+    both.data.polygons[1].material_index = 1
+    assert apart(stage)[0] < 0.02
+
+
+def test_dense_meshes_get_a_cell_a_triangle(stage, monkeypatch):
+    monkeypatch.setattr(unwrapping, "CHARTED_TRIANGLES", 0)
+    stage.sphere(1, noise(stage, Scale=2.0)[0])
+    assert apart(stage, BALL)[0] < 0.02
+
+
+@pytest.mark.parametrize("charted", [0, 20_000])
+def test_atlas_has_no_overlaps(stage, monkeypatch, charted):
+    """Every triangle's middle is inside that triangle only, and a texel away from all others."""
+    monkeypatch.setattr(unwrapping, "CHARTED_TRIANGLES", charted)
+    mesh = stage.sphere(1).data
+    mesh.calc_loop_triangles()
+    vertices = np.array([v.co for v in mesh.vertices])
+    triangles = np.array([t.vertices for t in mesh.loop_triangles])
+    uv, size = unwrapping.unwrap(vertices, triangles, 256)
+    assert uv.min() >= 0 and uv.max() <= 1
+    a, b, c = (uv[:, k].astype(float) * size for k in range(3))
+    cross = lambda p, q: p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]  # noqa: E731
+    twice = np.abs(cross(b - a, c - a))
+    middles = (a + b + c) / 3
+    for middle in middles[:: len(middles) // 50]:
+        parts = sum(np.abs(cross(p - middle, q - middle)) for p, q in ((a, b), (b, c), (c, a)))
+        assert ((parts < twice * (1 + 1e-6)) & (twice > 1e-3)).sum() == 1
+
+
+def test_from_another_thread_nothing_is_baked_but_noted(stage):
+    """As where the main thread does not answer while Blender renders."""
+    stage.plane(3, noise(stage)[0])
+    stage.world((0.1, 0.1, 0.1))
+    before, found = counts(), []
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+
+    def work():
+        from holopath_addon.export import export_scene
+
+        found.append(export_scene(depsgraph, (32, 32)))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert counts() == before
+    assert [note.effect for note in found[0].notes] == ["not supported: replaced by a constant"]
+
+
+def test_a_bake_that_fails_is_noted_and_leaves_nothing(stage, monkeypatch):
+    from holopath_addon.export import baking
+
+    def fail(*_):
+        raise baking.BakingFailed("no luck")
+
+    stage.plane(3, noise(stage)[0])
+    stage.world((0.1, 0.1, 0.1))
+    before = counts()
+    monkeypatch.setattr(baking._Studio, "bake", fail)
+    exported = stage.export()
+    assert counts() == before
+    assert ("plane", "", "Baking", "failed: no luck") in features(exported)
+
+
+@pytest.mark.parametrize("sun_disc", [False, True])
+def test_sky(stage, sun_disc):
+    stage.plane(6, stage.material(DIFFUSE, Color=(0.8, 0.5, 0.2, 1)), location=(0, 0, -1))
+    stage.sphere(0.7, stage.material(DIFFUSE, "ball"))
+    tree = stage.world().node_tree
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    sky.sun_disc, sky.sun_elevation, sky.sun_rotation = sun_disc, 1.0, 1.0
+    background = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeBackground")
+    tree.links.new(sky.outputs[0], background.inputs["Color"])
+    before = counts()
+    assert apart(stage, spp=256)[0] < 0.02
+    assert counts()["scenes"] == before["scenes"]
+
+
+def test_worlds_of_two_shaders(stage):
+    stage.plane(1.5, stage.material(DIFFUSE, Color=(0.8, 0.5, 0.2, 1)))
+    tree = stage.world((0.2, 0.5, 0.8)).node_tree
+    output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputWorld")
+    first = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeBackground")
+    second, mix, noise = (
+        tree.nodes.new(k) for k in ("ShaderNodeBackground", "ShaderNodeMixShader", "ShaderNodeTexNoise")
+    )
+    second.inputs["Color"].default_value = (0.9, 0.3, 0.1, 1)
+    tree.links.new(noise.outputs[0], mix.inputs[0])
+    tree.links.new(first.outputs[0], mix.inputs[1])
+    tree.links.new(second.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    assert apart(stage, spp=128)[0] < 0.02
