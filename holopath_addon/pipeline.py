@@ -105,7 +105,8 @@ def centre_depth(scene, camera):
     origins = camera.position[:, None] + camera.clip_start * directions
     rays = mi.Ray3f(mi.Point3f(origins.astype(np.float32)), mi.Vector3f(directions.astype(np.float32)))
     distances = np.asarray(scene.ray_intersect_preliminary(rays).t)
-    depths = camera.clip_start + distances[np.isfinite(distances)]
+    depths = camera.clip_start + distances
+    depths = depths[depths < camera.clip_end]
     return float(f"{np.median(depths):.3g}") if len(depths) >= len(distances) / 10 else None
 
 

@@ -72,9 +72,10 @@ def activate(prefer=None):
                 mitsuba.set_variant(wanted)
             except ImportError as error:
                 raise BackendUnavailable(f"Mitsuba cannot start {wanted}: {_one_line(error)}.") from error
-            from . import dispersion, mixture
+            from . import dispersion, lamps, mixture
 
             dispersion.register()
+            lamps.register()
             mixture.register()
         return wanted
 

@@ -1,5 +1,6 @@
 """The viewer's camera: where hologram space is anchored in the world."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +16,7 @@ class Camera:
     ----------
     to_world : array_like, shape (4, 4)
         Rigid transform from camera to world space, metres. The camera looks along its own -z, y is up
-        (Blender's convention).
+        (Blender's convention). A reflection is allowed: the view is then mirrored.
     fov_x : float
         Full horizontal field of view, radians, in (0, pi).
     shift_x, shift_y : float
@@ -23,6 +24,11 @@ class Camera:
         view to the right and up (Blender's lens shift).
     clip_start : float
         Surfaces nearer than this depth are not seen, metres.
+    clip_end : float
+        Nor farther ones.
+    sees_sky : bool
+        Whether the environment is seen where there is no surface, or only clear ones that do not refract; it lights
+        the scene either way, and is seen in mirrors and through glass.
 
     Raises
     ------
@@ -35,6 +41,8 @@ class Camera:
     shift_x: float = 0.0
     shift_y: float = 0.0
     clip_start: float = 0.0
+    clip_end: float = math.inf
+    sees_sky: bool = True
 
     def __post_init__(self):
         matrix = np.asarray(self.to_world, dtype=np.float64)
@@ -69,9 +77,12 @@ class Camera:
             "shift_x": self.shift_x,
             "shift_y": self.shift_y,
             "clip_start": self.clip_start,
+            "clip_end": None if math.isinf(self.clip_end) else self.clip_end,
+            "sees_sky": self.sees_sky,
         }
 
     @classmethod
     def from_dict(cls, values):
         """Inverse of `to_dict`."""
-        return cls(**values)
+        end = values.get("clip_end")
+        return cls(**values | {"clip_end": math.inf if end is None else end})

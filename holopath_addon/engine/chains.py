@@ -70,7 +70,7 @@ class FirstHits:
         """The `View` along a ray."""
         surface = intersect(scene, ray, self.coherent)
         hit = surface.is_valid()
-        exists = _lit(scene, hit) if self.sky else hit
+        exists = _lit(scene, hit, self.sky)
         return View(surface.t, hit, ray, surface, exists, mi.UInt32(0), None, mi.Bool(True), surface.t)
 
 
@@ -93,17 +93,19 @@ class SpecularChains:
         0 where mirrors only are in view.
     coherent : bool
         Whether neighbouring rays are traced in packets.
+    sky : bool
+        Whether rays that were neither reflected nor refracted see the environment.
     """
 
-    def __init__(self, scene, virtual_image, most_hits, splits=SPLITS, coherent=True):
+    def __init__(self, scene, virtual_image, most_hits, splits=SPLITS, coherent=True, sky=True):
         self.lobes = SpecularLobes(scene)
         self.curvature, self.most_hits, self.splits = virtual_image == "curvature", most_hits, splits
-        self.branches, self.coherent = 1 << splits, coherent
+        self.branches, self.coherent, self.sky = 1 << splits, coherent, sky
 
     def view(self, scene, ray, branch):
         """The `View` of a branch along a ray."""
         chain = self._follow(scene, ray, branch)
-        last, surface, ahead, weight, length, index, hits, splits, whole, ended, moves = chain
+        last, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves = chain
         hit = surface.is_valid()
         # a chain that was cut off, or whose light is zero, shows nothing
         exists = ended & ((branch >> splits) == 0) & dr.any(weight > 0)
@@ -114,13 +116,13 @@ class SpecularChains:
             image = crossing(moves, last, dr.select(hit, reach, FAR))
             distance = dr.select(hits > 0, image, path)
         taken = branch & ((1 << splits) - 1)
-        exists &= _lit(scene, hit)
+        exists &= _lit(scene, hit, self.sky | ~straight)
         return View(distance, dr.isfinite(distance), last, surface, exists, taken, weight, whole, path)
 
     def _follow(self, scene, ray, branch):
         """The chain: last piece, what it meets, how far from the last surface it starts, the radiance's share, the
         optical length before and the index on it, hits, splits, whether P shows all its light, whether there is a
-        P, and ray differentials.
+        P, whether the ray was never bent, and ray differentials.
         """
         state = (
             mi.Ray3f(ray),
@@ -133,11 +135,14 @@ class SpecularChains:
             mi.UInt32(0),
             mi.Bool(True),
             mi.Bool(False),
+            mi.Bool(True),
             start(ray) if self.curvature else [],
             mi.Bool(True),
         )
 
-        def body(ray, surface, ahead, weight, length, index, hits, splits, whole, ended, moves, active):
+        def body(
+            ray, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves, active
+        ):
             si = surface.compute_surface_interaction(ray, mi.RayFlags.All, active)
             scatters, reflected, transmitted = self.lobes.at(si, active & si.is_valid())
             leaves = reflected.exists | transmitted.exists
@@ -168,17 +173,32 @@ class SpecularChains:
             if self.lobes.refracts:
                 index = dr.select(active & through, index * transmitted.eta, index)
             hits = dr.select(active, hits + 1, hits)
+            straight &= ~active | (through & (transmitted.eta == 1))
             direction = dr.select(through, transmitted.direction, reflected.direction)
             # Mitsuba lets rays start a little off the surface, too much for lenses
             onward = si.spawn_ray(direction)
             ahead = dr.select(active, dr.dot(onward.o - si.p, direction), ahead)
             ray = dr.select(active, onward, ray)
             surface = dr.select(active, intersect(scene, ray, False, active), surface)
-            return ray, surface, ahead, weight, length, index, hits, splits, whole, ended, moves, active
+            return (
+                ray,
+                surface,
+                ahead,
+                weight,
+                length,
+                index,
+                hits,
+                splits,
+                whole,
+                ended,
+                straight,
+                moves,
+                active,
+            )
 
         return dr.while_loop(state, lambda *s: s[-1], body, label="specular chain")[:-1]
 
 
-def _lit(scene, hit):
-    """Whether there is anything to see: a surface, or an environment beyond all surfaces."""
-    return hit if scene.environment() is None else mi.Bool(True)
+def _lit(scene, hit, sky):
+    """Whether there is anything to see: a surface, or beyond all surfaces an environment, where `sky` allows."""
+    return hit if scene.environment() is None else hit | sky

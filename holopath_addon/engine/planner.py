@@ -183,10 +183,11 @@ def plan(scene, camera, hologram, settings=None):
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
     pilot = Pilot(scene, hologram, camera, mapping, settings.seed)
-    seen, optics, image = pilot.first_hits(), FirstHits(), settings.virtual_image
+    seen, optics = pilot.first_hits(), FirstHits(sky=camera.sees_sky)
+    image = settings.virtual_image
     chain = settings.most_hits if seen.specular > LEAST_SHARE else 0
     if chain:
-        optics = SpecularChains(scene, image, chain)
+        optics = SpecularChains(scene, image, chain, sky=camera.sees_sky)
         seen = pilot.images(seen, optics)
         image = image if seen.bent else "opl"
     light = pilot.light(PathTracer(settings.max_depth), optics)

@@ -141,7 +141,8 @@ class Pilot:
         turns, gloss = (np.asarray(values)[np.asarray(glossy)] for values in (turns, 1 / depth))
         turn = float(np.quantile(turns, 0.9)) if len(turns) > LEAST_SHARE * self.size else 0.0
         specular = float(np.asarray(hit & is_specular(bsdf.flags())).mean())
-        vergence, sky = self._seen(depth, np.asarray(hit), np.broadcast_to(True, self.size))
+        exists = hit | self.camera.sees_sky
+        vergence, sky = self._seen(depth, np.asarray(hit), np.broadcast_to(exists, self.size))
         return Probe(vergence, False, sky, specular, turn, gloss, coherent, speed[coherent], 0)
 
     def images(self, probe, optics):
@@ -229,9 +230,9 @@ def near_end(scene, camera, hologram, seed=0):
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
     nearest = Pilot(scene, hologram, camera, pinhole, seed).nearest()
     if nearest is None:
-        if scene.environment() is None:
+        if scene.environment() is None or not camera.sees_sky:
             raise InvalidInput(
-                "Nothing is in the camera's view: point the camera at an object or light the world."
+                "Nothing is in the camera's view: point it at an object within its clipping range, or show a lit world."
             )
         return hologram.near or 1.0
     if hologram.near:

@@ -26,7 +26,7 @@ class Rays:
         self.plane, self.limit = plane, limit
         far, near = (z - mapping.z_far for z in span)
         self.start = max(camera.clip_start, mapping.beta / near)
-        self.end = mapping.beta / far if far > 0 else math.inf
+        self.end = min(camera.clip_end, mapping.beta / far if far > 0 else math.inf)
         self.width, self.height, self.pitch = hologram.width, hologram.height, hologram.pitch
         self.mapping = mapping
         self.to_far = mapping.z_far - plane

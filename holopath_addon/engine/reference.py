@@ -83,7 +83,7 @@ def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth):
             "aperture_radius": radius,
             "focus_distance": depth,
             "near_clip": max(camera.clip_start, 1e-4),
-            "far_clip": 1e6,
+            "far_clip": min(camera.clip_end, 1e6),
             "film": {
                 "type": "hdrfilm",
                 "width": hologram.width,
@@ -95,7 +95,7 @@ def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth):
             "sampler": {"type": "independent"},
         }
     )
-    integrator = mi.load_dict(_integrator(scene, max_depth))
+    integrator = _integrator(scene, camera, max_depth)
     return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=spp))
 
 
@@ -104,7 +104,7 @@ def _sheared_lens(scene, camera, hologram, mapping, radius, pupil, depth, spp, m
     import drjit as dr
     import mitsuba as mi
 
-    integrator = mi.load_dict(_integrator(scene, max_depth))
+    integrator = _integrator(scene, camera, max_depth)
     pixels = hologram.width * hologram.height
     right, up, forward = (mi.Vector3f(*map(float, axis)) for axis in camera.axes)
     index = dr.arange(mi.UInt32, pixels)
@@ -137,9 +137,10 @@ def _sheared_lens(scene, camera, hologram, mapping, radius, pupil, depth, spp, m
             + lens.y * up
             + camera.clip_start * direction
         )
-        light, _, _ = integrator.sample(
-            scene, sampler, mi.RayDifferential3f(origin, dr.normalize(direction)), None, inside
-        )
+        ray = mi.RayDifferential3f(origin, dr.normalize(direction))
+        if math.isfinite(camera.clip_end):
+            ray.maxt = (camera.clip_end - camera.clip_start) * dr.norm(direction)
+        light, _, _ = integrator.sample(scene, sampler, ray, None, inside)
         total += dr.select(inside, light, 0)
         weight += dr.select(inside, mi.Float(1), 0)
         dr.eval(total, weight)
@@ -147,9 +148,41 @@ def _sheared_lens(scene, camera, hologram, mapping, radius, pupil, depth, spp, m
     return mean.reshape(hologram.height, hologram.width, 3)
 
 
-def _integrator(scene, max_depth):
+def _integrator(scene, camera, max_depth):
     """Mitsuba's path tracer; with masks in view the volumetric one, as 3.9's `path` squares their opacity."""
+    import mitsuba as mi
+
     from .lobes import SpecularLobes
 
     kind = "volpath" if SpecularLobes(scene).passes else "path"
-    return {"type": kind, "max_depth": max_depth, "rr_depth": max(5, max_depth)}
+    paths = mi.load_dict({"type": kind, "max_depth": max_depth, "rr_depth": max(5, max_depth)})
+    if camera.sees_sky or scene.environment() is None:
+        return paths
+
+    class WithoutSky(mi.SamplingIntegrator):
+        """The same less what comes straight from the environment."""
+
+        def sample(self, scene, sampler, ray, medium=None, active=True):
+            light, valid, extra = paths.sample(scene, sampler, ray, medium, active)
+            return light - _sky_in_view(scene, ray, active), valid, extra
+
+    return WithoutSky(mi.Properties())
+
+
+def _sky_in_view(scene, ray, active):
+    """Radiance of the environment that reaches rays through nothing, or through masks and clear panes."""
+    import drjit as dr
+    import mitsuba as mi
+
+    def body(ray, share, active):
+        si = scene.ray_intersect(ray, active)
+        active &= si.is_valid()
+        share = dr.select(active, share * si.bsdf().eval_null_transmission(si, active), share)
+        active &= dr.max(share) > 0
+        return dr.select(active, si.spawn_ray(ray.d), ray), share, active
+
+    state = (mi.Ray3f(ray), mi.Color3f(1), mi.Bool(active))
+    ray, share, _ = dr.while_loop(state, lambda *s: s[-1], body, label="sky in view")
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+    si.wi = -ray.d
+    return dr.select(active, share * scene.environment().eval(si), 0)

@@ -196,9 +196,11 @@ class Recording:
         self.tracer = PathTracer(settings.max_depth, plan.radiance_limit)
         self.rays_traced, self._estimators = {}, {}
         if plan.chain:
-            self.optics = SpecularChains(scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent)
+            self.optics = SpecularChains(
+                scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent, camera.sees_sky
+            )
         else:
-            self.optics = FirstHits(plan.coherent)
+            self.optics = FirstHits(plan.coherent, camera.sees_sky)
 
     def _rays(self, plane):
         from .rays import Rays

@@ -392,8 +392,7 @@ def bake_lamp(light, width, height, frame):
     Returns
     -------
     float32 [y, x, 3]
-        Factor on the lamp's own light, over Blender's equirectangular directions in the lamp's space, bottom row
-        first. Falls off with distance as one unit away.
+        Factor on the lamp's own light by direction, one unit away, as `engine.lamps` has it.
     """
     with _Studio(frame) as studio:
         image = studio.image(width, height)
@@ -408,7 +407,9 @@ def bake_lamp(light, width, height, frame):
         shone = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})
         copy.use_nodes = False
         plain = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})
-        return shone[..., :3] / plain[..., :3].mean()
+        # of Blender's equirectangular longitudes, pi to -pi and bottom up, to 0 to 2 pi and top down
+        turned = (width // 2 - 1 - np.arange(width)) % width
+        return shone[::-1, turned, :3] / plain[..., :3].mean()
 
 
 def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):

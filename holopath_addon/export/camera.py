@@ -80,11 +80,13 @@ def export_camera(depsgraph, camera, resolution, scale, notes):
         shift_x=data.shift_x * fitted / width,
         shift_y=data.shift_y * fitted / width,
         clip_start=data.clip_start * scale,
+        clip_end=data.clip_end * scale,
+        sees_sky=not depsgraph.scene.render.film_transparent,
     )
 
 
 def _rigid(matrix, scale, name, notes):
-    """Drop scale and shear: Blender, too, only takes a camera's position and orientation."""
+    """Drop scale, as Blender does, and shear, which a hologram's camera cannot have; keep mirroring."""
     axes = matrix[:3, :3]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(axes)) < 1e-30:
         raise InvalidInput(f"The transform of camera '{name}' is degenerate: clear its scale (Alt S).")
@@ -93,7 +95,12 @@ def _rigid(matrix, scale, name, notes):
     up /= np.linalg.norm(up)
     right = np.cross(up, back)
     if right @ axes[:, 0] < 0:
-        notes.add(name, "Mirrored camera (negative scale)", "rendered unmirrored")
+        right = -right  # a negative scale mirrors the view
+    unit = axes / np.linalg.norm(axes, axis=0)
+    if abs(unit.T @ unit - np.eye(3)).max() > 1e-3:
+        notes.add(
+            name, "Sheared camera (rotated in an unequally scaled parent)", "rendered without the shear"
+        )
     rigid = np.eye(4)
     rigid[:3, :3] = np.stack([right, up, back], axis=1)
     rigid[:3, 3] = matrix[:3, 3] * scale
@@ -107,5 +114,7 @@ def _note_differences(scene, camera, data, notes):
         notes.add(camera.name, "Pixel aspect", "ignored: the pixels of a hologram are square")
     if scene.render.use_border:
         notes.add(camera.name, "Render Region", "ignored: the whole view is rendered")
+    if scene.render.film_transparent and scene.cycles.film_transparent_glass:
+        notes.add(scene.name, "Transparent Glass of the film", "ignored: the world is seen through glass")
     if scene.render.use_motion_blur:
         notes.add(camera.name, "Motion Blur", "ignored")

@@ -10,7 +10,7 @@ from ..engine.backend import activate
 from . import baking
 from .camera import export_camera, find_camera
 from .geometry import read_mesh, split_by_slot
-from .lights import export_lamp
+from .lights import emission_varies, export_lamp
 from .materials import Materials
 from .notes import Notes
 from .textures import Picture, Textures
@@ -29,6 +29,7 @@ UNSUPPORTED_TYPES = {
 COPIED_TRIANGLES = 200_000
 # Side of a baked texture: two texels a pixel of the hologram where it is nearest, within these limits.
 LEAST_TEXELS, MOST_TEXELS = 64, 2048
+PROFILE = 512, 256  # directions of a lamp's nodes
 
 
 @dataclass
@@ -172,7 +173,7 @@ class _Contents:
         object = instance.object
         matrix = np.array(instance.matrix_world, dtype=np.float64)
         if object.type == "LIGHT":
-            self.emitters += export_lamp(object.data, matrix, object.name, self._scale, self._notes)
+            self._add_lamp(object, matrix)
         elif isinstance(object.data, bpy.types.Mesh) or object.type == "META":
             # curves, surfaces and texts appear a second time, as an instance of the mesh they evaluate to
             if not np.isfinite(matrix).all():
@@ -188,6 +189,36 @@ class _Contents:
                 self._placed.append(_Placed(key, object.name, matrix))
         elif object.type in UNSUPPORTED_TYPES:
             self._notes.add(object.name, UNSUPPORTED_TYPES[object.type], "not supported: left out")
+
+    def _add_lamp(self, object, matrix):
+        if object.visible_camera:
+            self._notes.add(object.name, "Ray visibility: lamp shown to the camera", "ignored: not seen")
+        if not (object.visible_diffuse and object.visible_glossy and object.visible_transmission):
+            self._notes.add(object.name, "Ray visibility: lamp hidden from some rays", "ignored: lights all")
+        linking = getattr(object, "light_linking", None)  # since Blender 4.0
+        if linking and (linking.receiver_collection or linking.blocker_collection):
+            self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
+        profile = self._profile(object) if emission_varies(object.data) else None
+        emitter = export_lamp(object.data, matrix, object.name, self._scale, self._notes, profile)
+        if emitter is not None:
+            self.emitters.append(emitter)
+
+    def _profile(self, lamp):
+        """What a lamp's nodes emit by direction, or None if that cannot be known."""
+        try:
+            if not baking.possible():
+                raise baking.BakingFailed(baking.ELSEWHERE)
+            profile = baking.bake_lamp(lamp.data, *PROFILE, self._depsgraph.scene.frame_current)
+        except baking.BakingFailed as error:
+            self._notes.add(lamp.name, "Light nodes", f"not baked, {error}")
+            return None
+        mean = profile.mean((0, 1), keepdims=True)
+        if np.abs(profile - mean).max() <= 2e-3 * mean.max():
+            return mean
+        self._notes.add(lamp.name, "Light nodes", "baked by direction, as they are one unit away")
+        if lamp.data.type == "SUN":
+            return profile[-1:].mean((0, 1), keepdims=True)  # of straight on, where alone it shines
+        return profile
 
     def _mesh_key(self, object):
         """Instances with equal keys have the same geometry and materials."""

@@ -147,9 +147,10 @@ class Stage:
             "fov": float(np.degrees(camera.fov_x)),
             "fov_axis": "x",
             "to_world": mi.ScalarTransform4f(to_world),
-            "principal_point_offset_x": -camera.shift_x,
-            "principal_point_offset_y": camera.shift_y * width / height,
+            "principal_point_offset_x": camera.shift_x,
+            "principal_point_offset_y": -camera.shift_y * width / height,
             "near_clip": max(camera.clip_start, 1e-3),
+            "far_clip": min(camera.clip_end, 1e6),
             "film": {
                 "type": "hdrfilm",
                 "width": width,
