@@ -1,11 +1,18 @@
-"""Run all benchmarks: tables on standard output, charts in out/bench."""
+"""Run all benchmarks, or one that is named: tables on standard output, charts in out/bench."""
+
+import sys
 
 from holopath_addon.engine import backend
 
 
 def main():
     backend.activate()
-    from . import accuracy, convergence, kernel, optics, phase_fields, scaling
+    if sys.argv[1:2] == ["exporter"]:
+        from . import exporter
+
+        exporter.main(sys.argv[2:])
+        return
+    from . import accuracy, convergence, exporter, kernel, optics, phase_fields, scaling
 
     print(kernel.run(), flush=True)
     print(accuracy.run("out/bench"), flush=True)
@@ -14,6 +21,7 @@ def main():
     print(scaling.run(), flush=True)
     print(optics.run(), flush=True)
     print(phase_fields.run("out/bench"), flush=True)
+    print(exporter.run(pictures="out/bench/exporter"), flush=True)
 
 
 if __name__ == "__main__":

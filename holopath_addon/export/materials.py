@@ -488,7 +488,7 @@ class _ShaderReader:
         strength = self._textures.value(node.input(strength_name), self._name, 1.0)
         if isinstance(strength, ImageValue):
             colour = self._textures.constant(node.input(colour_name), self._name, (1.0, 1.0, 1.0))
-            return strength.scaled(colour)
+            return self._grey(strength).scaled(colour)
         strength = float(np.mean(strength))
         if strength == 0:
             return None

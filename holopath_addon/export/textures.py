@@ -40,6 +40,8 @@ class ImageValue:
     image : bpy.types.Image or Picture
     alpha : bool
         Read the alpha channel instead of the colour.
+    multiplied : bool
+        The colour as Cycles has it where nothing reads the alpha: times alpha, before it is made linear.
     closest : bool
         No interpolation between pixels.
     extension : str
@@ -60,6 +62,7 @@ class ImageValue:
 
     image: object
     alpha: bool = False
+    multiplied: bool = False
     closest: bool = False
     extension: str = "REPEAT"
     uv_name: str | None = None
@@ -111,11 +114,18 @@ def linear_pixels(image, notes):
         return pixels
     if space != "sRGB":
         notes.add(image.name, f"Color Space {space}", "read as sRGB")
-    colour = pixels[..., :3]
-    pixels[..., :3] = np.where(
-        colour <= 0.04045, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4
-    )
+    pixels[..., :3] = _decoded(pixels[..., :3])
     return pixels
+
+
+def _decoded(colour):
+    """Linear values of sRGB's (IEC 61966-2-1)."""
+    return np.where(colour <= 0.04045, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
+
+
+def _encoded(colour):
+    """Inverse of `_decoded`."""
+    return np.where(colour <= 0.0031308, colour * 12.92, 1.055 * np.maximum(colour, 0) ** (1 / 2.4) - 0.055)
 
 
 class Reading:
@@ -286,6 +296,7 @@ class Textures:
         return ImageValue(
             node.image,
             alpha=source.socket.name == "Alpha",
+            multiplied=not node.outputs["Alpha"].is_linked and node.image.alpha_mode == "STRAIGHT",
             closest=node.interpolation == "Closest",
             extension=node.extension,
             uv_name=uv_name,
@@ -357,6 +368,11 @@ class Textures:
         if value.alpha:
             return np.repeat(pixels[..., 3:], 3, axis=2)
         colour = pixels[..., :3]
+        if value.multiplied and pixels.shape[2] == 4 and pixels[..., 3].min() < 1:
+            if value.image.is_float or value.image.colorspace_settings.name != "sRGB":
+                colour = colour * pixels[..., 3:]
+            else:
+                colour = _decoded(_encoded(colour) * pixels[..., 3:])
         return (
             np.repeat((colour @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.grey else colour
         )

@@ -128,12 +128,17 @@ def _everywhere(radiance, rotation):
     """Environment from pixels, bottom row first, whose directions are turned by a rotation."""
     import mitsuba as mi
 
+    # Mitsuba has the first and the last row at the poles, Blender half a row away from them
+    rows = np.ascontiguousarray(radiance[::-1, :, :3])
+    between = np.concatenate([rows[:1], 0.5 * (rows[:-1] + rows[1:]), rows[-1:]])
+    radiance = np.empty((2 * len(rows) + 1, *rows.shape[1:]), np.float32)
+    radiance[::2], radiance[1::2] = between, rows
     # Mitsuba's local y is up and z the middle of the picture: Blender's z and x
     to_world = np.eye(4)
     to_world[:3, :3] = np.linalg.inv(rotation) @ np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
     return {
         "type": "envmap",
-        "bitmap": mi.Bitmap(np.ascontiguousarray(np.maximum(radiance[::-1, :, :3], 0))),
+        "bitmap": mi.Bitmap(np.maximum(radiance, 0)),
         "to_world": mi.ScalarTransform4f(to_world),
     }
 
