@@ -64,7 +64,7 @@ class Comparison:
     @property
     def unexpected(self):
         """Features of notes that were not expected, or expected and not made."""
-        return {note.feature for note in self.notes} ^ self.feature.notes
+        return {n.feature for n in self.notes if not n.effect.startswith("baked")} ^ self.feature.notes
 
 
 def compare(feature, spp=SPP):

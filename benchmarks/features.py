@@ -61,7 +61,7 @@ class Feature:
     reason : str
         Why the bound is another than `BOUND`.
     notes : frozenset of str
-        Features of the notes that the exporter has to make here.
+        Features of the notes that the exporter has to make here, besides those on what was baked.
     resolution : tuple of int
     depth : int
         Longest path, vertices without the camera's.
@@ -1229,17 +1229,6 @@ def _gradient(stage, tree, background):
     tree.links.new(_ramp(tree, height), background.inputs["Color"])
 
 
-def _for_the_camera(stage, tree, background):
-    """One Background for the camera, another for the light."""
-    other = node(tree, "Background", Color=(0.2, 0.4, 0.9, 1))
-    background.inputs["Color"].default_value = (0.9, 0.6, 0.3, 1)
-    mix = node(tree, "MixShader")
-    seen = node(tree, "LightPath").outputs["Is Camera Ray"]
-    for socket, source in zip(mix.inputs, (seen, background.outputs[0], other.outputs[0]), strict=True):
-        tree.links.new(source, socket)
-    surface(stage, tree, mix.outputs[0])
-
-
 def _blackbody_world(stage, tree, background):
     tree.links.new(node(tree, "Blackbody", Temperature=4000.0).outputs[0], background.inputs["Color"])
 
@@ -1259,7 +1248,6 @@ WORLDS = {
     "sky, Hosek and Wilkie": _sky("HOSEK_WILKIE"),
     "world, ColorRamp of height": _gradient,
     "world, mix of Backgrounds": _mixed_worlds,
-    "world, Is Camera Ray": _for_the_camera,
     "world, Blackbody": _blackbody_world,
 }
 

@@ -21,6 +21,7 @@ _NORMAL, _TANGENT, _GENERATED = "HoloPath normal", "HoloPath tangent", "HoloPath
 SUNNY = 100.0  # how much brighter than the mean a world's brightest texel is, for it to be looked at closely
 _NO_UV = "HoloPath none"  # an attribute that no mesh has reads as zero
 _MARGIN = 4
+SAMPLES = 2_000_000  # in all of a surface's texels, which get 1 to 16 each
 # Textures that read generated coordinates where nothing is linked to their Vector.
 _GENERATED_BY_DEFAULT = {
     f"ShaderNodeTex{name}"
@@ -120,7 +121,8 @@ class Flat:
         work = bmesh.new()
         try:
             work.from_mesh(self.mesh)
-            bmesh.ops.triangulate(work, faces=work.faces[:])
+            # the way Blender's renderers do it: other diagonals interpolate UVs and colours differently
+            bmesh.ops.triangulate(work, faces=work.faces[:], quad_method="FIXED", ngon_method="EAR_CLIP")
             work.to_mesh(self.mesh)
         finally:
             work.free()
@@ -192,6 +194,7 @@ def bake_surface(flat, slots, frame):
     with _Studio(frame) as studio:
         thing = studio.object(flat)
         image = studio.image(*flat.size)
+        samples = int(np.clip(SAMPLES / (flat.size[0] * flat.size[1]), 1, 16))
         looks = [_Evaluated(studio, material, outputs, image, flat) for material, outputs in slots]
         flat.mesh.materials.clear()
         for look in looks:
@@ -200,7 +203,7 @@ def bake_surface(flat, slots, frame):
         for number in range(max(len(look.passes) for look in looks)):
             for look in looks:
                 look.show(number)
-            pictures.append(studio.bake(thing, image, "EMIT", 1))
+            pictures.append(studio.bake(thing, image, "EMIT", samples))
         return [look.collect(pictures) for look in looks]
 
 

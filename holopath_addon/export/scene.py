@@ -212,12 +212,12 @@ class _Contents:
         except baking.BakingFailed as error:
             self._notes.add(lamp.name, "Light nodes", f"not baked, {error}")
             return None
-        mean = profile.mean((0, 1), keepdims=True)
+        mean = profile.mean((0, 1), float, keepdims=True)
         if np.abs(profile - mean).max() <= 2e-3 * mean.max():
             return mean
         self._notes.add(lamp.name, "Light nodes", "baked by direction, as they are one unit away")
         if lamp.data.type == "SUN":
-            return profile[-1:].mean((0, 1), keepdims=True)  # of straight on, where alone it shines
+            return profile[-1:].mean((0, 1), float, keepdims=True)  # of straight on, where alone it shines
         return profile
 
     def _mesh_key(self, object):

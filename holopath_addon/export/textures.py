@@ -355,7 +355,7 @@ class Textures:
         if not isinstance(value, ImageValue):
             return np.broadcast_to(np.asarray(value, float), 3)
         colour = self._linear_colour(value)
-        mean = MAGENTA if colour is None else colour.mean((0, 1))
+        mean = MAGENTA if colour is None else colour.mean((0, 1), float)
         return mean * np.array(value.scale) + value.offset
 
     def _linear_colour(self, value):

@@ -112,7 +112,7 @@ def _baked(source, world, frame, notes):
         notes.add(world.name, feature, f"not baked, {error}: the world's viewport colour is used")
         return _uniform(world.color)
     if np.ptp(radiance, axis=(0, 1)).max() <= 1e-4 * radiance.max():
-        return _uniform(radiance.mean((0, 1)))
+        return _uniform(radiance.mean((0, 1), float))
     notes.add(world.name, feature, f"baked to an environment texture of {WIDTH} x {HEIGHT}")
     return _everywhere(radiance, np.eye(3))
 
