@@ -72,8 +72,9 @@ def activate(prefer=None):
                 mitsuba.set_variant(wanted)
             except ImportError as error:
                 raise BackendUnavailable(f"Mitsuba cannot start {wanted}: {_one_line(error)}.") from error
-            from . import dispersion, lamps, mixture
+            from . import closures, dispersion, lamps, mixture
 
+            closures.register()
             dispersion.register()
             lamps.register()
             mixture.register()

@@ -1,8 +1,8 @@
-"""BSDF type ``mixture``: what Mitsuba's `blendbsdf` is for, with mirrors and Fresnel's reflectance.
+"""BSDF type ``mixture``: what Mitsuba's `blendbsdf` is for, with mirrors, layers and sums.
 
 Mitsuba 3.9's `blendbsdf` divides a sampled mirror direction by a density that mixes it with those of lobes which
 scatter (its pull request 1681): a mirror over black at a weight of one half reflects 38 %. Nor can its weight
-depend on the angle, as a coat's does.
+depend on the angle, as a coat's does, nor can it add.
 """
 
 ALL_COMPONENTS = 0xFFFFFFFF
@@ -14,64 +14,128 @@ def register():
     import mitsuba as mi
 
     class Mixture(mi.BSDF):
-        """Two nested BSDFs; ``weight``, a number or texture, is the second's share.
+        """Two nested BSDFs; ``weight``, a number or texture, is the second's share, and by ``mode`` the first has
 
-        With ``int_ior`` the share is the weight times the reflectance of a smooth surface of that index of
-        refraction towards the viewer: the second BSDF is a coat's gloss, the first is what lies below.
+        ``blend``: the rest;
+        ``over``: what the second, which lies over it, does not reflect towards the viewer; its light crosses a
+        layer of colour ``tint``, if given, whose index of refraction is ``int_ior``;
+        ``add``: all.
         """
 
         def __init__(self, props):
             super().__init__(props)
+            self._mode = props.get("mode", "blend")
+            if self._mode not in ("blend", "over", "add"):
+                raise ValueError(f"mixture: there is no mode '{self._mode}': choose blend, over or add.")
             self._weight = props.get_texture("weight", 0.5)
-            self._ior = dr.opaque(mi.Float, props["int_ior"]) if "int_ior" in props else None
+            self._tint = props.get_texture("tint") if "tint" in props else None
+            self._ior = dr.opaque(mi.Float, props.get("int_ior", 1.5))
             self._nested = [part for _, part in props.objects() if isinstance(part, mi.BSDF)]
-            self._counts = [part.component_count() for part in self._nested]
-            components = [part.flags(i) for part in self._nested for i in range(part.component_count())]
-            self.m_components = components
+            if self._mode == "over" and not hasattr(self._nested[1], "albedo"):
+                raise ValueError("mixture: what lies over the rest must be 'gloss' or 'sheen'.")
+            # mixtures of mixtures choose among all their lobes at once
+            self._leaves = [
+                leaf for part in self._nested for leaf in (part._leaves if _is_mixture(part) else [part])
+            ]
+            self.m_components = [
+                leaf.flags(i) for leaf in self._leaves for i in range(leaf.component_count())
+            ]
+            self._owners = [
+                (number, i) for number, leaf in enumerate(self._leaves) for i in range(leaf.component_count())
+            ]
             flags = 0
-            for component in components:
+            for component in self.m_components:
                 flags |= component
             self.m_flags = flags
 
-        def _share(self, si, active):
-            share = dr.clip(self._weight.eval_1(si, active), 0, 1)
-            if self._ior is None:
-                return share
-            return share * mi.fresnel(dr.abs(mi.Frame3f.cos_theta(si.wi)), self._ior)[0]
+        def _albedos(self, si, active):
+            """Albedo of each leaf that tells it."""
+            return {leaf: leaf.albedo(si, active) for leaf in self._leaves if hasattr(leaf, "albedo")}
 
-        def _parts(self, ctx, si, active):
-            """Nested BSDFs that the context asks for: number, BSDF, its context and its share."""
-            share = self._share(si, active)
-            shares = (1 - share, share)
-            if ctx.component == ALL_COMPONENTS:
-                return [(i, part, ctx, shares[i]) for i, part in enumerate(self._nested)]
-            chosen = int(ctx.component >= self._counts[0])
-            inner = mi.BSDFContext(ctx.mode, ctx.type_mask, ctx.component - chosen * self._counts[0])
-            return [(chosen, self._nested[chosen], inner, shares[chosen])]
+        def _shares(self, si, albedos, active):
+            """Share of each leaf."""
+            weight = dr.clip(self._weight.eval_1(si, active), 0, 1)
+            first, second = self._nested
+            below, above = 1, weight
+            if self._mode == "blend":
+                below = 1 - weight
+            elif self._mode == "add":
+                above = 1
+            else:
+                below = dr.clip(1 - weight * dr.max(albedos[second]), 0, 1)
+                if self._tint is not None:
+                    # Beer's law along the refracted ray; the tint is that of the way straight through
+                    cosine = dr.safe_sqrt(1 - (1 - dr.square(si.wi.z)) / dr.square(self._ior))
+                    colour = dr.maximum(self._tint.eval(si, active), 1e-6) ** dr.rcp(cosine)
+                    below = below * dr.lerp(mi.Color3f(1), colour, weight)
+            return [
+                share * inner
+                for part, share in ((first, below), (second, above))
+                for inner in (part._shares(si, albedos, active) if _is_mixture(part) else [1])
+            ]
+
+        def _shared(self, si, active):
+            """Share of each leaf, and its chance to be sampled."""
+            albedos = self._albedos(si, active)
+            shares = self._shares(si, albedos, active)
+            chances = [
+                _grey(share) * dr.mean(albedos.get(leaf, 1.0))
+                for leaf, share in zip(self._leaves, shares, strict=True)
+            ]
+            total = sum(chances)
+            return shares, [dr.select(total > 0, chance / total, 1 / len(chances)) for chance in chances]
+
+        def _one(self, ctx, si, active):
+            """The leaf that the context asks for, its number, its context and its share."""
+            number, component = self._owners[ctx.component]
+            inner = mi.BSDFContext(ctx.mode, ctx.type_mask, component)
+            return (
+                self._leaves[number],
+                number,
+                inner,
+                self._shares(si, self._albedos(si, active), active)[number],
+            )
+
+        def _first_component(self, number):
+            return sum(leaf.component_count() for leaf in self._leaves[:number])
 
         def sample(self, ctx, si, sample1, sample2, active=True):
-            parts = self._parts(ctx, si, active)
-            if len(parts) == 1:
-                ((number, part, inner, share),) = parts
-                sample, value = part.sample(inner, si, sample1, sample2, active)
-                sample.sampled_component += number * self._counts[0]
-                return sample, value * share
-            share = parts[1][3]
-            second = sample1 < share
-            below, value_below = self._nested[0].sample(
-                ctx, si, (sample1 - share) / (1 - share), sample2, active & ~second
-            )
-            above, value_above = self._nested[1].sample(ctx, si, sample1 / share, sample2, active & second)
-            above.sampled_component += self._counts[0]
-            sample = dr.select(second, above, below)
-            value = dr.select(second, value_above, value_below)
-            sample.pdf *= dr.select(second, share, 1 - share)
-            # the other part may scatter the same way, but never exactly as a mirror does
+            if ctx.component != ALL_COMPONENTS:
+                if ctx.component >= len(self._owners):
+                    return dr.zeros(mi.BSDFSample3f), mi.Color3f(0)
+                leaf, number, inner, share = self._one(ctx, si, active)
+                sample, value = leaf.sample(inner, si, sample1, sample2, active)
+                sample.sampled_component += self._first_component(number)
+                return sample, dr.select(active, value * share, 0)
+            shares, chances = self._shared(si, active)
+            sample, sharp = dr.zeros(mi.BSDFSample3f), mi.Color3f(0)
+            left, number = mi.Bool(active), sample1
+            for i, (leaf, share, chance) in enumerate(zip(self._leaves, shares, chances, strict=True)):
+                mine = left & (number < chance) if i + 1 < len(chances) else left
+                rest = dr.clip(number / chance, 0, dr.one_minus_epsilon(mi.Float))
+                drawn, value = leaf.sample(ctx, si, rest, sample2, mine)
+                drawn.sampled_component += self._first_component(i)
+                drawn.pdf *= chance
+                sample = dr.select(mine, drawn, sample)
+                if mi.has_flag(leaf.flags(), mi.BSDFFlags.Delta):
+                    sharp = dr.select(mine & (chance > 0), value * share / chance, sharp)
+                left &= ~mine
+                number -= chance
+            # the others may scatter the same way, but never exactly as a mirror does
             scattered = active & ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) & (sample.pdf > 0)
-            both, density = self.eval_pdf(ctx, si, sample.wo, scattered)
-            value = dr.select(scattered, dr.select(density > 0, both / density, 0), value)
+            value, density = self._sums(ctx, si, sample.wo, shares, chances, scattered)
+            value = dr.select(scattered, dr.select(density > 0, value / density, 0), sharp)
             sample.pdf = dr.select(scattered, density, sample.pdf)
-            return sample, dr.select(active, value, 0)
+            return sample, dr.select(active & (sample.pdf > 0), value, 0)
+
+        def _sums(self, ctx, si, wo, shares, chances, active):
+            value, density = mi.Color3f(0), mi.Float(0)
+            for leaf, share, chance in zip(self._leaves, shares, chances, strict=True):
+                if mi.has_flag(leaf.flags(), mi.BSDFFlags.Smooth):
+                    leaf_value, leaf_density = leaf.eval_pdf(ctx, si, wo, active)
+                    value += share * leaf_value
+                    density += chance * leaf_density
+            return value, density
 
         def eval(self, ctx, si, wo, active=True):
             return self.eval_pdf(ctx, si, wo, active)[0]
@@ -80,18 +144,21 @@ def register():
             return self.eval_pdf(ctx, si, wo, active)[1]
 
         def eval_pdf(self, ctx, si, wo, active=True):
-            parts = self._parts(ctx, si, active)
-            value, density = mi.Color3f(0), mi.Float(0)
-            for _, part, inner, share in parts:
-                part_value, part_density = part.eval_pdf(inner, si, wo, active)
-                value += share * part_value
-                density += part_density if len(parts) == 1 else share * part_density
-            return value, density
+            if ctx.component != ALL_COMPONENTS:
+                if ctx.component >= len(self._owners):
+                    return mi.Color3f(0), mi.Float(0)
+                leaf, _, inner, share = self._one(ctx, si, active)
+                value, density = leaf.eval_pdf(inner, si, wo, active)
+                return share * value, density
+            return self._sums(ctx, si, wo, *self._shared(si, active), active)
 
         def eval_null_transmission(self, si, active=True):
-            share = self._share(si, active)
-            below, above = (part.eval_null_transmission(si, active) for part in self._nested)
-            return (1 - share) * below + share * above
+            through = mi.Color3f(0)
+            shares = self._shares(si, self._albedos(si, active), active)
+            for leaf, share in zip(self._leaves, shares, strict=True):
+                if mi.has_flag(leaf.flags(), mi.BSDFFlags.Null):
+                    through += share * leaf.eval_null_transmission(si, active)
+            return through
 
         def traverse(self, callback):
             callback.put("weight", self._weight, mi.ParamFlags.Differentiable)
@@ -100,5 +167,11 @@ def register():
 
         def to_string(self):
             return f"Mixture[weight={self._weight}, {self._nested[0]}, {self._nested[1]}]"
+
+    def _is_mixture(part):
+        return isinstance(part, Mixture)
+
+    def _grey(share):
+        return dr.mean(share) if isinstance(share, mi.Color3f) else share
 
     mi.register_bsdf("mixture", Mixture)

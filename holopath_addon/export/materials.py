@@ -1,7 +1,7 @@
 """Blender materials to Mitsuba BSDFs and emission.
 
-Roughness conventions: Mitsuba's `principled` squares its roughness itself, as Blender does; its
-`roughconductor` and `roughdielectric` take alpha = roughness squared.
+Shader nodes become the closures of `engine.closures`, which take Blender's roughness as it is, put together by
+`engine.mixture` as Cycles layers them.
 """
 
 import math
@@ -17,20 +17,14 @@ from .textures import LUMINANCE, ImageValue, Reading
 SMOOTH = 0.02
 # The same of a coat, so that Blender's default coat roughness of 0.03 is smooth.
 SMOOTH_COAT = 0.035
+LEAST_IOR = 0.1  # a texture or driver may give less
 
 _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 _CLEAR = {"type": "null"}
+_WHITE = (1.0, 1.0, 1.0)
 
-# Principled inputs that are not carried over: (name, value that has no effect)
-_PRINCIPLED_IGNORED = (
-    ("Subsurface Weight", 0.0),
-    ("Sheen Weight", 0.0),
-    ("Anisotropic", 0.0),
-    ("Thin Film Thickness", 0.0),
-    ("Diffuse Roughness", 0.0),
-    ("Thin Wall", False),
-    ("Specular Tint", (1.0, 1.0, 1.0)),
-)
+# Closures that serve both sides of a surface by themselves
+_TWO_SIDED = {"null", "clear", "gloss", "rough_glass", "sheen", "matt"}
 
 
 @dataclass
@@ -58,7 +52,7 @@ class Look:
     def both_sides(self):
         """BSDF that serves both sides of a surface."""
         bsdf = self.bsdf or _BLACK
-        return bsdf if self.transmissive else {"type": "twosided", "bsdf": bsdf}
+        return bsdf if self.transmissive or _two_sided(bsdf) else {"type": "twosided", "bsdf": bsdf}
 
 
 @dataclass
@@ -249,7 +243,9 @@ class _ShaderReader:
         """Materials without nodes: what the viewport shows, which Cycles renders too."""
         material = self._material
         colour = tuple(material.diffuse_color)[:3]
-        return self._opaque(colour, material.metallic, material.roughness, _f0(1.5))
+        gloss = {"roughness": material.roughness}
+        look = self._over(Look(self._matt(colour)), Look(self._dielectric(1.5, _WHITE, gloss)))
+        return self._blend(look, self._metal(colour, _WHITE, gloss), material.metallic)
 
     def _shader(self, source):
         node = source.node
@@ -273,102 +269,151 @@ class _ShaderReader:
     def _read_BsdfPrincipled(self, node):
         base = self._colour(node, "Base Color")
         metallic = self._number(node, "Metallic", 0.0)
-        roughness = self._number(node, "Roughness", 0.5)
         transmission = self._number(node, "Transmission Weight", 0.0)
-        ior = self._constant(node, "IOR", 1.5)
-        level = self._constant(node, "Specular IOR Level", 0.5)
-        for name, neutral in _PRINCIPLED_IGNORED:
-            if self._deviates(node, name, neutral):
-                self._note(f"Principled {name}", "ignored")
-        self._note_normals(node, "Normal", "Tangent")
-        f0 = 2 * level * _f0(ior)
-        if transmission == 0 or metallic == 1:
-            look = self._opaque(base, metallic, roughness, f0)
-        else:
-            if level != 0.5:
-                self._note("Principled Specular IOR Level", "ignored where light is transmitted")
+        gloss = self._microfacets(node, 0.5)
+        gloss |= self._burley_anisotropy(node, "Anisotropic", "Anisotropic Rotation")
+        tint = self._textured(node, "Specular Tint", _WHITE)
+        ior = max(self._constant(node, "IOR", 1.5), LEAST_IOR)
+        self._note_thin_film(node, "Principled ")
+        if self._deviates(node, "Thin Wall", False):
+            self._note("Principled Thin Wall", "ignored")
+        self._note_normals(node, "Normal")
+        look = Look(self._matt(base, self._number(node, "Diffuse Roughness", 0.0)))
+        if metallic != 1 and transmission != 1:
+            if self._deviates(node, "Subsurface Weight", 0.0):
+                self._note("Principled Subsurface Weight", "shown as a diffuse surface of the same colour")
+            f0 = 2 * self._constant(node, "Specular IOR Level", 0.5) * _f0(ior)
+            if f0 > 0:
+                look = self._over(look, Look(self._dielectric(_eta(f0), tint, gloss)))
+        if transmission != 0 and metallic != 1:
             # Blender's Principled tints by the square root at each of two surfaces, and no reflections
-            glass = self._glass(_square_root(base), (1.0, 1.0, 1.0), roughness, ior)
-            look = self._blend(self._opaque(base, 0.0, roughness, f0), glass, transmission)
-            look = self._blend(look, self._opaque(base, 1.0, roughness, f0), metallic)
+            glass = self._glass(_square_root(base), _WHITE, gloss, ior, tint)
+            look = self._blend(look, glass, transmission)
+        if metallic != 0:
+            look = self._blend(look, self._metal(base, tint, gloss), metallic)
         look.emission = self._emission(node, "Emission Color", "Emission Strength")
         coat = self._number(node, "Coat Weight", 0.0)
         if coat != 0:
             look = self._coated(look, node, coat)
+        sheen = self._number(node, "Sheen Weight", 0.0)
+        if sheen != 0:
+            if look.emission is not None:
+                self._note("Emission under sheen", "as bright as without")
+            fuzz = self._fuzz(
+                self._textured(node, "Sheen Tint", _WHITE), self._number(node, "Sheen Roughness", 0.5)
+            )
+            look = self._over(look, Look(fuzz), sheen)
         return self._blend(_clear(), look, self._number(node, "Alpha", 1.0))
-
-    def _opaque(self, base, metallic, roughness, f0):
-        """What a Principled BSDF reflects where it transmits nothing."""
-        smooth = _at_most(roughness, 0.15) and metallic != 0
-        if not _at_most(roughness, SMOOTH):
-            if not isinstance(metallic, ImageValue):
-                # Blender takes from the diffuse layer what the gloss over it reflects, Mitsuba does not
-                base = _times(base, 1 - (1 - metallic) * min(f0, 1)) or (0.0, 0.0, 0.0)
-            return Look(self._principled_bsdf(base, metallic, roughness, _eta(f0)), smooth=smooth)
-        polished = Look(self.diffuse(base))
-        if f0 > 0:
-            polished = self._under_gloss(polished, _eta(f0))
-        return self._blend(polished, Look(self._mirror(base, 0.0), smooth=True), metallic)
 
     def _coated(self, look, node, weight):
         """A Principled BSDF's coat over the rest of it."""
         import drjit as dr
         import mitsuba as mi
 
-        if self._deviates(node, "Coat Tint", (1.0, 1.0, 1.0)):
-            self._note("Principled Coat Tint", "ignored")
         self._note_normals(node, "Coat Normal")
-        ior = self._constant(node, "Coat IOR", 1.5)
-        roughness = self._constant(node, "Coat Roughness", 0.03)
-        coated = self._under_gloss(look, ior, weight, 0.0 if roughness < SMOOTH_COAT else roughness)
-        reflected = dr.slice(mi.fresnel_diffuse_reflectance(ior))
-        kept = _rest(weight.scaled(reflected) if isinstance(weight, ImageValue) else weight * reflected)
-        return replace(coated, emission=self._product(look.emission, kept))
-
-    def _under_gloss(self, look, ior, weight=1.0, roughness=0.0):
-        """A look below the surface of a clear dielectric, where that is present with a weight."""
-        bsdf = self._mixture(look, Look(self._mirror((1.0, 1.0, 1.0), roughness)), weight)
-        bsdf["int_ior"] = ior
-        return replace(look, bsdf=bsdf, smooth=look.smooth or roughness <= 0.15)
+        ior = max(self._constant(node, "Coat IOR", 1.5), 1.001)
+        roughness = self._number(node, "Coat Roughness", 0.03)
+        if _at_most(roughness, SMOOTH_COAT):
+            roughness = 0.0
+        coat = Look(self._dielectric(ior, _WHITE, {"roughness": roughness}), smooth=_at_most(roughness, 0.15))
+        coated = self._over(look, coat, weight)
+        kept = 1 - np.full(3, dr.slice(mi.fresnel_diffuse_reflectance(ior)))
+        if self._deviates(node, "Coat Tint", _WHITE):
+            tint = self._textured(node, "Coat Tint", _WHITE)
+            coated.bsdf |= {"tint": self._build(tint, limit=1), "int_ior": ior}
+            kept *= self._textures.mean_colour(tint)
+        # the mean over all directions; Blender's emission is dimmed by what the coat reflects this way
+        if isinstance(weight, ImageValue) and np.ptp(kept) == 0:
+            dimmed = self._product(look.emission, _rest(weight.scaled(1 - kept[0])))
+        else:
+            share = float(self._textures.mean_colour(weight).mean())
+            dimmed = _times(look.emission, 1 - share * (1 - kept))
+        return replace(coated, emission=dimmed)
 
     def _read_BsdfDiffuse(self, node):
-        if self._constant(node, "Roughness", 0.0) > 0:
-            self._note("Diffuse BSDF Roughness", "ignored")
         self._note_normals(node, "Normal")
+        roughness = self._number(node, "Roughness", 0.0)
+        colour = self._colour(node, "Color")
+        return Look(self.diffuse(colour) if roughness == 0 else self._matt(colour, roughness))
+
+    def _read_BsdfTranslucent(self, node):
+        self._note_normals(node, "Normal")
+        bsdf = self._matt(self._colour(node, "Color")) | {"translucent": True}
+        return Look(bsdf, transmissive=True)
+
+    def _read_SubsurfaceScattering(self, node):
+        self._note_normals(node, "Normal")
+        self._note("Subsurface Scattering node", "shown as a diffuse surface of the same colour")
         return Look(self.diffuse(self._colour(node, "Color")))
+
+    def _read_BsdfSheen(self, node):
+        self._note_normals(node, "Normal")
+        if node.node.distribution != "MICROFIBER":
+            self._note("Sheen BSDF of the Ashikhmin kind", "replaced by microfiber sheen")
+        return Look(self._fuzz(self._colour(node, "Color"), self._number(node, "Roughness", 0.5)))
 
     def _read_Emission(self, node):
         return Look(emission=self._emission(node, "Color", "Strength"))
 
     def _read_BsdfGlass(self, node):
         self._note_normals(node, "Normal")
+        self._note_thin_film(node, "Glass BSDF ")
         colour = self._colour(node, "Color")
         return self._glass(
-            colour, colour, self._number(node, "Roughness", 0.0), self._constant(node, "IOR", 1.5)
+            colour, colour, self._microfacets(node, 0.0), self._constant(node, "IOR", 1.5), _WHITE
         )
+
+    def _read_BsdfRefraction(self, node):
+        self._note_normals(node, "Normal")
+        gloss = self._microfacets(node, 0.0)
+        bsdf = {
+            "type": "rough_glass",
+            "fresnel": False,
+            "ior": _refracting(self._constant(node, "IOR", 1.45)),
+            "transmittance": self._build(self._colour(node, "Color"), limit=1),
+            **self._rough(gloss["roughness"]),
+        }
+        if "roughness" in bsdf:
+            bsdf["distribution"] = gloss.get("distribution", "ggx")
+        return Look(bsdf, transmissive=True, smooth=_at_most(gloss["roughness"], 0.15))
 
     def _read_BsdfAnisotropic(self, node):
         """The Glossy BSDF: a mirror of the given colour, without Fresnel."""
-        if self._constant(node, "Anisotropy", 0.0) != 0:
-            self._note("Glossy BSDF Anisotropy", "ignored")
-        self._note_normals(node, "Normal", "Tangent")
-        roughness = self._constant(node, "Roughness", 0.5)
-        return Look(self._mirror(self._colour(node, "Color"), roughness), smooth=roughness <= 0.15)
+        self._note_normals(node, "Normal")
+        gloss = self._microfacets(node, 0.5) | self._anisotropy(node)
+        return self._mirror(gloss, reflectance=self._colour(node, "Color"))
 
     _read_BsdfGlossy = _read_BsdfAnisotropic
 
+    def _read_BsdfMetallic(self, node):
+        self._note_normals(node, "Normal")
+        self._note_thin_film(node, "Metallic BSDF ")
+        gloss = self._microfacets(node, 0.5) | self._burley_anisotropy(node, "Anisotropy", "Rotation")
+        if node.node.fresnel_type == "F82":
+            return self._metal(
+                self._colour(node, "Base Color"), self._textured(node, "Edge Tint", _WHITE), gloss
+            )
+        index, extinction = (
+            np.broadcast_to(self._textures.constant(node.input(name), self._name, fallback), 3)
+            for name, fallback in (("IOR", (2.757, 2.513, 2.231)), ("Extinction", (3.867, 3.404, 3.009)))
+        )
+        return self._metal(*_f82_of_metal(index, extinction), gloss)
+
     def _read_BsdfTransparent(self, node):
         colour = self._colour(node, "Color")
-        if isinstance(colour, ImageValue) or len(set(colour)) > 1:
-            self._note("Transparent BSDF Color", "replaced by a grey")
-        return self._blend(Look(_BLACK), _clear(), self._grey(colour))
+        if _is_white(colour):
+            return _clear()
+        return replace(_clear(), bsdf={"type": "clear", "transmittance": self._build(colour, limit=1)})
 
     def _read_AddShader(self, node):
         first, second = (self._linked_shader(Pin(socket, node.groups)) for socket in node.node.inputs)
-        if first.bsdf and second.bsdf:
-            self._note("Add Shader of two reflecting or transparent shaders", "only one is used")
-        used = first if first.bsdf and not (second.bsdf and first.bsdf is _CLEAR) else second
-        return replace(used, emission=self._sum(first.emission, second.emission))
+        added = self._joined(first, second, mode="add") if first.bsdf and second.bsdf else None
+        return Look(
+            added or first.bsdf or second.bsdf,
+            self._sum(first.emission, second.emission),
+            first.transmissive or second.transmissive,
+            first.smooth or second.smooth,
+        )
 
     def _read_MixShader(self, node):
         factor, first, second = (Pin(socket, node.groups) for socket in node.node.inputs)
@@ -400,57 +445,117 @@ class _ShaderReader:
             smooth=first.smooth or second.smooth,
         )
         if first.bsdf or second.bsdf:
-            mixed.bsdf = self._mixture(first, second, weight)
+            mixed.bsdf = self._joined(first, second, weight=self._build(weight, grey=True, limit=1))
         return mixed
 
-    def _mixture(self, first, second, weight):
+    def _over(self, below, above, weight=1.0):
+        """A look below a closure that reflects, which is present with a weight."""
+        weight = self._build(weight, grey=True, limit=1)
+        bsdf = self._joined(below, above, mode="over", weight=weight)
+        return replace(below, bsdf=bsdf, smooth=below.smooth or above.smooth)
+
+    @staticmethod
+    def _joined(first, second, **how):
         """BSDF of two looks, see `engine.mixture`."""
         through = first.transmissive or second.transmissive
         parts = [look.both_sides if through else look.bsdf or _BLACK for look in (first, second)]
-        weight = self._build(weight, grey=True, limit=1)
-        return {"type": "mixture", "weight": weight, "first": parts[0], "second": parts[1]}
+        return {"type": "mixture", "first": parts[0], "second": parts[1], **how}
 
-    # -- BSDFs
+    # -- closures
 
     def diffuse(self, colour):
         """A diffuse BSDF."""
         return {"type": "diffuse", "reflectance": self._build(colour, limit=1)}
 
-    def _principled_bsdf(self, base, metallic, roughness, eta):
-        return {
-            "type": "principled",
-            "base_color": self._build(base, limit=1),
-            "roughness": self._build(roughness, grey=True, limit=1),
-            "metallic": self._build(metallic, grey=True, limit=1),
-            "eta": max(eta, 1.001),
-        }
+    def _matt(self, colour, roughness=0.0):
+        bsdf = {"type": "matt", "reflectance": self._build(colour, limit=1)}
+        return bsdf if roughness == 0 else bsdf | {"roughness": self._build(roughness, grey=True, limit=1)}
 
-    def _mirror(self, colour, roughness):
-        common = {"material": "none", "specular_reflectance": self._build(colour, limit=1)}
-        if roughness < SMOOTH:
-            return {"type": "conductor", **common}
-        return {"type": "roughconductor", "distribution": "ggx", "alpha": roughness**2, **common}
+    def _fuzz(self, colour, roughness):
+        roughness = self._build(roughness, grey=True, limit=1)
+        return {"type": "sheen", "reflectance": self._build(colour, limit=1), "roughness": roughness}
 
-    def _glass(self, transmittance, reflectance, roughness, ior):
-        common = {
-            "int_ior": float(ior),
-            "ext_ior": 1.0,
-            "specular_transmittance": self._build(transmittance, limit=1),
-            "specular_reflectance": self._build(reflectance, limit=1),
-        }
-        if isinstance(roughness, ImageValue):
-            self._note("Texture on the roughness of glass", "replaced by its mean")
-            roughness = float(self._textures.mean_colour(roughness).mean())
-        if abs(ior - 1) < 1e-4:
-            common["int_ior"] = 1.0001
-        if roughness >= SMOOTH:
-            rough = {"type": "roughdielectric", "distribution": "ggx", "alpha": roughness**2, **common}
-            return Look(rough, transmissive=True, smooth=roughness <= 0.15)
+    def _microfacets(self, node, roughness):
+        """Roughness and kind of a glossy closure, as `_gloss` takes them."""
+        gloss = {"roughness": self._number(node, "Roughness", roughness)}
+        distribution = node.node.distribution
+        if distribution in ("GGX", "BECKMANN"):
+            gloss["distribution"] = distribution.lower()
+        elif distribution != "MULTI_GGX" and not _at_most(gloss["roughness"], SMOOTH):
+            self._note(f"{node.node.bl_label} of the {distribution.title()} kind", "of GGX microfacets")
+            gloss["distribution"] = "ggx"
+        return gloss
+
+    def _anisotropy(self, node):
+        """Anisotropy of the Glossy BSDF."""
+        amount = min(max(self._constant(node, "Anisotropy", 0.0), -0.99), 0.99)
+        return self._stretch(node, 1 / (1 - amount) if amount > 0 else 1 + amount, "Rotation")
+
+    def _burley_anisotropy(self, node, name, rotation_name):
+        """Anisotropy of the others, after Burley 2012."""
+        amount = min(max(self._constant(node, name, 0.0), 0.0), 1.0)
+        return self._stretch(node, math.sqrt(1 - 0.9 * amount), rotation_name)
+
+    def _stretch(self, node, aspect, rotation_name):
+        """Anisotropy as `engine.closures` takes it, along the U of a UV map."""
+        if abs(aspect - 1) < 1e-4:
+            return {}
+        tangent, uv_name = follow(node.input("Tangent")).node, None
+        if tangent.bl_idname == "ShaderNodeTangent" and tangent.direction_type == "UV_MAP":
+            uv_name = tangent.uv_map or None
+        else:
+            self._note("Anisotropy about an axis", "along the U of the UV map, as a Tangent node may say")
+        self._uv_names.append(uv_name)
+        return {"aspect": aspect, "rotation": self._number(node, rotation_name, 0.0)}
+
+    def _rough(self, roughness):
+        """A closure's roughness, absent where it is smooth."""
+        if _at_most(roughness, SMOOTH):
+            return {}
+        return {"roughness": self._build(roughness, grey=True, limit=1)}
+
+    def _gloss(self, gloss, **fresnel):
+        """A closure that reflects."""
+        bsdf = {"type": "gloss", **fresnel, **self._rough(gloss["roughness"])}
+        if "roughness" not in bsdf:
+            return bsdf
+        rotation = gloss.get("rotation", 0.0)
+        if rotation != 0:
+            bsdf["rotation"] = self._build(rotation, grey=True)
+        return bsdf | {key: gloss[key] for key in ("aspect", "distribution") if key in gloss}
+
+    def _dielectric(self, ior, tint, gloss):
+        return self._gloss(gloss, ior=max(ior, 1.001), reflectance=self._build(tint))
+
+    def _mirror(self, gloss, **colours):
+        """What reflects with these colours of `engine.closures`."""
+        colours = {name: self._build(colour, limit=1) for name, colour in colours.items()}
+        return Look(self._gloss(gloss, **colours), smooth=_at_most(gloss["roughness"], 0.15))
+
+    def _metal(self, colour, edge, gloss):
+        edge = {} if _is_white(edge) else {"edge": edge}
+        return self._mirror(gloss, f0=colour, **edge)
+
+    def _glass(self, transmittance, reflectance, gloss, ior, tint):
+        colours = [self._build(colour, limit=1) for colour in (transmittance, reflectance)]
+        tinted = not _is_white(tint)
+        ior, roughness = _refracting(ior), gloss["roughness"]
+        if not _at_most(roughness, SMOOTH):
+            bsdf = dict(zip(("transmittance", "reflectance"), colours, strict=True))
+            bsdf |= {"type": "rough_glass", "ior": ior, **self._rough(roughness)}
+            if tinted:
+                bsdf["specular_tint"] = self._build(tint, limit=1)
+            if "distribution" in gloss:
+                bsdf["distribution"] = gloss["distribution"]
+            return Look(bsdf, transmissive=True, smooth=_at_most(roughness, 0.15))
+        if tinted:
+            self._note("Specular Tint of smooth glass", "ignored")
+        bsdf = dict(zip(("specular_transmittance", "specular_reflectance"), colours, strict=True))
+        bsdf |= {"type": "dielectric", "int_ior": ior, "ext_ior": 1.0}
         if self._abbe:
             self._disperses = True
-            common["abbe"] = self._abbe
-        kind = "dispersive_dielectric" if self._abbe else "dielectric"
-        return Look({"type": kind, **common}, transmissive=True, smooth=True)
+            bsdf |= {"type": "dispersive_dielectric", "abbe": self._abbe}
+        return Look(bsdf, transmissive=True, smooth=True)
 
     # -- values
 
@@ -522,6 +627,10 @@ class _ShaderReader:
     def _note(self, feature, effect):
         self._notes.add(self._name, feature, effect)
 
+    def _note_thin_film(self, node, prefix):
+        if self._deviates(node, "Thin Film Thickness", 0.0):
+            self._note(f"{prefix}Thin Film Thickness", "ignored")
+
     def _note_normals(self, node, *names):
         """Remember what feeds a shader's normal; all of a material share one."""
         for name in names:
@@ -536,6 +645,13 @@ class _ShaderReader:
                 self._note("Several bump or normal maps in one material", "only one is used")
 
 
+def _two_sided(bsdf):
+    """Whether a BSDF's dictionary serves both sides."""
+    if bsdf["type"] == "mixture":
+        return _two_sided(bsdf["first"]) and _two_sided(bsdf["second"])
+    return bsdf["type"] in _TWO_SIDED
+
+
 def _uses_nodes(material):
     import bpy
 
@@ -543,11 +659,11 @@ def _uses_nodes(material):
 
 
 def _times(value, factor):
-    if value is None or factor == 0:
+    if value is None or not np.any(factor):
         return None
     if isinstance(value, ImageValue):
         return value.scaled(factor)
-    return tuple(float(v) * factor for v in np.broadcast_to(value, 3))
+    return tuple(float(v) for v in np.broadcast_to(value, 3) * np.asarray(factor))
 
 
 def _rest(weight):
@@ -573,6 +689,34 @@ def _square_root(value):
 def _eta(f0):
     root = math.sqrt(min(max(f0, 0.0), 0.98))
     return (1 + root) / (1 - root)
+
+
+def _refracting(ior):
+    """An index of refraction that differs from 1, for Mitsuba's sake."""
+    ior = max(float(ior), LEAST_IOR)
+    return ior if abs(ior - 1) >= 1e-4 else 1.0001
+
+
+def _f82_of_metal(index, extinction):
+    """Reflectance at normal incidence, and that at 82 degrees over Schlick's, of a metal in air.
+
+    The model of Kutz, Hasan and Edmondson 2021 through Fresnel's equations at these two angles.
+    """
+
+    def fresnel(cosine):
+        refractive = index + 1j * extinction
+        inside = np.sqrt(refractive**2 - (1 - cosine**2))
+        s = (cosine - inside) / (cosine + inside)
+        p = (refractive**2 * cosine - inside) / (refractive**2 * cosine + inside)
+        return (abs(s) ** 2 + abs(p) ** 2) / 2
+
+    normal = fresnel(1.0)
+    schlick = normal + (1 - normal) * (6 / 7) ** 5
+    return tuple(normal), tuple(np.minimum(fresnel(1 / 7) / schlick, 1))
+
+
+def _is_white(value):
+    return not isinstance(value, ImageValue) and np.min(value) >= 1
 
 
 def _at_most(value, limit):

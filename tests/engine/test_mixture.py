@@ -65,11 +65,38 @@ def test_shares_are_the_weights(mi, first, second):
 
 
 def test_a_coat_reflects_as_a_dielectric_does(mi):
-    bsdf = mi.load_dict({"type": "twosided", "bsdf": mix(0.6, diffuse(0.5), MIRROR, int_ior=1.5)})
+    coat = {"type": "gloss", "ior": 1.5}
+    bsdf = mi.load_dict({"type": "twosided", "bsdf": mix(0.6, diffuse(0.5), coat, mode="over")})
     for cosine in COSINES:
         reflected = 0.6 * float(mi.fresnel(mi.Float(cosine), 1.5)[0][0])
         assert albedo(mi, bsdf, cosine, component=1) == pytest.approx(reflected, abs=1e-4)
         assert albedo(mi, bsdf, cosine) == pytest.approx(reflected + 0.5 * (1 - reflected), abs=0.005)
+
+
+def test_a_tinted_coat_absorbs_along_the_ray(mi):
+    coat = {"type": "gloss", "ior": 1.5}
+    tint = {"type": "rgb", "value": [0.25, 0.25, 0.25]}
+    bsdf = mi.load_dict(mix(1.0, diffuse(1.0), coat, mode="over", tint=tint, int_ior=1.5))
+    for cosine in COSINES:
+        reflected = float(mi.fresnel(mi.Float(cosine), 1.5)[0][0])
+        length = (1 - (1 - cosine**2) / 1.5**2) ** -0.5
+        assert albedo(mi, bsdf, cosine, component=0) == pytest.approx(
+            (1 - reflected) * 0.25**length, rel=1e-3
+        )
+
+
+def test_a_sum(mi):
+    clear = {"type": "clear", "transmittance": {"type": "rgb", "value": [0.1, 0.2, 0.6]}}
+    bsdf = mi.load_dict(mix(0.1, diffuse(0.4), mix(0.5, MIRROR, clear), mode="add"))
+    assert albedo(mi, bsdf, 0.5) == pytest.approx(0.4 + 0.5 + 0.5 * 0.3, abs=0.005)
+    through = bsdf.eval_null_transmission(interaction(mi, 1.0, 1))
+    assert np.array(through).ravel() == pytest.approx([0.05, 0.1, 0.3])
+
+
+@pytest.mark.parametrize("wrong", [dict(mode="under"), dict(mode="over")])
+def test_bad_modes_are_refused(mi, wrong):
+    with pytest.raises(Exception, match="mixture: "):
+        mi.load_dict(mix(0.5, diffuse(0.5), diffuse(0.5), **wrong))
 
 
 def test_lobes_one_by_one(mi):

@@ -83,25 +83,11 @@ def test_glass_ball_tints_as_in_cycles(stage, node, values):
     assert stage.ratio(MIDDLE, depth=12) == pytest.approx(np.ones(3), abs=0.03)
 
 
-def apart(stage, region=slice(None)):
+def apart(stage, region=slice(None), spp=256):
     """Mean difference from Cycles' picture, relative, in blocks of 4 x 4 pixels: the noise is not meant."""
-    ours, theirs = (render(spp=256, depth=8)[region] for render in (stage.mitsuba, stage.cycles))
+    ours, theirs = (render(spp=spp, depth=8)[region] for render in (stage.mitsuba, stage.cycles))
     ours, theirs = (v.reshape(len(v) // 4, 4, len(v) // 4, 4, 3).mean((1, 3)) for v in (ours, theirs))
     return np.abs(ours - theirs).mean() / theirs.mean()
-
-
-# A smooth metal is as bright at all angles, Blender's brighter towards the rim: at most 7 % on a whole ball.
-RIM = {(0.5, 0.0, 0.0): 0.04, (0.5, 0.5, 0.0): 0.04, (0.5, 1.0, 0.0): 0.04}
-RIM |= {(1.0, t, 0.0): 0.07 for t in (0.0, 0.5, 1.0)}
-# Light that is scattered more than once between the grains of a rough surface is lost, Cycles' is not.
-LOST = {
-    (0.0, 0.5, 1.0): 0.14,
-    (0.0, 1.0, 1.0): 0.41,
-    (0.5, 0.0, 1.0): 0.13,
-    (0.5, 0.5, 1.0): 0.21,
-    (0.5, 1.0, 1.0): 0.34,
-    **{(1.0, t, 1.0): 0.33 for t in (0.0, 0.5, 1.0)},
-}
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
@@ -112,15 +98,158 @@ def test_principled_ball(stage, metallic, transmission, roughness):
     stage.sphere(1, stage.material(PRINCIPLED, Base_Color=(0.8, 0.5, 0.2, 1), **values))
     stage.world((0.5, 0.5, 0.5))
     ratio = stage.ratio(BALL, depth=8, spp=64)
-    case = metallic, transmission, roughness
-    assert ratio.max() < 1.03
-    assert ratio.min() > 1 - LOST.get(case, RIM.get(case, 0.03)) - 0.005
+    assert ratio == pytest.approx(np.ones(3), abs=0.03)
     exported = stage.export()
     assert exported.notes == []
     sharp = {"DeltaReflection"} | ({"DeltaTransmission"} if transmission > 0 and metallic < 1 else set())
     assert lobes(exported) & {"DeltaReflection", "DeltaTransmission", "Null"} == (
         sharp if roughness == 0 else set()
     )
+
+
+BASE = {"Base_Color": (0.8, 0.5, 0.2, 1)}
+COLOUR = {"Color": (0.8, 0.5, 0.2, 1)}
+TINT = (0.9, 0.4, 0.2, 1)
+GLOSSY, GLASS = "ShaderNodeBsdfAnisotropic", "ShaderNodeBsdfGlass"
+METALLIC, REFRACTION = "ShaderNodeBsdfMetallic", "ShaderNodeBsdfRefraction"
+
+
+@pytest.mark.parametrize(
+    "node, values, settings",
+    [
+        (PRINCIPLED, dict(BASE, Roughness=0.3, Specular_IOR_Level=1.0), {}),
+        (PRINCIPLED, dict(BASE, Roughness=0.3, IOR=2.0, Specular_Tint=TINT), {}),
+        (PRINCIPLED, dict(BASE, Roughness=1.0), {"distribution": "GGX"}),
+        (PRINCIPLED, dict(BASE, Roughness=0.5, Diffuse_Roughness=1.0), {}),
+        (PRINCIPLED, dict(BASE, Metallic=1.0, Roughness=0.0, Specular_Tint=TINT), {}),
+        (PRINCIPLED, dict(BASE, Metallic=1.0, Roughness=0.4, Specular_Tint=TINT), {}),
+        (PRINCIPLED, dict(BASE, Metallic=1.0, Roughness=1.0), {"distribution": "GGX"}),
+        (PRINCIPLED, dict(BASE, Sheen_Weight=1.0), {}),
+        (PRINCIPLED, dict(BASE, Sheen_Weight=0.7, Sheen_Roughness=0.2, Sheen_Tint=TINT), {}),
+        (PRINCIPLED, dict(BASE, Coat_Weight=1.0, Coat_Tint=TINT), {}),
+        (PRINCIPLED, dict(BASE, Coat_Weight=0.5, Coat_Roughness=0.5, Coat_IOR=1.8, Coat_Tint=TINT), {}),
+        (PRINCIPLED, dict(BASE, Transmission_Weight=1.0, Roughness=0.4, Specular_Tint=TINT), {}),
+        (PRINCIPLED, dict(BASE, Transmission_Weight=0.5, Roughness=0.6, Coat_Weight=1.0), {}),
+        (GLOSSY, dict(COLOUR, Roughness=1.0), {}),
+        (GLOSSY, dict(COLOUR, Roughness=0.5), {"distribution": "BECKMANN"}),
+        (GLASS, dict(COLOUR, Roughness=0.3), {}),
+        (GLASS, dict(COLOUR, Roughness=1.0), {}),
+        (GLASS, dict(COLOUR, Roughness=0.7), {"distribution": "GGX"}),
+        (REFRACTION, dict(COLOUR, Roughness=0.0), {}),
+        (REFRACTION, dict(COLOUR, Roughness=0.4), {}),
+        (REFRACTION, dict(COLOUR, Roughness=0.4), {"distribution": "GGX"}),
+        (METALLIC, dict(Roughness=0.3), {}),
+        (METALLIC, dict(Roughness=0.3), {"fresnel_type": "PHYSICAL_CONDUCTOR"}),
+        (DIFFUSE, dict(COLOUR, Roughness=0.7), {}),
+        ("ShaderNodeBsdfTranslucent", COLOUR, {}),
+        ("ShaderNodeBsdfSheen", COLOUR, {}),
+        ("ShaderNodeBsdfTransparent", COLOUR, {}),
+    ],
+)
+@pytest.mark.parametrize("lit_by", ["world", "panel"])
+def test_ball_of_each_closure(stage, node, values, settings, lit_by):
+    """The whole ball's brightness and, in blocks of 4 x 4 pixels, where it is: highlights too."""
+    material = stage.material(node, **values)
+    shader = next(n for n in material.node_tree.nodes if n.bl_idname == node)
+    for name, value in settings.items():
+        setattr(shader, name, value)
+    stage.sphere(1, material)
+    light(stage, lit_by)
+    # paths that find the panel through rough glass are rare
+    spp = 2048 if lit_by == "panel" and "Transmission_Weight" in values else 512
+    assert apart(stage, BALL, spp=spp) < 0.03
+    assert stage.export().notes == []
+
+
+def light(stage, by):
+    """A grey world, or a dim one with a bright panel behind the camera."""
+    stage.world((0.5, 0.5, 0.5) if by == "world" else (0.1, 0.1, 0.1))
+    if by == "panel":
+        panel = stage.plane(1.5, stage.material(EMISSION, "panel", Strength=20.0), "panel", (1.5, 1, 4.5))
+        panel.rotation_euler = (np.pi - 0.2, 0.3, 0)
+    # Cycles widens what a rough surface shows in another to spare noise: a setting, no property of the material
+    stage.scene.cycles.blur_glossy = 0
+
+
+@pytest.mark.parametrize(
+    "node, values",
+    [
+        (PRINCIPLED, dict(BASE, Metallic=1.0, Roughness=0.5, Anisotropic=0.8)),
+        (PRINCIPLED, dict(BASE, Roughness=0.4, Anisotropic=0.8, Anisotropic_Rotation=0.15)),
+        (GLOSSY, dict(COLOUR, Roughness=0.5, Anisotropy=0.7)),
+        (GLOSSY, dict(COLOUR, Roughness=0.5, Anisotropy=-0.7, Rotation=0.1)),
+        (METALLIC, dict(Roughness=0.5, Anisotropy=0.7)),
+    ],
+)
+def test_anisotropy_along_a_uv_map(stage, node, values):
+    material = stage.material(node, **values)
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    tangent = nodes.new("ShaderNodeTangent")
+    tangent.direction_type, tangent.uv_map = "UV_MAP", "UVMap"
+    links.new(tangent.outputs[0], next(n for n in nodes if n.bl_idname == node).inputs["Tangent"])
+    stage.plane(6, material)
+    light(stage, "panel")
+    assert apart(stage, spp=512) < 0.03
+    assert stage.export().notes == []
+    links.remove(links[-1])
+    assert features(stage.export()) == {"Anisotropy about an axis"}
+
+
+@pytest.mark.parametrize(
+    "node, values, socket",
+    [
+        (GLASS, COLOUR, "Roughness"),
+        (GLOSSY, COLOUR, "Roughness"),
+        (REFRACTION, COLOUR, "Roughness"),
+        (PRINCIPLED, dict(BASE, Coat_Weight=1.0), "Coat Roughness"),
+        (PRINCIPLED, dict(BASE, Sheen_Weight=1.0), "Sheen Roughness"),
+        (PRINCIPLED, dict(BASE, Roughness=1.0), "Diffuse Roughness"),
+        (PRINCIPLED, dict(BASE, Metallic=1.0), "Specular Tint"),
+        (PRINCIPLED, dict(BASE, Coat_Weight=1.0), "Coat Tint"),
+        ("ShaderNodeBsdfTransparent", {}, "Color"),
+    ],
+)
+def test_closure_inputs_by_texture(stage, node, values, socket):
+    material = stage.material(node, **values)
+    steps = np.kron(np.linspace(0.2, 0.9, 4), np.ones((4, 4)))
+    stage.texture(material, stage.float_image(steps), socket).interpolation = "Closest"
+    ball = stage.sphere(1, material)
+    assert ball.data.uv_layers
+    light(stage, "world")
+    assert apart(stage, BALL) < 0.02
+    assert stage.export().notes == []
+
+
+@pytest.mark.parametrize(
+    "node, values, settings, bound, feature",
+    [
+        (PRINCIPLED, dict(BASE, Subsurface_Weight=0.5), {}, 0.03, "Principled Subsurface Weight"),
+        ("ShaderNodeSubsurfaceScattering", COLOUR, {}, 0.05, "Subsurface Scattering node"),
+        (
+            GLOSSY,
+            dict(COLOUR, Roughness=0.5),
+            {"distribution": "ASHIKHMIN_SHIRLEY"},
+            0.08,
+            "Glossy BSDF of the Ashikhmin_Shirley kind",
+        ),
+        (
+            "ShaderNodeBsdfSheen",
+            COLOUR,
+            {"distribution": "ASHIKHMIN"},
+            0.1,
+            "Sheen BSDF of the Ashikhmin kind",
+        ),
+    ],
+)
+def test_stated_approximations(stage, node, values, settings, bound, feature):
+    material = stage.material(node, **values)
+    shader = next(n for n in material.node_tree.nodes if n.bl_idname == node)
+    for name, value in settings.items():
+        setattr(shader, name, value)
+    stage.sphere(1, material)
+    light(stage, "world")
+    assert apart(stage, BALL) < bound
+    assert features(stage.export()) == {feature}
 
 
 @pytest.mark.parametrize(
@@ -176,13 +305,15 @@ def test_weights_by_texture(stage, socket):
     assert stage.export().notes == []
 
 
-@pytest.mark.parametrize("case", ["alpha", "mix", "mix, swapped", "grey", "emission"])
+@pytest.mark.parametrize("case", ["alpha", "mix", "mix, swapped", "grey", "tinted", "emission"])
 @pytest.mark.parametrize("lit_by", ["world", "lamp"])
 def test_transparency(stage, case, lit_by):
     """A pane over a floor: what is seen through it, and the shadow it casts."""
     values = dict(Color=(0.2, 0.4, 0.8, 1))
     if case == "grey":
         material = stage.material("ShaderNodeBsdfTransparent", "pane", Color=(0.3, 0.3, 0.3, 1))
+    elif case == "tinted":
+        material = stage.material("ShaderNodeBsdfTransparent", "pane", **values)
     elif case == "alpha":
         material = stage.material(PRINCIPLED, "pane", Alpha=0.4, Base_Color=values["Color"], Roughness=1.0)
     elif case == "emission":
@@ -224,7 +355,7 @@ def test_cut_out_by_texture(stage):
 
 
 def test_add_with_transparent(stage):
-    """A glow over what is behind it; a second surface is not added, but never lost."""
+    """A glow, and then a surface, over what is behind them."""
     material = stage.material(EMISSION, Color=(0.3, 0.2, 0.1, 1))
     mix, clear = stage.mix(material, "ShaderNodeBsdfTransparent")
     nodes, links = material.node_tree.nodes, material.node_tree.links
@@ -238,9 +369,27 @@ def test_add_with_transparent(stage):
     assert stage.ratio(MIDDLE, spp=16) == pytest.approx(np.ones(3), abs=0.005)
     assert stage.export().notes == []
     links.new(nodes.new(DIFFUSE).outputs[0], add.inputs[1])
+    clear.inputs["Color"].default_value = (0.6, 0.3, 0.1, 1)
+    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=0.01)
     exported = stage.export()
-    assert lobes(exported) == {"DiffuseReflection"}
-    assert features(exported) == {"Add Shader of two reflecting or transparent shaders"}
+    assert lobes(exported) == {"DiffuseReflection", "Null"}
+    assert exported.notes == []
+
+
+def test_sum_of_surfaces(stage):
+    """Diffuse and mirror, each with all its light."""
+    material = stage.material(DIFFUSE, Color=(0.4, 0.3, 0.2, 1))
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    add, mirror = nodes.new("ShaderNodeAddShader"), nodes.new(GLOSSY)
+    mirror.inputs["Color"].default_value, mirror.inputs["Roughness"].default_value = (0.5, 0.5, 0.5, 1), 0.0
+    output = next(n for n in nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    links.new(output.inputs["Surface"].links[0].from_socket, add.inputs[0])
+    links.new(mirror.outputs[0], add.inputs[1])
+    links.new(add.outputs[0], output.inputs["Surface"])
+    stage.sphere(1, material)
+    light(stage, "panel")
+    assert apart(stage, BALL, spp=1024) < 0.02
+    assert "DeltaReflection" in lobes(stage.export())
 
 
 def test_nothing_but_transparent(stage):
@@ -463,8 +612,7 @@ def test_finds_the_active_output(stage):
 
 
 def test_unsupported_features_are_noted(stage):
-    material = stage.material(PRINCIPLED, Subsurface_Weight=0.5, Sheen_Weight=0.5, Coat_Weight=1.0)
-    material.node_tree.nodes["Principled BSDF"].inputs["Coat Tint"].default_value = (1, 0.5, 0.5, 1)
+    material = stage.material(PRINCIPLED, Subsurface_Weight=0.5, Thin_Film_Thickness=400.0)
     tree = material.node_tree
     principled = next(n for n in tree.nodes if n.bl_idname == PRINCIPLED)
     output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
@@ -475,8 +623,7 @@ def test_unsupported_features_are_noted(stage):
     stage.world()
     assert features(stage.export()) == {
         "Principled Subsurface Weight",
-        "Principled Sheen Weight",
-        "Principled Coat Tint",
+        "Principled Thin Film Thickness",
         "Noise Texture node into Base Color",
         "Normal input (bump or normal map)",
         "Volume",

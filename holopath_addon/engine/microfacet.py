@@ -1,0 +1,178 @@
+"""Rough surfaces as microfacets: their distributions, and how much light one bounce off it keeps.
+
+Wave vectors are local, z along the normal; `alpha` is roughness squared. Sources: Walter et al. 2007, "Microfacet
+models for refraction through rough surfaces"; Heitz 2014, "Understanding the masking-shadowing function";
+Dupuy and Benyoub 2023, "Sampling visible GGX normals with spherical caps".
+"""
+
+from functools import lru_cache
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+ROWS = 32  # of an albedo table, each way
+QUADRATURE = 1024  # points of an entry
+
+
+class Ggx:
+    """Trowbridge and Reitz's distribution of microfacet normals, with a roughness along x and one along y."""
+
+    def __init__(self, alpha):
+        self.alpha = alpha
+
+    def density(self, normal):
+        """Microfacet area by direction (Walter 2007, equation 33)."""
+        x, y, z = normal.x / self.alpha.x, normal.y / self.alpha.y, normal.z
+        return dr.rcp(dr.pi * self.alpha.x * self.alpha.y * dr.square(x * x + y * y + z * z))
+
+    def masking(self, w):
+        """Smith's Lambda (Heitz 2014, equation 72)."""
+        slope = dr.square(self.alpha.x * w.x) + dr.square(self.alpha.y * w.y)
+        return 0.5 * (dr.sqrt(1 + slope / dr.maximum(dr.square(w.z), 1e-12)) - 1)
+
+    def visible_normal(self, wi, number):
+        """A normal by its share of what `wi`, above the surface, sees (Dupuy and Benyoub 2023)."""
+        stretched = dr.normalize(mi.Vector3f(self.alpha.x * wi.x, self.alpha.y * wi.y, wi.z))
+        sine, cosine = dr.sincos(2 * dr.pi * number.x)
+        z = dr.fma(1 - number.y, 1 + stretched.z, -stretched.z)
+        radius = dr.safe_sqrt(1 - z * z)
+        half = mi.Vector3f(radius * cosine, radius * sine, z) + stretched
+        return dr.normalize(
+            mi.Normal3f(self.alpha.x * half.x, self.alpha.y * half.y, dr.maximum(half.z, 1e-6))
+        )
+
+    def seen(self, wi, wo):
+        """Share of what `wi` sees of a microfacet that also `wo` sees (Heitz 2014, equation 99)."""
+        hidden = self.masking(wi)
+        return (1 + hidden) / (1 + hidden + self.masking(wo))
+
+    def visible_density(self, wi, normal):
+        """Density of `visible_normal`, over the cosine between the two (Heitz 2014, equation 16)."""
+        return self.density(normal) / (wi.z * (1 + self.masking(wi)))
+
+
+class Beckmann(Ggx):
+    """Beckmann's distribution, with Mitsuba's formulas."""
+
+    def __init__(self, alpha):
+        super().__init__(alpha)
+        self._distribution = mi.MicrofacetDistribution(mi.MicrofacetType.Beckmann, alpha.x, alpha.y, True)
+
+    def density(self, normal):
+        """Microfacet area by direction."""
+        return self._distribution.eval(normal)
+
+    def masking(self, w):
+        """Smith's Lambda."""
+        w = mi.Vector3f(w.x, w.y, dr.abs(w.z))
+        return dr.rcp(dr.maximum(self._distribution.smith_g1(w, mi.Normal3f(0, 0, 1)), 1e-6)) - 1
+
+    def visible_normal(self, wi, number):
+        """A normal by its share of what `wi`, above the surface, sees."""
+        return self._distribution.sample(wi, number)[0]
+
+
+def grazing(cosine, ior):
+    """How far a dielectric's reflectance is on its way from that at normal incidence (0) to 1."""
+    reflectance = mi.fresnel(cosine, ior)[0]
+    normal = dr.square((ior - 1) / (ior + 1))
+    return dr.clip((reflectance - normal) / (1 - normal), 0, 1)
+
+
+def refracted(wi, normal, ior):
+    """Direction beyond a microfacet of an index of refraction, and whether light passes at all."""
+    cosine = dr.dot(wi, normal)
+    _, cosine_t, _, inverse = mi.fresnel(cosine, ior)
+    return normal * dr.fma(cosine, inverse, cosine_t) - wi * inverse, cosine_t != 0
+
+
+class AlbedoTable:
+    """Numbers by roughness and cosine of the viewing angle, interpolated.
+
+    Parameters
+    ----------
+    values : numpy.ndarray, shape (ROWS, ROWS, channels)
+        By roughness and the root of the cosine: finer towards grazing angles.
+    """
+
+    def __init__(self, values):
+        self._values = np.float32(values)
+        self._texture = mi.Texture2f(mi.TensorXf(self._values), use_accel=False)
+
+    def __call__(self, roughness, cosine, active):
+        place = mi.Point2f(dr.sqrt(dr.clip(cosine, 0, 1)), roughness)
+        return self._texture.eval((place * (ROWS - 1) + 0.5) / ROWS, active)
+
+    def at(self, roughness):
+        """The table for one roughness, which costs less to look up."""
+        row = np.nan_to_num(np.clip(roughness, 0, 1)) * (ROWS - 1)
+        first = min(int(row), ROWS - 2)
+        lower, upper = self._values[first : first + 2]
+        return _AlbedoRow(lower + (row - first) * (upper - lower))
+
+
+class _AlbedoRow:
+    def __init__(self, values):
+        self._texture = mi.Texture1f(mi.TensorXf(np.float32(values)), use_accel=False)
+
+    def __call__(self, _, cosine, active):
+        place = mi.Point1f(dr.sqrt(dr.clip(cosine, 0, 1)))
+        return self._texture.eval((place * (ROWS - 1) + 0.5) / ROWS, active)
+
+
+def reflection_table(ior=1.5):
+    """Albedo of a rough mirror, its mean over the hemisphere, and how far a dielectric's is towards grazing."""
+    return _reflection_table(ior, mi.variant())
+
+
+def glass_table(ior):
+    """What a rough interface reflects and lets through of all light, and its mean over the hemisphere."""
+    return _glass_table(ior, mi.variant())
+
+
+@lru_cache(maxsize=64)
+def _reflection_table(ior, _):
+    wi, normal, facets = _visible_normals()
+    wo = mi.reflect(wi, normal)
+    seen = dr.select(wo.z > 0, facets.seen(wi, wo), 0)
+    albedo = _averaged(seen)
+    towards = _averaged(seen * grazing(dr.dot(wi, normal), ior))
+    return AlbedoTable(np.stack([albedo, _hemispherical(albedo), towards / albedo], axis=-1))
+
+
+@lru_cache(maxsize=64)
+def _glass_table(ior, _):
+    wi, normal, facets = _visible_normals()
+    reflectance = mi.fresnel(dr.dot(wi, normal), ior)[0]
+    wo = mi.reflect(wi, normal)
+    seen = dr.select(wo.z > 0, reflectance * facets.seen(wi, wo), 0)
+    wo, passes = refracted(wi, normal, ior)
+    seen += dr.select(passes & (wo.z < 0), (1 - reflectance) * facets.seen(wi, wo), 0)
+    albedo = _averaged(seen)
+    return AlbedoTable(np.stack([albedo, _hemispherical(albedo)], axis=-1))
+
+
+def _visible_normals():
+    """Viewing directions, normals that they see and microfacets of all the points of a table."""
+    index = dr.arange(mi.UInt32, ROWS * ROWS * QUADRATURE)
+    point, entry = index % QUADRATURE, index // QUADRATURE
+    number = mi.Point2f(point * 0.7548776662466927, point * 0.5698402909980532) + 0.5 / QUADRATURE
+    number -= dr.floor(number)  # the R2 sequence
+    cosine = dr.square(dr.maximum(mi.Float(entry % ROWS), 0.2) / (ROWS - 1))
+    alpha = mi.Vector2f(dr.square(dr.maximum(mi.Float(entry // ROWS), 0.2) / (ROWS - 1)))
+    wi = mi.Vector3f(dr.sqrt(1 - cosine * cosine), 0, cosine)
+    facets = Ggx(alpha)
+    return wi, facets.visible_normal(wi, number), facets
+
+
+def _averaged(values):
+    return np.asarray(values).reshape(ROWS, ROWS, QUADRATURE).mean(2)
+
+
+def _hemispherical(albedo):
+    """Cosine-weighted mean over the hemisphere, for each roughness."""
+    root = np.linspace(0, 1, ROWS)
+    values = albedo * 4 * root**3  # the cosine is the root's square
+    mean = (values[:, 1:] + values[:, :-1]).sum(1) / (2 * (ROWS - 1))
+    return np.repeat(mean[:, None], ROWS, axis=1)
