@@ -12,7 +12,12 @@ def main():
 
         exporter.main(sys.argv[2:])
         return
-    from . import accuracy, convergence, exporter, kernel, optics, phase_fields, scaling
+    if sys.argv[1:] == ["export_speed"]:
+        from . import export_speed
+
+        print(export_speed.run())
+        return
+    from . import accuracy, convergence, export_speed, exporter, kernel, optics, phase_fields, scaling
 
     print(kernel.run(), flush=True)
     print(accuracy.run("out/bench"), flush=True)
@@ -21,6 +26,7 @@ def main():
     print(scaling.run(), flush=True)
     print(optics.run(), flush=True)
     print(phase_fields.run("out/bench"), flush=True)
+    print(export_speed.run(), flush=True)
     print(exporter.run(pictures="out/bench/exporter"), flush=True)
 
 

@@ -139,8 +139,8 @@ class Stage:
             "to_world": mi.ScalarTransform4f(to_world),
             "principal_point_offset_x": camera.shift_x,
             "principal_point_offset_y": -camera.shift_y * width / height,
-            "near_clip": max(camera.clip_start, 1e-3),
-            "far_clip": min(camera.clip_end, 1e6),
+            "near_clip": camera.clip_start,
+            "far_clip": min(camera.clip_end, 1e6 * camera.clip_start),
             "film": {
                 "type": "hdrfilm",
                 "width": width,

@@ -41,10 +41,12 @@ class BlenderSource:
         import bpy
 
         from . import properties
+        from .export import ExportCache
 
         props = bpy.context.scene.holopath
         self.hologram = properties.hologram_of(props)
         self.settings = properties.settings_of(props)
+        self._cache = ExportCache()  # frames of an animation differ little
 
     def load(self, width, height, camera=None):
         """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""
@@ -54,7 +56,8 @@ class BlenderSource:
 
         with uninterrupted():
             backend.activate()
-        exported = export_scene(bpy.context.evaluated_depsgraph_get(), (width, height), camera=camera)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        exported = export_scene(depsgraph, (width, height), camera, self._cache)
         return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
 
 

@@ -1,6 +1,7 @@
 """From Blender's evaluated scene to a Mitsuba scene and the engine's camera."""
 
+from .cache import ExportCache
 from .notes import Note
 from .scene import Exported, export_scene, unit_scale
 
-__all__ = ["Exported", "Note", "export_scene", "unit_scale"]
+__all__ = ["ExportCache", "Exported", "Note", "export_scene", "unit_scale"]

@@ -196,9 +196,11 @@ def bake_surface(flat, slots, frame):
         image = studio.image(*flat.size)
         samples = int(np.clip(SAMPLES / (flat.size[0] * flat.size[1]), 1, 16))
         looks = [_Evaluated(studio, material, outputs, image, flat) for material, outputs in slots]
-        flat.mesh.materials.clear()
-        for look in looks:
-            flat.mesh.materials.append(look.material)
+        for number, look in enumerate(looks):
+            if number < len(flat.mesh.materials):
+                flat.mesh.materials[number] = look.material
+            else:
+                flat.mesh.materials.append(look.material)
         pictures = []
         for number in range(max(len(look.passes) for look in looks)):
             for look in looks:
@@ -464,6 +466,8 @@ class _Studio:
         self._kept = []
 
     def __enter__(self):
+        if not possible():
+            raise BakingFailed(ELSEWHERE)
         self.scene = bpy.data.scenes.new("HoloPath baking")
         self.scene.frame_current = self._frame
         try:

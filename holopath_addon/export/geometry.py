@@ -1,6 +1,8 @@
 """Evaluated Blender objects to Mitsuba meshes, through numpy."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -11,6 +13,18 @@ from ..engine import InvalidInput
 SIDE_GAP = 5e-6
 
 
+_IDENTITY = np.eye(3)
+
+# How `foreach_get` reads an attribute of each type: property and number of values. Colours come linear.
+_READABLE = {
+    "FLOAT_COLOR": ("color", 4),
+    "BYTE_COLOR": ("color", 4),
+    "FLOAT_VECTOR": ("vector", 3),
+    "FLOAT2": ("vector", 2),
+    "FLOAT": ("value", 1),
+}
+
+
 @dataclass
 class MeshData:
     """A triangulated mesh in its object's space, Blender units.
@@ -18,30 +32,42 @@ class MeshData:
     Attributes
     ----------
     vertices : float32 [vertex, 3]
+    corner_vertices : int32 [corner]
+        Vertex of each face corner (Blender's loop).
     triangles : int32 [triangle, 3]
-        Vertex of each triangle's corner.
-    corners : int32 [triangle, 3]
-        Face corner (Blender's loop) of each triangle's corner.
-    slots : int32 [triangle]
-        Material slot.
-    normals : float32 [corner, 3] or None
-        Corner normals; None where every face is flat.
+        Face corners of each triangle.
+    slots : int32 [triangle] or None
+        Material slot; None where all are the first.
+    vertex_normals : float32 [vertex, 3] or None
+        None where normals differ between the faces of a vertex.
+    corner_normals : float32 [corner, 3] or None
+        None where every face is flat, or `vertex_normals` serves.
     uvs : dict of str to float32 [corner, 2]
         UV maps by name.
     active_uv : str or None
         The map that rendering uses by default.
+    colours : dict of str to float32 [corner, 3]
+        Linear colours by attribute name, "" being the active one.
     """
 
     vertices: np.ndarray
+    corner_vertices: np.ndarray
     triangles: np.ndarray
-    corners: np.ndarray
-    slots: np.ndarray
-    normals: np.ndarray | None
+    slots: np.ndarray | None
+    vertex_normals: np.ndarray | None
+    corner_normals: np.ndarray | None
     uvs: dict
     active_uv: str | None
+    colours: dict
+
+    def used_slots(self, slot_count):
+        """Material slots with triangles; indices beyond the last use the last, as in Blender."""
+        if self.slots is None:
+            return [0]
+        return [int(slot) for slot in np.unique(np.clip(self.slots, 0, slot_count - 1))]
 
 
-def read_mesh(mesh, name, uv_names):
+def read_mesh(mesh, name, uv_names, colour_names=frozenset()):
     """Copy a Blender mesh into numpy arrays.
 
     Parameters
@@ -51,6 +77,8 @@ def read_mesh(mesh, name, uv_names):
         Object name, for messages.
     uv_names : set of (str or None)
         UV maps to read; None stands for the active render map.
+    colour_names : set of str
+        Attributes to read as colours; "" stands for the active colour attribute.
 
     Returns
     -------
@@ -66,25 +94,39 @@ def read_mesh(mesh, name, uv_names):
     count = len(mesh.loop_triangles)
     if count == 0:
         return None
-    vertices = _read(mesh.vertices, "co", len(mesh.vertices), 3)
+    attributes = mesh.attributes
+    corner_count = len(mesh.loops)
+    vertices = _read(attributes["position"].data, "vector", len(mesh.vertices), 3)
     if not np.isfinite(vertices).all():
         raise InvalidInput(
             f"The mesh of object '{name}' has vertices that are not finite numbers: repair or hide it."
         )
-    triangles = _read(mesh.loop_triangles, "vertices", count, 3, np.int32)
-    corners = _read(mesh.loop_triangles, "loops", count, 3, np.int32)
-    slots = _read(mesh.loop_triangles, "material_index", count, 1, np.int32).ravel()
-    normals = None
-    if mesh.normals_domain != "FACE":
-        normals = _read(mesh.corner_normals, "vector", len(mesh.loops), 3)
-        normals[~np.isfinite(normals).all(axis=1)] = 0
+    corner_vertices = _read(attributes[".corner_vert"].data, "value", corner_count, 1, np.int32).ravel()
+    if corner_count == 3 * count:  # nothing but triangles
+        triangles = np.arange(corner_count, dtype=np.int32).reshape(-1, 3)
+    else:
+        triangles = _read(mesh.loop_triangles, "loops", count, 3, np.int32)
+    faces = slots = vertex_normals = corner_normals = None
+    if "material_index" in attributes:
+        faces = _read(mesh.loop_triangle_polygons, "value", count, 1, np.int32).ravel()
+        slots = _read(attributes["material_index"].data, "value", len(mesh.polygons), 1, np.int32)[faces, 0]
+
     active = next((layer.name for layer in mesh.uv_layers if layer.active_render), None)
     uvs = {}
     for wanted in {active if uv_name is None else uv_name for uv_name in uv_names}:
         layer = mesh.uv_layers.get(wanted) if wanted else None
         if layer is not None:
-            uvs[wanted] = np.nan_to_num(_read(layer.uv, "vector", len(mesh.loops), 2))
-    return MeshData(vertices, triangles, corners, slots, normals, uvs, active)
+            uvs[wanted] = _finite(_read(layer.uv, "vector", corner_count, 2))
+    colours = {wanted: _read_colour(mesh, wanted, corner_vertices) for wanted in colour_names}
+    colours = {wanted: values for wanted, values in colours.items() if values is not None}
+
+    if mesh.normals_domain == "POINT" and not uvs and not colours:
+        vertex_normals = _unit(_read(mesh.vertex_normals, "vector", len(vertices), 3))
+    elif mesh.normals_domain != "FACE":
+        corner_normals = _unit(_read(mesh.corner_normals, "vector", corner_count, 3))
+    return MeshData(
+        vertices, corner_vertices, triangles, slots, vertex_normals, corner_normals, uvs, active, colours
+    )
 
 
 def _read(collection, attribute, count, width, dtype=np.float32):
@@ -93,60 +135,103 @@ def _read(collection, attribute, count, width, dtype=np.float32):
     return values.reshape(count, width)
 
 
+def _finite(values):
+    """The values with zeros for what is not finite; a copy only where needed."""
+    return values if np.isfinite(values).all() else np.where(np.isfinite(values), values, 0)
+
+
+def _read_colour(mesh, name, corner_vertices):
+    """Linear colour of every face corner, or None where the mesh has no such attribute."""
+    index = mesh.color_attributes.render_color_index
+    if name:
+        attribute = mesh.attributes.get(name)
+    else:
+        attribute = mesh.color_attributes[index] if 0 <= index < len(mesh.color_attributes) else None
+    if attribute is None or attribute.data_type not in _READABLE:
+        return None
+    property_name, width = _READABLE[attribute.data_type]
+    values = _read(attribute.data, property_name, len(attribute.data), width)
+    if width == 1:
+        values = np.repeat(values, 3, axis=1)
+    elif width == 2:
+        values = np.pad(values, ((0, 0), (0, 1)))
+    values = _finite(values[:, :3])
+    if attribute.domain == "POINT":
+        return values[corner_vertices]
+    if attribute.domain == "FACE":
+        sizes = _read(mesh.polygons, "loop_total", len(mesh.polygons), 1, np.int32).ravel()
+        return np.repeat(values, sizes, axis=0)
+    return values if attribute.domain == "CORNER" else None
+
+
 @dataclass
 class Surface:
     """The triangles of one material slot, indexed on vertices of their own.
 
     Attributes
     ----------
-    vertices, normals : float64 [vertex, 3]
-        `normals` is None for flat faces.
+    points : float32 [point, 3]
+        Points of the mesh.
+    welded : int32 [vertex] or None
+        Point that each vertex is a copy of; None where they are the points.
+    normals : float32 [vertex, 3] or None
+        None for flat faces.
     uv : float32 [vertex, 2] or None
-    faces : int64 [triangle, 3]
-    welded : int64 [vertex]
-        Number of the mesh vertex that each vertex is a copy of.
+    faces : int32 [triangle, 3]
+        Vertices of each triangle.
+    colours : dict of str to float32 [vertex, 3]
+        Linear colours by attribute name.
     """
 
-    vertices: np.ndarray
+    points: np.ndarray
+    welded: np.ndarray | None
     normals: np.ndarray | None
     uv: np.ndarray | None
     faces: np.ndarray
-    welded: np.ndarray
+    colours: dict = field(default_factory=dict)
+
+    @property
+    def vertices(self):
+        """float32 [vertex, 3]"""
+        return self.points if self.welded is None else self.points.take(self.welded, axis=0)
 
     def transformed(self, matrix):
         """The surface under a 4x4 affine `matrix`; mirrored ones keep normals and winding consistent."""
         linear = matrix[:3, :3]
-        vertices = self.vertices @ linear.T + matrix[:3, 3]
-        mirrored = np.linalg.det(linear) < 0
+        # in double precision: far from the origin float32 rounds the sum only once
+        points = (self.points.astype(np.float64) @ linear.T + matrix[:3, 3]).astype(np.float32)
+        cofactors = _cofactors(linear)
+        mirrored = linear[0] @ cofactors[0] < 0
         normals = self.normals
         if normals is not None:
-            # cofactors: the inverse transpose times the determinant, defined for flattened objects too
-            cofactors = np.stack([np.cross(linear[(i + 1) % 3], linear[(i + 2) % 3]) for i in range(3)])
-            normals = _normalised(normals @ (-cofactors if mirrored else cofactors).T)
+            # the inverse transpose times the determinant, defined for flattened objects too
+            normals = _turned(normals, -cofactors if mirrored else cofactors)
         faces = self.faces[:, ::-1] if mirrored else self.faces
-        return Surface(vertices, normals, self.uv, faces, self.welded)
+        return Surface(points, self.welded, normals, self.uv, faces, self.colours)
 
     def area(self):
         """Total area, in the square of the vertices' unit."""
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+        return 0.5 * np.linalg.norm(self._weighted_normals(), axis=1).sum()
+
+    def _weighted_normals(self):
+        """Normal of every triangle times twice its area."""
+        a, b, c = np.moveaxis(self.vertices[self.faces].astype(np.float64), 1, 0)
+        return np.cross(b - a, c - a)
 
     def sides(self):
         """Front and back as two surfaces a hair apart, each facing outwards.
 
         Blender's emission shines from both sides of a face, Mitsuba's from the front only.
         """
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        weighted = np.cross(b - a, c - a)
-        summed = np.zeros((self.welded.max() + 1, 3))
-        for corner in range(3):
-            np.add.at(summed, self.welded[self.faces[:, corner]], weighted)
-        outward = _normalised(summed)[self.welded]
-        gap = SIDE_GAP * (1 + np.abs(self.vertices).max()) * outward
+        weighted = np.repeat(self._weighted_normals(), 3, axis=0)
+        corners = (self.faces if self.welded is None else self.welded[self.faces]).ravel()
+        summed = [np.bincount(corners, weighted[:, axis], len(self.points)) for axis in range(3)]
+        gap = SIDE_GAP * (1 + np.abs(self.points).max()) * _normalised(np.stack(summed, axis=1))
         back_normals = None if self.normals is None else -self.normals
+        front, back = (self.points + gap).astype(np.float32), (self.points - gap).astype(np.float32)
         return (
-            Surface(self.vertices + gap, self.normals, self.uv, self.faces, self.welded),
-            Surface(self.vertices - gap, back_normals, self.uv, self.faces[:, ::-1], self.welded),
+            replace(self, points=front),
+            replace(self, points=back, normals=back_normals, faces=self.faces[:, ::-1]),
         )
 
     def to_mitsuba(self, name, bsdf, emitter=None):
@@ -157,30 +242,66 @@ class Surface:
         properties["bsdf"] = bsdf
         if emitter is not None:
             properties["emitter"] = emitter
+        vertices = self.vertices
         mesh = mi.Mesh(
             name,
-            len(self.vertices),
+            len(vertices),
             len(self.faces),
             has_vertex_normals=self.normals is not None,
             has_vertex_texcoords=self.uv is not None,
             props=properties,
         )
-        parameters = mi.traverse(mesh)
-        parameters["vertex_positions"] = mi.Float(np.ascontiguousarray(self.vertices, np.float32).ravel())
-        parameters["faces"] = mi.UInt32(np.ascontiguousarray(self.faces, np.uint32).ravel())
+        buffers = {
+            "vertex_positions": mi.Float(vertices.ravel()),
+            "faces": mi.UInt32(np.ascontiguousarray(self.faces, np.int32).view(np.uint32).ravel()),
+        }
         if self.normals is not None:
-            parameters["vertex_normals"] = mi.Float(np.ascontiguousarray(self.normals, np.float32).ravel())
+            buffers["vertex_normals"] = mi.Float(self.normals.ravel())
         if self.uv is not None:
-            parameters["vertex_texcoords"] = mi.Float(np.ascontiguousarray(self.uv, np.float32).ravel())
-        parameters.update()
+            buffers["vertex_texcoords"] = mi.Float(self.uv.ravel())
+        for colour, values in self.colours.items():
+            mesh.add_attribute(f"vertex_{colour}", 3, values.ravel())
+        fill(mesh, buffers)
         return mesh
 
 
-def split_by_slot(data, slot_count, uv_of_slot):
+def fill(mesh, buffers):
+    """Replace a `mitsuba.Mesh`'s buffers, given by their names."""
+    mesh.traverse(_filler()(buffers))
+    mesh.parameters_changed(list(buffers))
+
+
+@cache
+def _filler():
+    """A traversal that replaces a mesh's own buffers, and does not visit its material.
+
+    `mitsuba.traverse` visits every node and looks for changes by comparing; that takes three times as long
+    as all of the copies.
+    """
+    import mitsuba as mi
+
+    class Filler(mi.TraversalCallback):
+        def __init__(self, buffers):
+            super().__init__()
+            self._buffers = buffers
+
+        def put_value(self, name, value, flags, cpptype=None):
+            if name in self._buffers:
+                mi.set_property(value, cpptype, self._buffers[name])
+
+        put = put_parameter = put_value
+
+        def put_object(self, *_):
+            pass
+
+    return Filler
+
+
+def split_by_slot(data, slot_count, uv_of_slot, colours_of_slot=lambda slot: ()):
     """Cut a mesh into one `Surface` a material slot.
 
-    Vertices are those of the mesh where all faces are flat and no UV map is asked for, else those of the
-    face corners, where normals and UVs live.
+    Vertices are those of the mesh where neither UV maps nor colours are asked for and its faces are all flat
+    or all smooth, else those of the face corners, where normals and UVs live.
 
     Parameters
     ----------
@@ -190,42 +311,95 @@ def split_by_slot(data, slot_count, uv_of_slot):
     uv_of_slot : callable
         ``uv_of_slot(slot)`` gives the name of the UV map that the slot's material reads ("" for none,
         None for the active one).
+    colours_of_slot : callable
+        ``colours_of_slot(slot)`` gives the names of the colours that the slot's material reads.
 
     Yields
     ------
     (int, Surface)
         Slot number and its triangles; empty slots are left out.
     """
-    slots = np.clip(data.slots, 0, slot_count - 1)
-    for slot in np.unique(slots):
-        chosen = slots == slot
-        uv_name = uv_of_slot(int(slot))
-        corner_uv = data.uvs.get(data.active_uv if uv_name is None else uv_name)
-        if uv_name != "" and corner_uv is None:
-            corner_uv = np.zeros((data.corners.max() + 1, 2), np.float32)
-        triangles = data.triangles[chosen]
-        if data.normals is None and corner_uv is None:
-            used, faces = np.unique(triangles, return_inverse=True)
-            yield int(slot), Surface(_double(data.vertices[used]), None, None, faces.reshape(-1, 3), used)
+    used_slots = data.used_slots(slot_count)
+    for slot in used_slots:
+        triangles = data.triangles
+        if len(used_slots) > 1:
+            triangles = triangles[np.clip(data.slots, 0, slot_count - 1) == slot]
+        uv_name, colours = uv_of_slot(slot), colours_of_slot(slot)
+        uv = None
+        if uv_name != "":
+            uv = data.uvs.get(data.active_uv if uv_name is None else uv_name)
+            if uv is None:
+                uv = np.zeros((len(data.corner_vertices), 2), np.float32)
+        if uv is None and not colours and data.corner_normals is None:
+            used, faces = _compact(data.corner_vertices[triangles], len(data.vertices))
+            normals = None if data.vertex_normals is None else data.vertex_normals[used]
+            yield slot, Surface(data.vertices[used], None, normals, None, faces)
             continue
-        used, first, faces = np.unique(data.corners[chosen], return_index=True, return_inverse=True)
-        welded = triangles.ravel()[first]
+        normals = data.corner_normals
+        if normals is None and data.vertex_normals is not None:
+            normals = data.vertex_normals[data.corner_vertices]
+        used, faces = slice(None), triangles
+        if len(used_slots) > 1:
+            used, faces = _compact(triangles, len(data.corner_vertices))
+        carried = {
+            name: data.colours[name][used]
+            if name in data.colours
+            else np.zeros((faces.max() + 1, 3), np.float32)
+            for name in colours
+        }
         yield (
-            int(slot),
+            slot,
             Surface(
-                _double(data.vertices[welded]),
-                None if data.normals is None else _double(data.normals[used]),
-                None if corner_uv is None else corner_uv[used],
-                faces.reshape(-1, 3),
-                welded,
+                data.vertices,
+                data.corner_vertices[used],
+                None if normals is None else normals[used],
+                None if uv is None else uv[used],
+                faces,
+                carried,
             ),
         )
 
 
-def _double(values):
-    return values.astype(np.float64)
+def _compact(faces, count):
+    """The numbers that `faces` use out of `count`, ascending, and the faces renumbered to them."""
+    used = np.zeros(count, bool)
+    used[faces] = True
+    if used.all():
+        return slice(None), faces
+    number = np.cumsum(used, dtype=np.int32) - 1
+    return np.flatnonzero(used), number[faces]
+
+
+def _cofactors(matrix):
+    """Cofactors of a 3x3 matrix."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    return np.array(
+        [
+            [e * i - f * h, f * g - d * i, d * h - e * g],
+            [c * h - b * i, a * i - c * g, b * g - a * h],
+            [b * f - c * e, c * d - a * f, a * e - b * d],
+        ]
+    )
+
+
+def _turned(normals, matrix):
+    """Unit `normals` under a matrix, of unit length again."""
+    gram = matrix @ matrix.T
+    squared = gram[0, 0]
+    if squared > 0 and np.abs(gram - squared * _IDENTITY).max() < 1e-6 * squared:
+        return normals @ (matrix.T / math.sqrt(squared)).astype(np.float32)
+    size = np.abs(matrix).max()
+    return _normalised(normals @ (matrix.T / (size if size > 0 else 1.0)).astype(np.float32))
 
 
 def _normalised(vectors):
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.where(length > 0, vectors / np.where(length > 0, length, 1), (0.0, 0.0, 1.0))
+    length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
+    return np.where(length > 0, vectors / np.where(length > 0, length, 1), np.float32((0, 0, 1)))
+
+
+def _unit(normals):
+    """Blender's normals, made unit vectors where they are not; usually they are."""
+    squared = np.einsum("ij,ij->i", normals, normals)
+    if squared.min() > 0.999 and squared.max() < 1.001:
+        return normals
+    return _normalised(_finite(normals))

@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 
+from . import baking
 from .blackbody import blackbody_colour
 from .node_graph import Pin, follow, output_node
 
+PROFILE = 512, 256  # directions of a lamp's nodes
 FALLOFFS = {"Quadratic": 0, "Linear": 1, "Constant": 2}  # power of the distance on top of 1 / distance^2
 
 
@@ -72,6 +74,37 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
         emitter["falloff"] = falloff
         emitter["unit"] = scale
     return emitter
+
+
+def read_profile(light, name, frame, notes):
+    """What a lamp's nodes emit by direction, evaluated by Cycles.
+
+    Parameters
+    ----------
+    light : bpy.types.Light
+    name : str
+        Object name, for notes.
+    frame : int
+        Of the animation.
+    notes : Notes
+
+    Returns
+    -------
+    array, shape (v, u, 3), or None
+        See `export_lamp`; None where it cannot be known.
+    """
+    try:
+        profile = baking.bake_lamp(light, *PROFILE, frame)
+    except baking.BakingFailed as error:
+        notes.add(name, "Light nodes", f"not baked, {error}")
+        return None
+    mean = profile.mean((0, 1), float, keepdims=True)
+    if np.abs(profile - mean).max() <= 2e-3 * mean.max():
+        return mean
+    notes.add(name, "Light nodes", "baked by direction, as they are one unit away")
+    if light.type == "SUN":
+        return profile[-1:].mean((0, 1), float, keepdims=True)  # of straight on, where alone it shines
+    return profile
 
 
 def emission_varies(light):

@@ -74,6 +74,9 @@ class ExportedMaterial:
     wanted : dict
         `baking.Output` of every socket to be baked on each object first, by `textures.socket_key`; empty where the
         material can be used as it is.
+    attributes : tuple of str
+        Mesh attributes that it reads as colours, "" for the active one. The mesh carries them as
+        ``vertex_<name>``, linear.
     """
 
     name: str
@@ -83,6 +86,7 @@ class ExportedMaterial:
     smooth: bool
     notes: Notes
     wanted: dict
+    attributes: tuple = ()
 
 
 class Materials:
@@ -137,7 +141,11 @@ class Materials:
         name = "default material" if material is None else material.name
         notes = Notes(name)
         with self._textures.reading(reading, notes):
-            look, uv_names = read_material(material, self._textures, notes)
+            try:
+                look, uv_names = read_material(material, self._textures, notes)
+            except RecursionError:
+                notes.add(name, "Nodes linked in a circle", "shown in the default grey")
+                look, uv_names = read_material(None, self._textures, notes)
             if look.emission is not None and not np.any(self._textures.mean_colour(look.emission) > 0):
                 look.emission = None
             if isinstance(look.emission, ImageValue):

@@ -33,13 +33,18 @@ def follow(pin):
     -------
     Pin
         The output socket that feeds it, or the input socket (of this node or of an outer group node)
-        whose own value counts because nothing is linked to it.
+        whose own value counts because nothing is linked to it. Where the links run in a circle, the output
+        socket at which that shows.
     """
+    passed = set()
     while True:
         link = first_link(pin.socket)
         if link is None:
             return pin
         source, node = link.from_socket, link.from_node
+        if pin in passed:
+            return Pin(source, pin.groups)
+        passed.add(pin)
         if node.mute or node.bl_idname == "NodeReroute":
             inner = _passed_through(node, source)
             if inner is None:
@@ -47,15 +52,18 @@ def follow(pin):
             pin = Pin(inner, pin.groups)
         elif node.bl_idname == "NodeGroupInput" and pin.groups:
             outer = _by_identifier(pin.groups[-1].inputs, source.identifier)
+            if outer is None:
+                return Pin(source, pin.groups)
             pin = Pin(outer, pin.groups[:-1])
         elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
             output = next(
                 (n for n in node.node_tree.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output),
                 None,
             )
-            if output is None:
+            inner = output and _by_identifier(output.inputs, source.identifier)
+            if inner is None or node in pin.groups:  # a group inside itself
                 return Pin(source, pin.groups)
-            pin = Pin(_by_identifier(output.inputs, source.identifier), (*pin.groups, node))
+            pin = Pin(inner, (*pin.groups, node))
         else:
             return Pin(source, pin.groups)
 
@@ -72,7 +80,7 @@ def _passed_through(node, source):
 
 
 def _by_identifier(sockets, identifier):
-    return next(socket for socket in sockets if socket.identifier == identifier)
+    return next((socket for socket in sockets if socket.identifier == identifier), None)
 
 
 def output_node(tree):

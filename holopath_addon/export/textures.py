@@ -8,6 +8,7 @@ import numpy as np
 
 from .baking import ATLAS, COLOUR, NORMAL, NUMBER, Output
 from .node_graph import follow
+from .notes import Notes
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAGENTA = (1.0, 0.0, 1.0)
@@ -347,8 +348,12 @@ class Textures:
             return image.pixels
         key = image.name_full
         if key not in self._pixels:
-            self._pixels[key] = linear_pixels(image, self._notes)
-        return self._pixels[key]
+            notes = Notes()
+            self._pixels[key] = linear_pixels(image, notes), notes
+        pixels, notes = self._pixels[key]
+        for note in notes:
+            self._notes.add(note.object, note.feature, note.effect)
+        return pixels
 
     def mean_colour(self, value):
         """Mean linear colour of a value, shape (3,)."""
@@ -436,7 +441,8 @@ class Textures:
                 "to_uv": mi.ScalarTransform3f(to_uv),
             }
         )
-        self._built[key] = texture
+        if not isinstance(value.image, Picture):  # which is read once, and then no more
+            self._built[key] = texture
         return texture
 
 

@@ -105,8 +105,6 @@ def _baked(source, world, frame, notes):
     if any(node.bl_idname == "ShaderNodeLightPath" for node in world.node_tree.nodes):
         notes.add(world.name, "Light Path node", "the world is the same for all kinds of rays")
     try:
-        if not baking.possible():
-            raise baking.BakingFailed(baking.ELSEWHERE)
         radiance = baking.bake_world(world, WIDTH, HEIGHT, frame)
     except baking.BakingFailed as error:
         notes.add(world.name, feature, f"not baked, {error}: the world's viewport colour is used")

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from .. import engine, failures, pipeline, preferences, properties
-from ..export import export_scene
+from ..export import ExportCache, export_scene
 from .jobs import Job
 
 IMAGE = "HoloPath Reconstruction"
@@ -43,6 +43,8 @@ class Session:
 
 
 current = Session()
+# What the last export read of the scene in the window.
+cache = ExportCache()
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def prepare(depsgraph, props, resolution=None):
     """
     hologram, settings = properties.hologram_of(props, resolution), properties.settings_of(props)
     preferences.apply()
-    exported = export_scene(depsgraph, (hologram.width, hologram.height))
+    exported = export_scene(depsgraph, (hologram.width, hologram.height), cache=cache)
     return Task(
         exported.scene,
         exported.camera,
@@ -288,3 +290,4 @@ def detach():
         bpy.app.timers.unregister(_poll_refocus)
     leave_soon()
     _forget()
+    cache.close()

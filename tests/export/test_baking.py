@@ -207,13 +207,17 @@ def test_objects_of_one_mesh_share_a_bake(stage, monkeypatch):
     assert len(calls) == 1
 
 
-def test_slots_that_need_no_baking_keep_their_images(stage):
-    """Left half noise, right half an image, in one mesh."""
+@pytest.mark.parametrize("right", ["image", "another noise"])
+def test_slots_of_one_mesh(stage, right):
+    """Left half noise, right half something else, which may need no baking."""
     material, _ = noise(stage, Scale=2.0)
-    other = stage.material(EMISSION)
-    rng = np.random.default_rng(5)
-    image = stage.image(np.kron(rng.random((4, 4, 3)), np.ones((8, 8, 1))), space="Non-Color")
-    stage.texture(other, image, "Color").interpolation = "Closest"
+    if right == "image":
+        other = stage.material(EMISSION)
+        rng = np.random.default_rng(5)
+        image = stage.image(np.kron(rng.random((4, 4, 3)), np.ones((8, 8, 1))), space="Non-Color")
+        stage.texture(other, image, "Color").interpolation = "Closest"
+    else:
+        other, _ = noise(stage, Scale=5.0, Detail=0.0)
     vertices = [(-1, -1, 0), (0, -1, 0), (1, -1, 0), (-1, 1, 0), (0, 1, 0), (1, 1, 0)]
     uv = [(0, 0), (1, 0), (1, 1), (0, 1)] * 2
     both = stage.mesh("both", vertices, [(0, 1, 4, 3), (1, 2, 5, 4)], material, uv)

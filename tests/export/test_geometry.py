@@ -113,7 +113,7 @@ def test_collection_and_dupli_instances(stage):
 
 
 def test_many_instances_share_one_mesh(stage, monkeypatch):
-    from holopath_addon.export import scene as module
+    from holopath_addon.export import contents as module
 
     obj = cube(stage)
     obj.scale = (-1, 2, 1)
@@ -217,5 +217,176 @@ def test_nan_vertices_name_the_object(stage):
 def test_unsupported_objects_are_noted(stage):
     stage.plane()
     stage.link(bpy.data.objects.new("fog", bpy.data.volumes.new("fog")))
-    stage.link(bpy.data.objects.new("fur", bpy.data.hair_curves.new("fur")))
-    assert {n.object for n in stage.export().notes} >= {"fog", "fur"}
+    stage.link(bpy.data.objects.new("dots", bpy.data.pointclouds.new("dots")))
+    assert {n.object for n in stage.export().notes} >= {"fog", "dots"}
+
+
+def test_metaballs_come_once(stage):
+    bpy.ops.object.metaball_add(radius=1)
+    bpy.context.object.data.resolution = 0.05
+    scene = stage.export().scene
+    radius = bounds(scene)[1, 0]
+    assert area(scene) == pytest.approx(4 * np.pi * radius**2, rel=0.01)
+
+
+def test_nurbs_sphere_and_text(stage):
+    bpy.ops.surface.primitive_nurbs_surface_sphere_add(radius=1)
+    sphere = bpy.context.object
+    sphere.data.resolution_u = sphere.data.resolution_v = 16
+    assert area(stage.export().scene) == pytest.approx(4 * np.pi, rel=0.01)
+    bpy.data.objects.remove(sphere)
+    bpy.ops.object.text_add()
+    text = bpy.context.object.data
+    text.body, text.extrude = "I", 0.1
+    scene = stage.export().scene
+    (x0, y0, z0), (x1, y1, z1) = bounds(scene)
+    width, height = x1 - x0, y1 - y0
+    assert (z0, z1) == pytest.approx((-0.1, 0.1))
+    # the letter is a box
+    assert area(scene) == pytest.approx(2 * width * height + 0.4 * (width + height), rel=1e-4)
+
+
+def _geometry_nodes(obj, build):
+    """A geometry-nodes modifier; ``build(tree, input socket, output socket)`` links it up."""
+    tree = bpy.data.node_groups.new("nodes", "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    begin, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    build(tree, begin.outputs[0], end.inputs[0])
+    obj.modifiers.new("nodes", "NODES").node_group = tree
+
+
+def test_geometry_nodes_instances(stage):
+    plane, small = stage.plane(2), stage.plane(0.2, name="small", location=(0, 0, 5))
+
+    def build(tree, begin, end):
+        scatter, info = (
+            tree.nodes.new("GeometryNodeInstanceOnPoints"),
+            tree.nodes.new("GeometryNodeObjectInfo"),
+        )
+        info.inputs["Object"].default_value = small
+        tree.links.new(begin, scatter.inputs["Points"])
+        tree.links.new(info.outputs["Geometry"], scatter.inputs["Instance"])
+        tree.links.new(scatter.outputs[0], end)
+
+    _geometry_nodes(plane, build)
+    scene = stage.export().scene
+    assert area(scene) == pytest.approx(5 * 0.04, rel=1e-4)
+    assert bounds(scene) == pytest.approx(np.array([[-1.1, -1.1, 0], [1.1, 1.1, 5]]), abs=1e-5)
+    for x in (-1, 1):
+        assert float(hit(scene, (x, 1, 3), (0, 0, -1)).t[0]) == pytest.approx(3)
+
+
+def test_particle_instances(stage):
+    ground, ball = stage.plane(4), stage.plane(0.1, name="leaf", location=(0, 0, 9))
+    ground.modifiers.new("particles", "PARTICLE_SYSTEM")
+    settings = ground.particle_systems[0].settings
+    settings.type, settings.count = "HAIR", 10
+    settings.render_type, settings.instance_object = "OBJECT", ball
+    settings.particle_size, settings.use_advanced_hair, settings.use_rotation_instance = 1.0, True, False
+    scene = stage.export().scene
+    leaves = [shape for shape in scene.shapes() if 'name = "leaf"' in str(shape)]
+    assert len(leaves) == 11
+    sizes = [float(shape.surface_area()[0]) for shape in leaves]
+    expected = [
+        np.prod(np.array(i.matrix_world.to_scale())[:2]) * 0.01
+        for i in bpy.context.evaluated_depsgraph_get().object_instances
+        if i.object.name == "leaf"
+    ]
+    assert sorted(sizes) == pytest.approx(sorted(expected), rel=1e-4)
+
+
+def test_smooth_by_angle_and_sharp_edges(stage):
+    bpy.ops.mesh.primitive_cylinder_add(vertices=32, radius=1, depth=2)
+    cylinder = bpy.context.object
+
+    def normals():
+        scene = stage.export().scene
+        tilted = np.array([np.cos(0.03), np.sin(0.03), 0])
+        side = hit(scene, 3 * tilted + (0, 0, 0.9), -tilted)
+        top = hit(scene, (0.9, 0, 3), (0, 0, -1))
+        return np.array(side.sh_frame.n).ravel() @ tilted, np.array(top.sh_frame.n).ravel()
+
+    cylinder.data.shade_smooth()
+    side, top = normals()
+    assert top[2] < 0.9  # without sharp edges the cap is bent, too
+    for edge in cylinder.data.edges:
+        ends = [cylinder.data.vertices[v].co.z for v in edge.vertices]
+        edge.use_edge_sharp = abs(ends[0] - ends[1]) < 1e-6
+    side, top = normals()
+    assert top == pytest.approx((0, 0, 1), abs=1e-5)
+    assert side > 0.9999
+    cylinder.data.shade_smooth()
+    for edge in cylinder.data.edges:
+        edge.use_edge_sharp = False
+    bpy.ops.object.shade_auto_smooth(angle=0.6)
+    side, top = normals()
+    assert top == pytest.approx((0, 0, 1), abs=1e-5)
+    assert side > 0.9999
+
+
+def test_shape_keys_and_armatures(stage):
+    plane = stage.plane()
+    plane.shape_key_add(name="Basis")
+    key = plane.shape_key_add(name="wide")
+    for point in key.data:
+        point.co.x *= 3
+    key.value = 0.5
+    assert bounds(stage.export().scene)[:, 0] == pytest.approx((-2, 2))
+    rig = stage.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    rig.data.edit_bones.new("bone").tail = (0, 0, 1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    plane.vertex_groups.new(name="bone").add([0, 1, 2, 3], 1.0, "ADD")
+    plane.modifiers.new("rig", "ARMATURE").object = rig
+    rig.pose.bones["bone"].location = (0, 2, 0)  # along the bone, which points up
+    assert bounds(stage.export().scene)[:, 2] == pytest.approx((2, 2), abs=1e-5)
+
+
+def test_linked_libraries(stage, tmp_path):
+    red = stage.material("ShaderNodeEmission", "red", Color=(1, 0, 0, 1))
+    box = cube(stage, "from library", material=red)
+    collection = bpy.data.collections.new("library things")
+    collection.objects.link(box)
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {collection}, fake_user=True)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    again = type(stage)()
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.collections = ["library things"]
+    empty = again.link(bpy.data.objects.new("instance", None))
+    empty.instance_type, empty.instance_collection = "COLLECTION", wanted.collections[0]
+    empty.location.x = 2
+    scene = again.export().scene
+    assert bounds(scene)[:, 0] == pytest.approx((1.5, 2.5), abs=1e-4)
+    assert all(shape.is_emitter() for shape in scene.shapes())
+
+
+def test_colour_attributes_are_carried(stage):
+    """Linear, by corner or by vertex, as Mitsuba's ``vertex_`` attributes."""
+    from holopath_addon.export.geometry import read_mesh, split_by_slot
+
+    plane = stage.plane().data
+    corners = plane.color_attributes.new("paint", "BYTE_COLOR", "CORNER")
+    points = plane.color_attributes.new("weight", "FLOAT_COLOR", "POINT")
+    for k in range(4):
+        corners.data[k].color_srgb = (0.5, 0, k / 3, 1)
+        points.data[k].color = (k, 2, 3, 1)
+    plane.color_attributes.render_color_index = plane.color_attributes.find("weight")
+    data = read_mesh(plane, "plane", {""}, {"paint", "", "lacking"})
+    assert sorted(data.colours) == ["", "paint"]
+    ((_, surface),) = split_by_slot(data, 1, lambda slot: "", lambda slot: ("paint", "", "lacking"))
+    import mitsuba as mi
+
+    mesh = surface.to_mitsuba("plane", mi.load_dict({"type": "diffuse"}))
+    values = mi.traverse(mesh)
+    positions = np.array(values["vertex_positions"]).reshape(-1, 3)
+    order = [int(np.abs(positions - np.array(v.co)).sum(1).argmin()) for v in plane.vertices]
+    paint = np.array(values["vertex_paint"]).reshape(-1, 3)[order]
+    assert paint[:, 0] == pytest.approx([0.2140] * 4, abs=2e-3)
+    assert paint[:, 2] == pytest.approx([0, 0.0908, 0.402, 1], abs=3e-3)
+    assert np.array(values["vertex_"]).reshape(-1, 3)[order] == pytest.approx(
+        np.array([[k, 2, 3] for k in range(4)])
+    )
+    assert not np.array(values["vertex_lacking"]).any()

@@ -1,0 +1,497 @@
+"""What of an evaluated scene is rendered, where, and how often: instances of the depsgraph to Mitsuba shapes."""
+
+import operator
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ..engine import InvalidInput
+from . import baking
+from .cache import Bake
+from .geometry import read_mesh, split_by_slot
+from .hair import curve_tubes, particle_tubes
+from .lights import emission_varies, export_lamp, read_profile
+from .textures import Picture
+from .unwrapping import unwrap
+
+MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+UNSUPPORTED_TYPES = {
+    "POINTCLOUD": "Point cloud",
+    "VOLUME": "Volume",
+    "GPENCIL": "Grease Pencil",
+    "GREASEPENCIL": "Grease Pencil",
+}
+# Repeated meshes are copied up to this many triangles in all, then shared: copies are faster to trace.
+COPIED_TRIANGLES = 200_000
+# Side of a baked texture: two texels a pixel of the hologram where it is nearest, within these limits.
+LEAST_TEXELS, MOST_TEXELS = 64, 2048
+
+_BARE_HAIR = ("UV maps and attributes on hair", "missing: textures read one point")
+
+
+@dataclass
+class _Placed:
+    """One instance of a mesh.
+
+    Attributes
+    ----------
+    key : tuple
+        Tells meshes apart.
+    name : str
+    matrix : mathutils.Matrix
+        Object to world, Blender units; frozen.
+    done : dict
+        Finished shapes by material slot.
+    """
+
+    key: tuple
+    name: str
+    matrix: object
+    done: dict
+
+
+class Contents:
+    """Reads every instance of the depsgraph once; meshes are kept, then turned into shapes.
+
+    Parameters
+    ----------
+    depsgraph : bpy.types.Depsgraph
+    scale : float
+        Metres a Blender unit.
+    pixel : callable
+        How much of a box a pixel of the hologram covers, see `scene.footprint`.
+    cache : ExportCache
+    notes : Notes
+
+    Attributes
+    ----------
+    emitters : list of dict
+        Lamps, for `mitsuba.load_dict`.
+    emits : bool
+        Whether a mesh emits; known once `shapes` are.
+    smooth : dict
+        Its keys are (object, material) names of surfaces in which lamps would be seen; known likewise.
+    meshes : dict of KeptMesh
+        For the cache, likewise.
+    """
+
+    def __init__(self, depsgraph, scale, pixel, cache, notes):
+        self.emitters = []
+        self.emits = False
+        self.smooth = {}
+        self.meshes = {}
+        self._depsgraph = depsgraph
+        self._scale = scale
+        self._pixel = pixel
+        self._cache = cache
+        self._notes = notes
+        self._slots = {}
+        self._flats = {}
+        self._noted = set()
+        self._placed = []
+        self._evaluated_metaballs = set()
+        self._hair = []
+        self._override = depsgraph.view_layer.material_override
+        self._shown = _render_visible(depsgraph.view_layer)
+        try:
+            for instance, object, owner in self._instances():
+                if instance.show_particles:
+                    self._add_hair(instance, object)
+                if instance.show_self:
+                    self._add(instance, object, owner)
+            for key, (flat, materials, name) in self._flats.items():
+                self._bake(key, flat, materials, name)
+        finally:
+            for flat, *_ in self._flats.values():
+                flat.remove()
+        self._note_missing(self._shown)
+
+    def _instances(self):
+        """Instances that renders show, with their object and the original object that they belong to."""
+        for instance in self._depsgraph.object_instances:
+            if not (instance.show_self or instance.show_particles):
+                continue
+            object = instance.object
+            original = object.original
+            owner = instance.parent.original if instance.is_instance else original
+            if owner.name in self._shown and not owner.hide_render and not original.hide_render:
+                yield instance, object, owner
+
+    def _add(self, instance, object, owner):
+        if object.type == "LIGHT":
+            self._add_lamp(object, np.array(instance.matrix_world, dtype=np.float64))
+        elif _is_mesh(object):
+            name, original = object.name, object.original
+            if name not in self._noted:
+                self._noted.add(name)
+                self._note_object(object)
+            if object.type != "META" and original.type == "META":
+                self._evaluated_metaballs.add(original.session_uid)
+            materials = [slot.material for slot in object.material_slots]
+            key = _mesh_key(object, original, materials)
+            matrix = instance.matrix_world.copy().freeze()
+            kept = self._recall(key, object, owner, materials, matrix)
+            looks, done = kept.shapes.get((name, matrix, self._scale), (None, {}))
+            self._placed.append(_Placed(key, name, matrix, done if _same(looks, self._slots[key]) else {}))
+        elif object.type in UNSUPPORTED_TYPES:
+            self._notes.add(object.name, UNSUPPORTED_TYPES[object.type], "not supported: left out")
+
+    def _add_lamp(self, object, matrix):
+        if object.visible_camera:
+            self._notes.add(object.name, "Ray visibility: lamp shown to the camera", "ignored: not seen")
+        if not (object.visible_diffuse and object.visible_glossy and object.visible_transmission):
+            self._notes.add(object.name, "Ray visibility: lamp hidden from some rays", "ignored: lights all")
+        linking = getattr(object, "light_linking", None)  # since Blender 4.0
+        if linking and (linking.receiver_collection or linking.blocker_collection):
+            self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
+        profile = None
+        if emission_varies(object.data):
+            frame = self._depsgraph.scene.frame_current
+            profile = self._cache.looks.profile(object.data, object.name, frame, read_profile)
+        emitter = export_lamp(object.data, matrix, object.name, self._scale, self._notes, profile)
+        if emitter is not None:
+            self.emitters.append(emitter)
+
+    def _add_hair(self, instance, object):
+        """Particle hair; Blender does not tell when it is combed or simulated, so it is always read."""
+        for system in object.particle_systems:
+            settings = system.settings
+            if settings.type != "HAIR" or settings.render_type != "PATH":
+                continue
+            if instance.is_instance:
+                self._notes.add(object.name, f"Hair '{system.name}' of instances", "left out")
+                continue
+            surface = particle_tubes(object, system, self._depsgraph.mode == "RENDER")
+            if surface is None:
+                continue
+            slots = object.material_slots
+            number = min(settings.material, len(slots)) - 1
+            material = self._override or (slots[number].material if number >= 0 else None)
+            look = self._cache.looks.get(material, can_bake=False)
+            self._notes.worn(object.name, look.notes)
+            if _reads_maps(look):
+                self._notes.add(object.name, *_BARE_HAIR)
+            metres = np.diag([self._scale, self._scale, self._scale, 1.0])
+            self._hair.append((_with_bare_maps(surface, look).transformed(metres), look, object.name))
+
+    def _recall(self, key, object, owner, materials, matrix):
+        """What the cache keeps of a mesh; finds the looks of its slots."""
+        original = object.original
+        data = original.data
+        sources = {original.session_uid, owner.session_uid}
+        if data is not None:
+            sources.add(data.session_uid)
+        kept = self.meshes.get(key)
+        if kept is None:
+            kept = self.meshes[key] = self._cache.mesh(key, sources)
+            if self._override is not None:
+                materials = [self._override] * max(len(materials), 1)
+            self._slots[key] = self._looks(key, kept, object, materials or [None], matrix)
+        kept.sources |= sources
+        if original.type == "META" or original.mode != "OBJECT" or owner.mode != "OBJECT":
+            kept.tracked = False
+        return kept
+
+    def _looks(self, key, kept, object, materials, matrix):
+        """Looks of a mesh's slots; where they have to be baked, their baked ones or, for the time being, none."""
+        get = self._cache.looks.get
+        can_bake = baking.possible() and object.type != "CURVES"
+        looks = [get(material, can_bake) for material in materials]
+        if not any(look.wanted for look in looks):
+            kept.bake = None
+            return looks
+        corners = np.array([matrix @ Vector(corner) for corner in object.bound_box])
+        pixel = self._pixel(corners.min(0), corners.max(0))
+        bake = kept.bake
+        if bake and _same(bake.unbaked, looks) and bake.matrix == matrix and bake.pixel <= 1.5 * pixel:
+            return bake.looks
+        kept.bake = Bake(looks, matrix, pixel)
+        try:
+            flat = baking.Flat(object, self._depsgraph, self._layout(object, matrix, pixel))
+        except baking.BakingFailed as error:
+            self._notes.add(object.name, "Baking", f"failed: {error}")
+            kept.bake = None
+            return [get(material, False) for material in materials]
+        self._flats[key] = flat, materials, object.name
+        return looks
+
+    def _layout(self, object, matrix, pixel):
+        """How to lay out an object's mesh for baking, see `baking.Flat`."""
+        matrix = np.array(matrix, dtype=np.float64)
+
+        def lay_out(vertices, triangles):
+            placed = vertices @ matrix[:3, :3].T
+            a, b, c = (placed[triangles[:, k]] for k in range(3))
+            area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+            wanted = np.nan_to_num(2 * np.sqrt(area) / max(pixel, 1e-30), posinf=MOST_TEXELS)
+            if wanted > 4 * MOST_TEXELS:
+                self._notes.add(
+                    object.name, "Baked textures", "coarser than the picture where they are nearest"
+                )
+            return unwrap(vertices, triangles, int(np.clip(wanted, LEAST_TEXELS, MOST_TEXELS)))
+
+        return lay_out
+
+    def _bake(self, key, flat, materials, name):
+        """Bake what the materials of a mesh want, and finish them with that."""
+        kept, looks = self.meshes[key], self._cache.looks
+        wanted = [look.wanted for look in kept.bake.unbaked]
+        slots = [
+            (material, list(outputs.values())) for material, outputs in zip(materials, wanted, strict=True)
+        ]
+        try:
+            baked = baking.bake_surface(flat, slots, self._depsgraph.scene.frame_current)
+        except baking.BakingFailed as error:
+            self._notes.add(name, "Baking", f"failed: {error}")
+            kept.bake = None
+            self._slots[key] = [looks.get(material, False) for material in materials]
+            return
+        done = []
+        for material, outputs, unbaked, arrays in zip(
+            materials, wanted, kept.bake.unbaked, baked, strict=True
+        ):
+            pictures = {
+                socket: Picture(f"{name} {socket}", pixels)
+                for socket, pixels in zip(outputs, arrays, strict=True)
+            }
+            done.append(looks.baked(material, pictures) if outputs else unbaked)
+        uv_names, colour_names = _maps(done)
+        data = read_mesh(flat.mesh, name, uv_names | {baking.ATLAS}, colour_names)
+        if data is not None and data.corner_normals is not None:
+            data.corner_normals = flat.normals
+        kept.bake.looks, kept.bake.data = done, data
+        self._slots[key] = done
+
+    def shapes(self):
+        """Mitsuba shapes of everything that was placed.
+
+        A mesh is read only where the cache does not have all of its shapes, and turned into shapes at once,
+        while its arrays are in the processor's cache.
+        """
+        remaining = Counter(placed.key for placed in self._placed)
+        counts = dict(remaining)
+        objects = enumerate(
+            object for instance, object, _ in self._instances() if instance.show_self and _is_mesh(object)
+        )
+        made = {key: {} for key in self.meshes}
+        surfaces, groups, shapes = {}, {}, []
+        for number, placed in enumerate(self._placed):
+            key, looks = placed.key, self._slots[placed.key]
+            kept = self.meshes[key]
+            if key[1] == "META" and key[0] in self._evaluated_metaballs:
+                continue  # it comes once more, as the mesh that it evaluates to, since Blender 5
+
+            def surface(slot, number=number, key=key, name=placed.name):
+                if key not in surfaces:
+                    object = next(object for position, object in objects if position == number)
+                    surfaces[key] = self._read(key, object)
+                return surfaces[key].get(slot)
+
+            if kept.triangles is None:
+                surface(0)
+            if counts[key] == remaining[key]:
+                self._note_mesh(kept, looks, placed.name)
+            copied = self._copied_slots(key, counts[key])
+            if len(copied) < len(kept.slots):
+                if key not in groups:
+                    groups[key] = self._kept_group(key)
+                    if groups[key] is None:
+                        slots = [slot for slot in kept.slots if slot not in copied]
+                        groups[key] = _group({slot: surface(slot) for slot in slots}, looks, placed.name)
+                    made[key]["group"] = looks, groups[key]
+                    shapes.append(groups[key])
+                shapes.append(self._instance(groups[key], placed))
+            done = {}
+            for slot in copied:
+                done[slot] = placed.done.get(slot)
+                if done[slot] is None:
+                    moved = surface(slot).transformed(self._metres(placed))
+                    done[slot] = self._shapes_of(moved, looks[slot], placed.name)
+                shapes += done[slot]
+                if looks[slot].emission is not None:
+                    self.emits = self.emits or done[slot][0].is_emitter()
+            made[key][placed.name, placed.matrix, self._scale] = looks, done
+            remaining[key] -= 1
+            if not remaining[key]:
+                surfaces.pop(key, None)
+        for key, kept in self.meshes.items():
+            kept.shapes = made[key]
+        for surface, look, name in self._hair:
+            shapes += self._shapes_of(surface, look, name)
+            self.emits = self.emits or look.emission is not None
+        return shapes
+
+    def _read(self, key, object):
+        """Surfaces of a mesh or of hair curves by material slot."""
+        kept, looks = self.meshes[key], self._slots[key]
+        kept.triangles, kept.slots, kept.lacking = 0, [], set()
+        if object.type == "CURVES":
+            surface = curve_tubes(object.data)
+            if surface is None:
+                return {}
+            kept.triangles, kept.slots = len(surface.faces), [0]
+            if _reads_maps(looks[0]):
+                kept.lacking.add(_BARE_HAIR)
+            return {0: _with_bare_maps(surface, looks[0])}
+        uv_names, colour_names = _maps(looks)
+        if kept.bake:
+            data = kept.bake.data
+        elif _held_elsewhere(object):
+            try:
+                mesh = object.to_mesh()
+                data = mesh and read_mesh(mesh, object.name, uv_names, colour_names)
+            finally:
+                object.to_mesh_clear()
+        else:
+            data = read_mesh(object.data, object.name, uv_names, colour_names)
+        if not data:
+            return {}
+        kept.triangles, kept.slots = len(data.triangles), data.used_slots(len(looks))
+        for look in (looks[slot] for slot in kept.slots):
+            wanted = data.active_uv if look.uv_name is None else look.uv_name
+            if look.uv_name != "" and wanted not in data.uvs:
+                kept.lacking.add((f"UV map '{wanted or 'active'}'", "missing: textures read one point"))
+            for name in look.attributes:
+                if name not in data.colours:
+                    kept.lacking.add((f"Attribute '{name or 'active colour'}'", "missing: read as black"))
+        return dict(
+            split_by_slot(
+                data,
+                len(looks),
+                lambda slot: looks[slot].uv_name,
+                lambda slot: looks[slot].attributes,
+            )
+        )
+
+    def _copied_slots(self, key, count):
+        """Slots of which every instance gets a copy; the others are shared."""
+        kept, looks = self.meshes[key], self._slots[key]
+        if count == 1 or count * kept.triangles <= COPIED_TRIANGLES:
+            return kept.slots
+        return [slot for slot in kept.slots if looks[slot].emission is not None]
+
+    def _kept_group(self, key):
+        """The shape group that the cache has of a mesh with the same looks, or None."""
+        looks, group = self.meshes[key].shapes.get("group", (None, None))
+        return group if _same(looks, self._slots[key]) else None
+
+    def _shapes_of(self, surface, look, name):
+        if look.emission is None or surface.area() < 1e-16:
+            return [surface.to_mitsuba(name, look.bsdf)]
+        return [
+            side.to_mitsuba(name, look.bsdf, self._cache.looks.emitter(look, 0.5)) for side in surface.sides()
+        ]
+
+    def _instance(self, group, placed):
+        import mitsuba as mi
+
+        return {"type": "instance", "to_world": mi.ScalarTransform4f(self._metres(placed)), "group": group}
+
+    def _metres(self, placed):
+        """Object to world in metres."""
+        matrix = np.array(placed.matrix, dtype=np.float64)
+        if not np.isfinite(matrix).all():
+            raise InvalidInput(
+                f"The transform of object '{placed.name}' is not finite: clear it (Alt G, Alt R, Alt S)."
+            )
+        matrix[:3] *= self._scale
+        return matrix
+
+    def _note_mesh(self, kept, looks, name):
+        for feature, effect in sorted(kept.lacking):
+            self._notes.add(name, feature, effect)
+        for look in (looks[slot] for slot in kept.slots):
+            self._notes.worn(name, look.notes)
+            if look.smooth:
+                self.smooth[name, look.name] = None
+
+    def _note_object(self, object):
+        for feature, hidden in (
+            ("camera", not object.visible_camera),
+            ("diffuse rays", not object.visible_diffuse),
+            ("glossy rays", not object.visible_glossy),
+            ("shadow rays", not object.visible_shadow),
+        ):
+            if hidden:
+                self._notes.add(object.name, f"Ray visibility: hidden from {feature}", "ignored: visible")
+        if object.is_holdout or object.is_shadow_catcher:
+            self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
+
+    def _note_missing(self, shown):
+        """Objects to be rendered that this depsgraph does not hold, as it serves the viewport."""
+        if self._depsgraph.mode == "RENDER":
+            return
+        for object in self._depsgraph.view_layer.objects:
+            if object.name not in shown or object.hide_render:
+                continue
+            if object.type in MESH_TYPES | {"LIGHT"} and (object.hide_viewport or object.hide_get()):
+                self._notes.add(object.name, "Hidden in the viewport", "left out, though shown in renders")
+
+
+def _render_visible(view_layer):
+    """Names of the view layer's objects that are in a collection shown in renders."""
+    names = set()
+    layers = [view_layer.layer_collection]
+    while layers:
+        layer = layers.pop()
+        if layer.exclude or layer.collection.hide_render:
+            continue
+        names.update(object.name for object in layer.collection.objects)
+        layers.extend(layer.children)
+    return names
+
+
+def _maps(looks):
+    """Names of the UV maps and of the colours that looks read."""
+    return {look.uv_name for look in looks} - {""}, {name for look in looks for name in look.attributes}
+
+
+def _reads_maps(look):
+    return look.uv_name != "" or bool(look.attributes)
+
+
+def _with_bare_maps(surface, look):
+    """Hair with the maps that a look reads, all zero."""
+    count = len(surface.points)
+    return replace(
+        surface,
+        uv=None if look.uv_name == "" else np.zeros((count, 2), np.float32),
+        colours={name: np.zeros((count, 3), np.float32) for name in look.attributes},
+    )
+
+
+def _is_mesh(object):
+    # curves, surfaces and texts appear a second time, as an instance of the mesh they evaluate to
+    return object.type in ("META", "CURVES") or isinstance(object.data, bpy.types.Mesh)
+
+
+def _group(surfaces, looks, name):
+    import mitsuba as mi
+
+    parts = {f"slot_{slot}": surface.to_mitsuba(name, looks[slot].bsdf) for slot, surface in surfaces.items()}
+    return mi.load_dict({"type": "shapegroup", **parts})
+
+
+def _same(looks, others):
+    """Whether two lists hold the very same looks."""
+    return looks is not None and len(looks) == len(others) and all(map(operator.is_, looks, others))
+
+
+def _mesh_key(object, original, materials):
+    """Instances with equal keys have the same geometry and materials."""
+    uids = tuple(None if material is None else material.original.session_uid for material in materials)
+    if object.type == "META":
+        return original.session_uid, "META", uids
+    return object.data.as_pointer(), uids
+
+
+def _held_elsewhere(object):
+    """Whether an object's evaluated mesh is only to be had as a copy, as Blender holds it in another form."""
+    return (
+        object.type == "META"
+        or object.data.is_editmode
+        or any(modifier.type == "SUBSURF" for modifier in object.modifiers)  # maybe done by the GPU
+    )

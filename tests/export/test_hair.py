@@ -1,0 +1,135 @@
+"""Hair as tubes: their measures, and Cycles' picture of the same hair."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from holopath_addon.export.hair import tubes  # noqa: E402
+
+from .test_geometry import area, bounds  # noqa: E402
+
+
+def curves(stage, lines, radius, material=None):
+    data = bpy.data.hair_curves.new("fur")
+    data.add_curves([len(line) for line in lines])
+    data.attributes["position"].data.foreach_set("vector", np.concatenate(lines).astype(np.float32).ravel())
+    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set(
+        "value", np.broadcast_to(radius, sum(map(len, lines))).astype(np.float32)
+    )
+    if material is not None:
+        data.materials.append(material)
+    return stage.link(bpy.data.objects.new("fur", data))
+
+
+def test_a_tube_has_the_width_of_its_circle():
+    line = np.array([(0, 0, z) for z in np.linspace(0, 2, 9)])
+    surface = tubes(line, np.full(9, 0.1), np.array([9]))
+    # Cauchy: the lateral area of a straight tube over its length is pi times the mean width
+    assert surface.area() == pytest.approx(np.pi * 0.2 * 2, rel=1e-5)
+    weighted = np.cross(
+        *(surface.vertices[surface.faces[:, k]] - surface.vertices[surface.faces[:, 0]] for k in (1, 2))
+    )
+    outward = surface.vertices[surface.faces].mean(1) * (1, 1, 0)
+    assert ((weighted * outward).sum(1) > 0).all()
+
+
+def test_bent_and_broken_lines_stay_finite():
+    turn = np.linspace(0, 4 * np.pi, 60)
+    spiral = np.stack([np.cos(turn), np.sin(turn), 0.1 * turn], axis=1)
+    hairpin = np.array([(0, 0, 0), (0, 0, 1), (0, 0, 0)])
+    point = np.zeros((3, 3))
+    lines = [spiral, hairpin, point, np.zeros((1, 3)), np.zeros((0, 3))]
+    surface = tubes(np.concatenate(lines), np.full(67, 0.01), np.array([60, 3, 3, 1, 0]))
+    assert np.isfinite(surface.vertices).all() and np.isfinite(surface.normals).all()
+    assert np.linalg.norm(surface.normals, axis=1) == pytest.approx(1, abs=1e-5)
+    length = np.linalg.norm(np.diff(spiral, axis=0), axis=1).sum()
+    assert tubes(spiral, np.full(60, 0.01), np.array([60])).area() == pytest.approx(
+        2 * np.pi * 0.01 * length, rel=0.02
+    )
+    assert tubes(np.zeros((1, 3)), np.zeros(1), np.array([1])) is None
+
+
+def test_hair_curves_are_where_they_are(stage):
+    stage.scene.unit_settings.scale_length = 0.1
+    obj = curves(stage, [np.array([(0, 0, 0), (0, 0, 1), (0, 0, 2)])], 0.05)
+    obj.location = (3, 0, 0)
+    scene = stage.export().scene
+    assert bounds(scene)[:, 2] == pytest.approx((0, 0.2), abs=1e-6)
+    assert bounds(scene)[:, 0].mean() == pytest.approx(0.3)
+    assert area(scene) == pytest.approx(2 * np.pi * 0.05 * 2 * 0.01, rel=1e-4)
+
+
+def _lit(stage):
+    stage.world((1, 1, 1), 0.5)
+    stage.lamp("SUN", 2.0, rotation=(0.5, 0.2, 0))
+    return stage.material("ShaderNodeBsdfDiffuse", "hair", Color=(0.7, 0.4, 0.2, 1))
+
+
+def test_hair_curves_look_as_in_cycles(stage):
+    material = _lit(stage)
+    rng = np.random.default_rng(1)
+    roots = np.column_stack([rng.uniform(-1.2, 1.2, (60, 2)), np.zeros(60)])
+    steps = np.linspace(0, 1, 5)[:, None]
+    lines = [root + steps * rng.normal(size=3) + 0.3 * steps**2 * rng.normal(size=3) for root in roots]
+    curves(stage, lines, 0.02, material)
+    stage.plane(3, stage.material("ShaderNodeBsdfDiffuse", "ground", Color=(0.1, 0.1, 0.4, 1)))
+    ours, theirs = stage.mitsuba((48, 48), 128), stage.cycles((48, 48), 128)
+    assert ours.mean((0, 1)) == pytest.approx(theirs.mean((0, 1)), rel=0.03)
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_particle_hair_looks_as_in_cycles(stage, shown):
+    material = _lit(stage)
+    ground = stage.plane(2.4, stage.material("ShaderNodeBsdfDiffuse", "ground", Color=(0.1, 0.1, 0.4, 1)))
+    ground.data.materials.append(material)
+    ground.modifiers.new("hair", "PARTICLE_SYSTEM")
+    settings = ground.particle_systems[0].settings
+    settings.type, settings.count, settings.hair_length = "HAIR", 60, 1.0
+    settings.display_step = settings.render_step = 3
+    settings.brownian_factor = 0.3
+    settings.material, settings.root_radius, settings.tip_radius = 2, 6.0, 2.0
+    settings.shape = -0.5
+    ground.show_instancer_for_render = ground.show_instancer_for_viewport = shown
+    exported = stage.export((48, 48))
+    ours, theirs = stage.mitsuba((48, 48), 128, exported=exported), stage.cycles((48, 48), 128)
+    assert ours.mean((0, 1)) == pytest.approx(theirs.mean((0, 1)), rel=0.03)
+    assert sum('"plane"' in str(shape) for shape in exported.scene.shapes()) == 1 + shown
+
+
+def test_textures_on_hair_are_noted(stage):
+    material = stage.material("ShaderNodeBsdfDiffuse", "textured")
+    stage.texture(material, stage.image(np.full((4, 4, 3), 0.5)), "Color")
+    curves(stage, [np.array([(0, 0, 0), (0, 0, 1)])], 0.05, material)
+    stage.world()
+    exported = stage.export()
+    assert ("fur", "UV maps and attributes on hair") in {(n.object, n.feature) for n in exported.notes}
+    assert np.isfinite(stage.mitsuba(spp=4, exported=exported)).all()
+
+
+def test_a_render_has_its_own_steps(stage):
+    ground = stage.plane()
+    ground.modifiers.new("hair", "PARTICLE_SYSTEM")
+    settings = ground.particle_systems[0].settings
+    settings.type, settings.count, settings.hair_length = "HAIR", 3, 1.0
+    settings.display_step, settings.render_step = 1, 4
+    faces = []
+
+    class Probe(bpy.types.RenderEngine):
+        bl_idname = "HOLOPATH_HAIR_PROBE"
+        bl_label = "Probe"
+
+        def render(self, depsgraph):
+            from holopath_addon.export import export_scene
+
+            shapes = export_scene(depsgraph, (16, 16)).scene.shapes()
+            faces.append(max(shape.face_count() for shape in shapes))
+
+    bpy.utils.register_class(Probe)
+    try:
+        stage.scene.render.engine = "HOLOPATH_HAIR_PROBE"
+        bpy.ops.render.render()
+    finally:
+        bpy.utils.unregister_class(Probe)
+    assert faces == [3 * 2**4 * 12]
+    assert max(shape.face_count() for shape in stage.export().scene.shapes()) == 3 * 2 * 12
