@@ -1,4 +1,4 @@
-"""Shader closures as Cycles has them: BSDF types ``gloss``, ``rough_glass``, ``sheen``, ``matt``, ``clear``.
+"""Shader closures as Cycles has them: BSDF types ``gloss``, ``glass``, ``sheen``, ``matt``, ``clear``.
 
 Each serves both sides of a surface alike. Those that reflect tell their albedo, for `mixture` to take it from what
 lies below. Light that one bounce between microfacets loses comes back by a factor on the whole lobe (Turquin 2019,
@@ -20,7 +20,7 @@ def register():
     sides = flags.FrontSide | flags.BackSide
 
     class Closure(base):
-        """One or two lobes; subclasses have `_sample` and `_eval_pdf` for light from above."""
+        """One or two lobes; subclasses have `_sample` and `_eval_pdf` for light from above, their mask a copy."""
 
         def __init__(self, props, *lobes):
             super().__init__(props)
@@ -43,16 +43,22 @@ def register():
             """Whether each lobe is asked for."""
             return [ctx.is_enabled(lobe, number) for number, lobe in enumerate(self._lobes)]
 
+        def _above(self, si):
+            """Whether the front is seen."""
+            return si.wi.z > 0
+
         def sample(self, ctx, si, sample1, sample2, active=True):
-            above, wi = _turned(si.wi, si.wi)
-            sample, value = self._sample(ctx, si, wi, sample1, sample2, active & (wi.z > 0))
+            above = self._above(si)
+            wi = _turned(above, si.wi)
+            sample, value = self._sample(ctx, si, wi, sample1, sample2, mi.Bool(active))
             sample.wo.z = dr.select(above, sample.wo.z, -sample.wo.z)
             return sample, dr.select(sample.pdf > 0, value, 0)
 
         def eval_pdf(self, ctx, si, wo, active=True):
-            _, wi = _turned(si.wi, si.wi)
-            _, wo = _turned(si.wi, wo)
-            value, density = self._eval_pdf(ctx, si, wi, wo, active & (wi.z > 0))
+            above = self._above(si)
+            value, density = self._eval_pdf(
+                ctx, si, _turned(above, si.wi), _turned(above, wo), mi.Bool(active)
+            )
             return dr.select(density > 0, value, 0), density
 
         def eval(self, ctx, si, wo, active=True):
@@ -191,54 +197,47 @@ def register():
             value = reflectance(dr.dot(wi, normal)) * (facets.seen(wi, wo) * factor * density)
             return dr.select(active, value, 0), dr.select(active, density, 0)
 
-    class RoughGlass(Closure):
-        """An interface of microfacets to a dielectric with ``ior`` (Walter 2007), which reflects and transmits.
+    class Glass(Closure):
+        """An interface to a dielectric with ``ior`` which reflects and transmits, of microfacets (Walter 2007) or,
+        without ``roughness``, smooth.
 
         ``reflectance`` and ``transmittance`` tint, ``specular_tint`` scales the reflectance at normal incidence.
         With ``fresnel`` false all light is let through, but for total reflection, and nothing is reflected.
-        Without ``roughness`` it is smooth, which only the latter may be; else ``distribution`` as in `Gloss`.
-        Transmitted radiance is scaled as in Mitsuba's `dielectric`.
+        ``distribution`` as in `Gloss`. Radiance is not scaled by the square of the index as it enters and leaves: a
+        closed body looks the same, and a single sheet stands for a pane.
         """
 
         def __init__(self, props):
             self._smooth = "roughness" not in props
             self._fresnel = props.get("fresnel", True)
-            lobes = [flags.DeltaTransmission if self._smooth else flags.GlossyTransmission]
-            if self._fresnel:
-                lobes = [flags.GlossyReflection, *lobes]
-            super().__init__(props, *lobes)
+            lobes = [flags.DeltaReflection, flags.DeltaTransmission]
+            if not self._smooth:
+                lobes = [flags.GlossyReflection, flags.GlossyTransmission]
+            super().__init__(props, *lobes[not self._fresnel :])
             ior = props.get("ior", 1.5)
             self._ior = dr.opaque(mi.Float, ior)
             self._transmittance = self._texture(props, "transmittance", 1.0)
+            self._tables = None
             if not self._smooth:
                 self._roughness = self._texture(props, "roughness", 0.5)
-                self._distribution, self._multiscatter = _microfacets(props)
+                self._distribution, multiscatter = _microfacets(props)
             if self._fresnel:
                 self._reflectance = self._texture(props, "reflectance", 1.0)
                 tinted = "specular_tint" in props
                 self._tint = self._texture(props, "specular_tint", 1.0) if tinted else None
-                if self._multiscatter:
+                if not self._smooth and multiscatter:
                     self._tables = [glass_table(round(ior, 4)), glass_table(1 / round(ior, 4))]
                     if isinstance(props["roughness"], float):
                         rough = max(props["roughness"], SMOOTHEST)
                         self._tables = [table.at(rough) for table in self._tables]
 
-        def _optics(self, si, wi, active):
-            """Index beyond, microfacets, reflectance and transmittance by cosine, factor of all bounces."""
-            outside = si.wi.z > 0
-            ior = dr.select(outside, self._ior, dr.rcp(self._ior))
+        def _interface(self, si, active):
+            """Index beyond, and reflectance and transmittance by cosine."""
+            ior = dr.select(si.wi.z > 0, self._ior, dr.rcp(self._ior))
             tint = self._transmittance.eval(si, active)
-            roughness = dr.clip(self._roughness.eval_1(si, active), SMOOTHEST, 1)
-            facets = self._distribution(mi.Vector2f(dr.square(roughness)))
             if not self._fresnel:
                 none = mi.Color3f(0)
-                return ior, facets, lambda cosine: (none, tint), mi.Color3f(1)
-            factor = mi.Color3f(1)
-            if self._multiscatter:
-                front, back = (table(roughness, wi.z, active) for table in self._tables)
-                single, average = (dr.select(outside, *entries) for entries in zip(front, back, strict=True))
-                many = tint * average / (1 - tint * (1 - average))
-                factor = 1 + many * (1 - single) / single
+                return ior, lambda cosine: (none, tint)
             mirrored = self._reflectance.eval(si, active)
             tinted = None if self._tint is None else self._tint.eval(si, active)
 
@@ -249,13 +248,28 @@ def register():
                     reflected = dr.lerp(dr.minimum(normal * tinted, 1), 1, grazing(cosine, ior))
                 return reflected * mirrored, (1 - reflected) * tint
 
-            return ior, facets, shares, factor
+            return ior, shares
+
+        def _microstructure(self, si, wi, active):
+            """Microfacets, and the factor that gives back the light of more than one bounce."""
+            roughness = dr.clip(self._roughness.eval_1(si, active), SMOOTHEST, 1)
+            facets = self._distribution(mi.Vector2f(dr.square(roughness)))
+            if self._tables is None:
+                return facets, mi.Color3f(1)
+            front, back = (table(roughness, wi.z, active) for table in self._tables)
+            outside = si.wi.z > 0
+            single, average = (dr.select(outside, *entries) for entries in zip(front, back, strict=True))
+            tint = self._transmittance.eval(si, active)
+            many = tint * average / (1 - tint * (1 - average))
+            return facets, 1 + many * (1 - single) / single
 
         def _sample(self, ctx, si, wi, sample1, sample2, active):
+            ior, shares = self._interface(si, active)
             if self._smooth:
-                return self._straight(ctx, si, wi, active)
-            ior, facets, shares, factor = self._optics(si, wi, active)
-            normal = facets.visible_normal(wi, sample2)
+                normal, density, factor = mi.Normal3f(0, 0, 1), mi.Float(1), mi.Color3f(1)
+            else:
+                facets, factor = self._microstructure(si, wi, active)
+                normal = facets.visible_normal(wi, sample2)
             cosine = dr.dot(wi, normal)
             reflected, transmitted = shares(cosine)
             chance = _chance(reflected, transmitted, *self._asked(ctx))
@@ -263,11 +277,13 @@ def register():
             beyond, passes = refracted(wi, normal, ior)
             wo = dr.select(mirrors, mi.reflect(wi, normal), beyond)
             active &= dr.select(mirrors, wo.z > 0, passes & (wo.z < 0))
-            density = facets.visible_density(wi, normal) * cosine
-            density *= dr.select(mirrors, chance / (4 * cosine), (1 - chance) * _spread(wi, wo, normal, ior))
-            value = dr.select(mirrors, reflected / chance, transmitted / ((1 - chance) * dr.square(ior)))
-            value *= facets.seen(wi, wo) * factor
-            sample = self._scattered(wo, density, active & (density > 0))
+            if not self._smooth:
+                spread = dr.select(mirrors, 1 / (4 * cosine), _spread(wi, wo, normal, ior))
+                density = facets.visible_density(wi, normal) * cosine * spread
+                factor *= facets.seen(wi, wo)
+            chosen = dr.select(mirrors, chance, 1 - chance)
+            value = dr.select(mirrors, reflected, transmitted) * factor / chosen
+            sample = self._scattered(wo, density * chosen, active & (density > 0))
             last = len(self._lobes) - 1
             sample.sampled_component = dr.select(mirrors, mi.UInt32(0), mi.UInt32(last))
             kinds = [mi.UInt32(int(lobe)) for lobe in self._lobes]
@@ -279,18 +295,11 @@ def register():
             """Whether reflection and transmission are asked for."""
             return self._enabled(ctx) if self._fresnel else [False, *self._enabled(ctx)]
 
-        def _straight(self, ctx, si, wi, active):
-            """Refraction by a smooth surface."""
-            ior = dr.select(si.wi.z > 0, self._ior, dr.rcp(self._ior))
-            wo, passes = refracted(wi, mi.Normal3f(0, 0, 1), ior)
-            active &= passes & self._enabled(ctx)[0]
-            value = self._transmittance.eval(si, active) / dr.square(ior)
-            return self._scattered(wo, mi.Float(1), active, eta=ior), value
-
         def _eval_pdf(self, ctx, si, wi, wo, active):
             if self._smooth:
                 return mi.Color3f(0), mi.Float(0)
-            ior, facets, shares, factor = self._optics(si, wi, active)
+            ior, shares = self._interface(si, active)
+            facets, factor = self._microstructure(si, wi, active)
             mirrors = wo.z > 0
             normal = dr.normalize(wi + wo * dr.select(mirrors, 1, ior))
             normal = dr.mulsign(normal, normal.z)
@@ -300,7 +309,7 @@ def register():
             chance = _chance(reflected, transmitted, *self._asked(ctx))
             density = facets.visible_density(wi, normal) * cosine
             density *= dr.select(mirrors, 1 / (4 * cosine), _spread(wi, wo, normal, ior))
-            value = dr.select(mirrors, reflected, transmitted / dr.square(ior))
+            value = dr.select(mirrors, reflected, transmitted)
             value *= facets.seen(wi, wo) * factor * density
             density *= dr.select(mirrors, chance, 1 - chance)
             return dr.select(active, value, 0), dr.select(active, density, 0)
@@ -362,12 +371,18 @@ def register():
             self._reflectance = self._texture(props, "reflectance", 0.5)
             self._roughness = self._texture(props, "roughness", 0.0) if "roughness" in props else None
 
+        def _above(self, si):
+            # a matt surface may be seen from below the horizon of its shading normal: the shape decides
+            towards = dr.dot(si.n, si.to_world(si.wi))
+            return dr.select(towards == 0, si.wi.z > 0, towards > 0)
+
         def _value(self, si, wi, wo, active):
             colour = self._reflectance.eval(si, active)
             cosine = dr.abs(wo.z)
             if self._roughness is None:
                 return colour * (cosine * dr.inv_pi)
             sigma = dr.clip(self._roughness.eval_1(si, active), 0, 1)
+            wi.z = dr.maximum(wi.z, 0)
             scale = 1 / (dr.pi + sigma * (dr.pi / 2 - 2 / 3))
             turn = dr.dot(wi, wo) - wi.z * cosine
             turn = dr.select(turn > 0, turn / dr.maximum(dr.maximum(wi.z, cosine), 1e-6), turn)
@@ -403,7 +418,7 @@ def register():
             self._transmittance = self._texture(props, "transmittance", 1.0)
 
         def sample(self, ctx, si, sample1, sample2, active=True):
-            active &= self._enabled(ctx)[0]
+            active = active & self._enabled(ctx)[0]
             colour = dr.select(active, self._transmittance.eval(si, active), 0)
             return self._scattered(-si.wi, mi.Float(1), active), colour
 
@@ -413,7 +428,7 @@ def register():
         def eval_null_transmission(self, si, active=True):
             return dr.select(active, self._transmittance.eval(si, active), 0)
 
-    kinds = {"gloss": Gloss, "rough_glass": RoughGlass, "sheen": Sheen, "matt": Matt, "clear": Clear}
+    kinds = {"gloss": Gloss, "glass": Glass, "sheen": Sheen, "matt": Matt, "clear": Clear}
     for name, kind in kinds.items():
         mi.register_bsdf(name, kind)
 
@@ -427,10 +442,9 @@ def _microfacets(props):
     return kinds[distribution], distribution == "multiscatter_ggx"
 
 
-def _turned(wi, w):
-    """Whether `wi` is above, and `w` with the surface turned towards `wi`."""
-    above = wi.z > 0
-    return above, mi.Vector3f(w.x, w.y, dr.select(above, w.z, -w.z))
+def _turned(above, w):
+    """A direction as seen from a surface's front, or from its back as if that were the front."""
+    return mi.Vector3f(w.x, w.y, dr.select(above, w.z, -w.z))
 
 
 def _chance(reflected, transmitted, reflects, transmits):

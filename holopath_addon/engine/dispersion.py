@@ -65,6 +65,8 @@ def register():
             parameters.update()
 
         def sample(self, ctx, si, sample1, sample2, active=True):
+            # of importance, as radiance is not scaled by the square of the index in `closures.Glass` either
+            ctx = mi.BSDFContext(mi.TransportMode.Importance, ctx.type_mask, ctx.component)
             return self.glass.sample(ctx, si, sample1, sample2, active)
 
         def eval(self, ctx, si, wo, active=True):

@@ -16,7 +16,8 @@ def register():
     class Mixture(mi.BSDF):
         """Two nested BSDFs; ``weight``, a number or texture, is the second's share, and by ``mode`` the first has
 
-        ``blend``: the rest;
+        ``blend``: the rest; ``fresnel_ior`` makes the second's share that times a dielectric's reflectance towards
+        the viewer, ``facing`` that times one minus this power of the cosine;
         ``over``: what the second, which lies over it, does not reflect towards the viewer; its light crosses a
         layer of colour ``tint``, if given, whose index of refraction is ``int_ior``;
         ``add``: all.
@@ -30,6 +31,8 @@ def register():
             self._weight = props.get_texture("weight", 0.5)
             self._tint = props.get_texture("tint") if "tint" in props else None
             self._ior = dr.opaque(mi.Float, props.get("int_ior", 1.5))
+            self._fresnel = dr.opaque(mi.Float, props["fresnel_ior"]) if "fresnel_ior" in props else None
+            self._facing = dr.opaque(mi.Float, props["facing"]) if "facing" in props else None
             self._nested = [part for _, part in props.objects() if isinstance(part, mi.BSDF)]
             if self._mode == "over" and not hasattr(self._nested[1], "albedo"):
                 raise ValueError("mixture: what lies over the rest must be 'gloss' or 'sheen'.")
@@ -55,6 +58,13 @@ def register():
         def _shares(self, si, albedos, active):
             """Share of each leaf."""
             weight = dr.clip(self._weight.eval_1(si, active), 0, 1)
+            cosine = si.wi.z
+            if self._fresnel is not None:
+                weight *= mi.fresnel(dr.abs(cosine), dr.select(cosine > 0, self._fresnel, 1 / self._fresnel))[
+                    0
+                ]
+            if self._facing is not None:
+                weight *= 1 - dr.abs(cosine) ** self._facing
             first, second = self._nested
             below, above = 1, weight
             if self._mode == "blend":

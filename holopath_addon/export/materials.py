@@ -24,7 +24,7 @@ _CLEAR = {"type": "null"}
 _WHITE = (1.0, 1.0, 1.0)
 
 # Closures that serve both sides of a surface by themselves
-_TWO_SIDED = {"null", "clear", "gloss", "rough_glass", "sheen", "matt"}
+_TWO_SIDED = {"null", "clear", "gloss", "glass", "sheen", "matt"}
 
 
 @dataclass
@@ -213,7 +213,7 @@ class _ShaderReader:
         settings = getattr(material, "holopath", None)  # there once the properties are registered
         self._abbe = settings.abbe_number if settings else 0.0
         self._disperses = False
-        self._normal = None  # what feeds the Normal sockets: a pin, or None
+        self._displaced = False
 
     # -- the material
 
@@ -227,25 +227,13 @@ class _ShaderReader:
             return Look()
         if output.inputs["Volume"].is_linked:
             self._note("Volume", "ignored")
+        self._displaced = first_link(output.inputs["Displacement"]) is not None
+        if self._displaced and self._material.displacement_method != "BUMP":
+            self._note("Displacement", "shown as bumps: the surface is not moved")
         look = self._linked_shader(Pin(output.inputs["Surface"]))
-        if look.bsdf is not None:
-            look = self._perturbed(look, output)
         if self._abbe and not self._disperses:
             self._note("Abbe number", "ignored: only smooth glass disperses")
         return look
-
-    def _perturbed(self, look, output):
-        """A look under the normals of its bump and normal maps, and of its displacement."""
-        displaced = first_link(output.inputs["Displacement"]) is not None
-        if displaced and self._material.displacement_method != "BUMP":
-            self._note("Displacement", "shown as bumps: the surface is not moved")
-        if self._normal is None and not displaced:
-            return look
-        normals = self._textures.normal(self._normal, self._name)
-        if normals is None:
-            return look
-        bumpy = {"type": "normalmap", "normalmap": self._build(normals), "bsdf": look.bsdf or _BLACK}
-        return replace(look, bsdf=bumpy)
 
     def _viewport_look(self):
         """Materials without nodes: what the viewport shows, which Cycles renders too."""
@@ -263,7 +251,23 @@ class _ShaderReader:
         if reader is None:
             self._note(f"{node.bl_label} node", "not supported: shown as the material's viewport colour")
             return self._fallback()
-        return reader(source)
+        look = reader(source)
+        # the Principled BSDF bends its own normals, but not those of what is seen through it
+        return look if node.bl_idname == "ShaderNodeBsdfPrincipled" else self._bumpy(source, look)
+
+    def _bumpy(self, node, look):
+        """A look under the bump or normal map of its shader node, and the material's displacement."""
+        pin = node.input("Normal")
+        if look.bsdf is None or pin is None:
+            return look
+        if not follow(pin).socket.is_output:
+            if not self._displaced:
+                return look
+            pin = None
+        normals = self._textures.normal(pin, self._name)
+        if normals is None:
+            return look
+        return replace(look, bsdf={"type": "normalmap", "normalmap": self._build(normals), "bsdf": look.bsdf})
 
     def _fallback(self):
         return Look(self.diffuse(tuple(self._material.diffuse_color)[:3]))
@@ -285,14 +289,14 @@ class _ShaderReader:
         self._note_thin_film(node, "Principled ")
         if self._deviates(node, "Thin Wall", False):
             self._note("Principled Thin Wall", "ignored")
-        self._note_normals(node, "Normal")
         look = Look(self._matt(base, self._number(node, "Diffuse Roughness", 0.0)))
         if metallic != 1 and transmission != 1:
             if self._deviates(node, "Subsurface Weight", 0.0):
                 self._note("Principled Subsurface Weight", "shown as a diffuse surface of the same colour")
             f0 = 2 * self._constant(node, "Specular IOR Level", 0.5) * _f0(ior)
             if f0 > 0:
-                look = self._over(look, Look(self._dielectric(_eta(f0), tint, gloss)))
+                smooth = _at_most(gloss["roughness"], SMOOTH)
+                look = self._over(look, Look(self._dielectric(_eta(f0), tint, gloss), smooth=smooth))
         if transmission != 0 and metallic != 1:
             # Blender's Principled tints by the square root at each of two surfaces, and no reflections
             glass = self._glass(_square_root(base), _WHITE, gloss, ior, tint)
@@ -311,19 +315,23 @@ class _ShaderReader:
                 self._textured(node, "Sheen Tint", _WHITE), self._number(node, "Sheen Roughness", 0.5)
             )
             look = self._over(look, Look(fuzz), sheen)
-        return self._blend(_clear(), look, self._number(node, "Alpha", 1.0))
+        return self._blend(_clear(), self._bumpy(node, look), self._number(node, "Alpha", 1.0))
 
     def _coated(self, look, node, weight):
         """A Principled BSDF's coat over the rest of it."""
         import drjit as dr
         import mitsuba as mi
 
-        self._note_normals(node, "Coat Normal")
+        pin = node.input("Coat Normal")
+        if pin is not None and follow(pin).socket.is_output:
+            self._note("Principled Coat Normal", "that of the rest of the surface")
         ior = max(self._constant(node, "Coat IOR", 1.5), 1.001)
         roughness = self._number(node, "Coat Roughness", 0.03)
         if _at_most(roughness, SMOOTH_COAT):
             roughness = 0.0
-        coat = Look(self._dielectric(ior, _WHITE, {"roughness": roughness}), smooth=_at_most(roughness, 0.15))
+        coat = Look(
+            self._dielectric(ior, _WHITE, {"roughness": roughness}), smooth=_at_most(roughness, SMOOTH)
+        )
         coated = self._over(look, coat, weight)
         kept = 1 - np.full(3, dr.slice(mi.fresnel_diffuse_reflectance(ior)))
         if self._deviates(node, "Coat Tint", _WHITE):
@@ -339,23 +347,19 @@ class _ShaderReader:
         return replace(coated, emission=dimmed)
 
     def _read_BsdfDiffuse(self, node):
-        self._note_normals(node, "Normal")
         roughness = self._number(node, "Roughness", 0.0)
         colour = self._colour(node, "Color")
-        return Look(self.diffuse(colour) if roughness == 0 else self._matt(colour, roughness))
+        return Look(self._matt(colour, roughness))
 
     def _read_BsdfTranslucent(self, node):
-        self._note_normals(node, "Normal")
         bsdf = self._matt(self._colour(node, "Color")) | {"translucent": True}
         return Look(bsdf, transmissive=True)
 
     def _read_SubsurfaceScattering(self, node):
-        self._note_normals(node, "Normal")
         self._note("Subsurface Scattering node", "shown as a diffuse surface of the same colour")
         return Look(self.diffuse(self._colour(node, "Color")))
 
     def _read_BsdfSheen(self, node):
-        self._note_normals(node, "Normal")
         if node.node.distribution != "MICROFIBER":
             self._note("Sheen BSDF of the Ashikhmin kind", "replaced by microfiber sheen")
         return Look(self._fuzz(self._colour(node, "Color"), self._number(node, "Roughness", 0.5)))
@@ -364,7 +368,6 @@ class _ShaderReader:
         return Look(emission=self._emission(node, "Color", "Strength"))
 
     def _read_BsdfGlass(self, node):
-        self._note_normals(node, "Normal")
         self._note_thin_film(node, "Glass BSDF ")
         colour = self._colour(node, "Color")
         return self._glass(
@@ -372,10 +375,9 @@ class _ShaderReader:
         )
 
     def _read_BsdfRefraction(self, node):
-        self._note_normals(node, "Normal")
         gloss = self._microfacets(node, 0.0)
         bsdf = {
-            "type": "rough_glass",
+            "type": "glass",
             "fresnel": False,
             "ior": _refracting(self._constant(node, "IOR", 1.45)),
             "transmittance": self._build(self._colour(node, "Color"), limit=1),
@@ -383,18 +385,16 @@ class _ShaderReader:
         }
         if "roughness" in bsdf:
             bsdf["distribution"] = gloss.get("distribution", "ggx")
-        return Look(bsdf, transmissive=True, smooth=_at_most(gloss["roughness"], 0.15))
+        return Look(bsdf, transmissive=True, smooth=_at_most(gloss["roughness"], SMOOTH))
 
     def _read_BsdfAnisotropic(self, node):
         """The Glossy BSDF: a mirror of the given colour, without Fresnel."""
-        self._note_normals(node, "Normal")
         gloss = self._microfacets(node, 0.5) | self._anisotropy(node)
         return self._mirror(gloss, reflectance=self._colour(node, "Color"))
 
     _read_BsdfGlossy = _read_BsdfAnisotropic
 
     def _read_BsdfMetallic(self, node):
-        self._note_normals(node, "Normal")
         self._note_thin_film(node, "Metallic BSDF ")
         gloss = self._microfacets(node, 0.5) | self._burley_anisotropy(node, "Anisotropy", "Rotation")
         if node.node.fresnel_type == "F82":
@@ -425,10 +425,32 @@ class _ShaderReader:
 
     def _read_MixShader(self, node):
         factor, first, second = (Pin(socket, node.groups) for socket in node.node.inputs)
-        weight = self._grey(self._textures.value(factor, self._name, 0.5))
-        return self._blend(self._linked_shader(first), self._linked_shader(second), weight)
+        looks = self._linked_shader(first), self._linked_shader(second)
+        by_angle = self._by_angle(follow(factor))
+        if by_angle:
+            return self._blend(*looks, 1.0, **by_angle)
+        return self._blend(*looks, self._grey(self._textures.value(factor, self._name, 0.5)))
 
-    def _blend(self, first, second, weight):
+    def _by_angle(self, source):
+        """How `engine.mixture` has a Fresnel or Layer Weight node; empty for other sockets."""
+        node, name = source.node, source.socket.name
+        if not source.socket.is_output or node.bl_idname not in (
+            "ShaderNodeFresnel",
+            "ShaderNodeLayerWeight",
+        ):
+            return {}
+        amount = follow(source.input("IOR" if node.bl_idname == "ShaderNodeFresnel" else "Blend"))
+        if amount.socket.is_output or follow(source.input("Normal")).socket.is_output:
+            return {}
+        amount = amount.socket.default_value
+        if node.bl_idname == "ShaderNodeFresnel":
+            return {"fresnel_ior": max(amount, LEAST_IOR)}
+        amount = min(max(amount, 0.0), 1 - 1e-5)
+        if name == "Fresnel":
+            return {"fresnel_ior": 1 / (1 - amount)}
+        return {"facing": max(2 * amount if amount < 0.5 else 0.5 / (1 - amount), 1e-5)}
+
+    def _blend(self, first, second, weight, **by_angle):
         """Mix of two looks.
 
         Parameters
@@ -436,6 +458,8 @@ class _ShaderReader:
         first, second : Look
         weight : float or ImageValue
             Share of the second.
+        **by_angle
+            How the share depends on the angle as well, see `engine.mixture`.
 
         Returns
         -------
@@ -443,17 +467,22 @@ class _ShaderReader:
         """
         if not isinstance(weight, ImageValue):
             weight = min(max(weight, 0.0), 1.0)
-            if weight in (0, 1):
+            if weight in (0, 1) and not by_angle:
                 return second if weight else first
+        mean = weight
+        if by_angle and (first.emission is not None or second.emission is not None):
+            self._note("Emission mixed by the angle", "as bright from all sides")
+            mean = weight * _mean_by_angle(**by_angle)
         mixed = Look(
             emission=self._sum(
-                self._product(first.emission, _rest(weight)), self._product(second.emission, weight)
+                self._product(first.emission, _rest(mean)), self._product(second.emission, mean)
             ),
             transmissive=first.transmissive or second.transmissive,
             smooth=first.smooth or second.smooth,
         )
         if first.bsdf or second.bsdf:
-            mixed.bsdf = self._joined(first, second, weight=self._build(weight, grey=True, limit=1))
+            share = self._build(weight, grey=True, limit=1)
+            mixed.bsdf = self._joined(first, second, weight=share, **by_angle)
         return mixed
 
     def _over(self, below, above, weight=1.0):
@@ -473,7 +502,7 @@ class _ShaderReader:
 
     def diffuse(self, colour):
         """A diffuse BSDF."""
-        return {"type": "diffuse", "reflectance": self._build(colour, limit=1)}
+        return self._matt(colour)
 
     def _matt(self, colour, roughness=0.0):
         bsdf = {"type": "matt", "reflectance": self._build(colour, limit=1)}
@@ -538,7 +567,7 @@ class _ShaderReader:
     def _mirror(self, gloss, **colours):
         """What reflects with these colours of `engine.closures`."""
         colours = {name: self._build(colour, limit=1) for name, colour in colours.items()}
-        return Look(self._gloss(gloss, **colours), smooth=_at_most(gloss["roughness"], 0.15))
+        return Look(self._gloss(gloss, **colours), smooth=_at_most(gloss["roughness"], SMOOTH))
 
     def _metal(self, colour, edge, gloss):
         edge = {} if _is_white(edge) else {"edge": edge}
@@ -548,22 +577,21 @@ class _ShaderReader:
         colours = [self._build(colour, limit=1) for colour in (transmittance, reflectance)]
         tinted = not _is_white(tint)
         ior, roughness = _refracting(ior), gloss["roughness"]
-        if not _at_most(roughness, SMOOTH):
-            bsdf = dict(zip(("transmittance", "reflectance"), colours, strict=True))
-            bsdf |= {"type": "rough_glass", "ior": ior, **self._rough(roughness)}
-            if tinted:
-                bsdf["specular_tint"] = self._build(tint, limit=1)
-            if "distribution" in gloss:
-                bsdf["distribution"] = gloss["distribution"]
-            return Look(bsdf, transmissive=True, smooth=_at_most(roughness, 0.15))
-        if tinted:
-            self._note("Specular Tint of smooth glass", "ignored")
-        bsdf = dict(zip(("specular_transmittance", "specular_reflectance"), colours, strict=True))
-        bsdf |= {"type": "dielectric", "int_ior": ior, "ext_ior": 1.0}
-        if self._abbe:
+        smooth = _at_most(roughness, SMOOTH)
+        if smooth and self._abbe:
             self._disperses = True
-            bsdf |= {"type": "dispersive_dielectric", "abbe": self._abbe}
-        return Look(bsdf, transmissive=True, smooth=True)
+            if tinted:
+                self._note("Specular Tint of dispersive glass", "ignored")
+            bsdf = dict(zip(("specular_transmittance", "specular_reflectance"), colours, strict=True))
+            bsdf |= {"type": "dispersive_dielectric", "int_ior": ior, "ext_ior": 1.0, "abbe": self._abbe}
+            return Look(bsdf, transmissive=True, smooth=True)
+        bsdf = dict(zip(("transmittance", "reflectance"), colours, strict=True))
+        bsdf |= {"type": "glass", "ior": ior, **self._rough(roughness)}
+        if tinted:
+            bsdf["specular_tint"] = self._build(tint, limit=1)
+        if not smooth and "distribution" in gloss:
+            bsdf["distribution"] = gloss["distribution"]
+        return Look(bsdf, transmissive=True, smooth=smooth)
 
     # -- values
 
@@ -639,25 +667,24 @@ class _ShaderReader:
         if self._deviates(node, "Thin Film Thickness", 0.0):
             self._note(f"{prefix}Thin Film Thickness", "ignored")
 
-    def _note_normals(self, node, *names):
-        """Remember what feeds a shader's normal; all of a material share one."""
-        for name in names:
-            pin = node.input(name)
-            if pin is None or not follow(pin).socket.is_output:
-                continue
-            if name != "Normal":
-                self._note(f"{name} input", "ignored")
-            elif self._normal is None:
-                self._normal = pin
-            elif follow(pin).socket != follow(self._normal).socket:
-                self._note("Several bump or normal maps in one material", "only one is used")
-
 
 def _two_sided(bsdf):
     """Whether a BSDF's dictionary serves both sides."""
     if bsdf["type"] == "mixture":
         return _two_sided(bsdf["first"]) and _two_sided(bsdf["second"])
+    if bsdf["type"] == "normalmap":
+        return _two_sided(bsdf["bsdf"])
     return bsdf["type"] in _TWO_SIDED
+
+
+def _mean_by_angle(fresnel_ior=None, facing=None):
+    """Mean over the hemisphere, weighted by the cosine, of a share of `engine.mixture`."""
+    import drjit as dr
+    import mitsuba as mi
+
+    if facing is not None:
+        return facing / (facing + 2)
+    return dr.slice(mi.fresnel_diffuse_reflectance(fresnel_ior))
 
 
 def _uses_nodes(material):

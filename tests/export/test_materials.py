@@ -625,7 +625,7 @@ def test_unsupported_features_are_noted(stage):
         "Principled Subsurface Weight",
         "Principled Thin Film Thickness",
         "Noise Texture node into Base Color",
-        "Normal input (bump or normal map)",
+        "Bump node into Normal",
         "Volume",
     }
 
