@@ -210,10 +210,15 @@ def geometry():
             floor(stage)
             studio(stage)
 
-        yield Feature(name, "geometry", build, OBJECT)
-    hair = "not supported: hair is left out"
-    yield Feature("hair particles", "geometry", _hair_particles, OBJECT, reason=hair)
-    yield Feature("hair curves", "geometry", _hair_curves, OBJECT, reason=hair)
+        bound, reason = GEOMETRY_APPROXIMATE.get(name, (BOUND, ""))
+        yield Feature(name, "geometry", build, OBJECT, bound, reason)
+    tubes = "tubes of six sides in place of Cycles' ribbons"
+    yield Feature("hair particles", "geometry", _hair_particles, OBJECT, 0.1, tubes)
+    yield Feature("hair curves", "geometry", _hair_curves, OBJECT, 0.1, tubes)
+
+
+_BELOW = "gloss seen from below the horizon of its normal is missing, Cycles bends the normal"
+GEOMETRY_APPROXIMATE = {"smooth over sharp edges": (0.05, _BELOW), "custom normals": (0.05, _BELOW)}
 
 
 def _curve(stage, material):
@@ -457,8 +462,6 @@ PRINCIPLED_INPUTS = (
     ("Specular IOR Level", dict(Roughness=0.3), (0.0, 0.25, 1.0)),
     ("Specular Tint", dict(_DARK, IOR=2.0), (_TINT,)),
     ("Specular Tint", _METAL, (_TINT,)),
-    ("Anisotropic", _METAL, (0.4, 0.9)),
-    ("Anisotropic Rotation", dict(_METAL, Anisotropic=0.8), (0.25,)),
     ("Diffuse Roughness", {}, (0.5, 1.0)),
     ("Coat Weight", {}, (0.5, 1.0)),
     ("Coat Weight", _METAL, (1.0,)),
@@ -475,12 +478,16 @@ PRINCIPLED_CLEAR = (
     ("Alpha", {}, (0.3, 0.7)),
     ("Transmission Weight", dict(Roughness=0.0), (0.5, 1.0)),
     ("Transmission Weight", dict(Roughness=0.3), (0.5, 1.0)),
-    ("Transmission roughness", dict(Transmission_Weight=1.0), (0.1, 0.6, 1.0)),
+    ("Transmission roughness", dict(Transmission_Weight=1.0), (0.1, 0.6)),
     ("Transmission IOR", dict(Transmission_Weight=1.0, Roughness=0.0), (1.1, 2.0)),
 )
 _SUBSURFACE = ("Principled Subsurface Weight", "no model of light inside a surface")
+_AXIS = ("Anisotropy about an axis", "")
+_WIDE = "Cycles sends light where no facet can refract it, at this roughness"
 _FILM = ("Principled Thin Film Thickness", "no model of interference")
 PRINCIPLED_APPROXIMATE = (
+    ("Anisotropic", _METAL, (0.4, 0.9), BOUND, _AXIS),
+    ("Anisotropic Rotation", dict(_METAL, Anisotropic=0.8), (0.25,), BOUND, _AXIS),
     ("Subsurface Weight", dict(Subsurface_Scale=0.1), (0.5, 1.0), 0.15, _SUBSURFACE),
     ("Subsurface Scale", dict(Subsurface_Weight=1.0), (0.02, 0.5), 0.15, _SUBSURFACE),
     ("Thin Film Thickness", dict(Roughness=0.2), (300.0, 600.0), 0.1, _FILM),
@@ -498,6 +505,8 @@ def materials():
     for name, common, values, bound, (note, reason) in PRINCIPLED_APPROXIMATE:
         for value in values:
             yield _principled(name, common, value, _before_nothing, bound, reason, frozenset({note}))
+    rough = dict(Transmission_Weight=1.0)
+    yield _principled("Transmission roughness", rough, 1.0, backdrop, 0.1, _WIDE)
     for name, (kind, values) in SHADERS.items():
         clear = kind.endswith(("Glass", "Refraction"))
 
@@ -507,7 +516,9 @@ def materials():
             if clear:
                 backdrop(stage)
 
-        yield Feature(name, "materials", build, depth=8 if clear else 6)
+        bound, reason, notes = SHADERS_APPROXIMATE.get(name, (BOUND, "", frozenset()))
+        depth = 8 if clear else 6
+        yield Feature(name, "materials", build, BALL, bound, reason, notes, depth=depth)
     for name, make in PANES.items():
 
         def pane(stage, make=make):
@@ -571,6 +582,12 @@ SHADERS = {
 }
 
 
+SHADERS_APPROXIMATE = {
+    "Glass BSDF roughness 1": (0.1, _WIDE, frozenset()),
+    "Glossy BSDF anisotropy 0.7": (BOUND, "", frozenset({_AXIS[0]})),
+}
+
+
 def _mixed_with_transparent(stage):
     material = tan(stage)
     stage.mix(material, TRANSPARENT, 0.4)
@@ -594,6 +611,20 @@ def _mix(stage):
     _, gloss = stage.mix(material, _GLOSSY, 0.3)
     gloss.inputs["Roughness"].default_value = 0.3
     return material
+
+
+def _by_angle(kind, output, **values):
+    """Gloss over a matt surface by a Fresnel or Layer Weight node."""
+
+    def make(stage):
+        material = tan(stage)
+        tree = material.node_tree
+        mix, gloss = stage.mix(material, _GLOSSY)
+        gloss.inputs["Roughness"].default_value = 0.2
+        tree.links.new(node(tree, kind, **values).outputs[output], mix.inputs[0])
+        return material
+
+    return make
 
 
 def _nested_mix(stage):
@@ -655,6 +686,10 @@ def _reroute(stage):
 NODES = {
     "Mix Shader": _mix,
     "Mix Shader, nested": _nested_mix,
+    "Mix Shader by Fresnel": _by_angle("Fresnel", "Fac", IOR=1.6),
+    "Mix Shader by Layer Weight, Fresnel": _by_angle("LayerWeight", "Fresnel", Blend=0.4),
+    "Mix Shader by Layer Weight, Facing": _by_angle("LayerWeight", "Facing", Blend=0.3),
+    "Mix Shader by Layer Weight, Facing 0.8": _by_angle("LayerWeight", "Facing", Blend=0.8),
     "Add Shader with Emission": lambda stage: _add(stage, "Emission", Color=BLUE, Strength=0.3),
     "Add Shader of two surfaces": lambda stage: _add(
         stage, "BsdfAnisotropic", Color=(0.3, 0.3, 0.3, 1), Roughness=0.3

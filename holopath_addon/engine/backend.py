@@ -12,6 +12,8 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
+
 from .errors import BackendUnavailable, InvalidInput
 
 CUDA = "cuda_ad_rgb"
@@ -56,6 +58,10 @@ def activate(prefer=None):
             usable, detail = _cuda_device()
             if not usable:
                 raise BackendUnavailable(f"{CUDA} cannot be used: {detail}; choose {LLVM} instead.")
+        for kind in (np.float32, np.float64):
+            np.finfo(
+                kind
+            )  # which warns if asked first after Dr.Jit has made the processor flush subnormal numbers
         if "drjit" not in sys.modules:
             _choose_llvm(required=wanted == LLVM)
         mitsuba = _import_mitsuba()

@@ -28,7 +28,7 @@ _GENERATED_BY_DEFAULT = {
     for name in ("Noise", "Voronoi", "Wave", "Magic", "Gradient", "Checker", "Brick", "Gabor", "Musgrave")
 }
 
-COLOUR, NUMBER, NORMAL = "colour", "number", "normal"
+COLOUR, NUMBER, NORMAL, EMISSION = "colour", "number", "normal", "emission"
 
 
 ELSEWHERE = "Blender's data may not be changed while it renders (F12): use Render Hologram in the sidebar"
@@ -49,12 +49,12 @@ class Output:
 
     Attributes
     ----------
-    pin : Pin
-        The input socket whose value is wanted; for a normal, see `kind`, None stands for the material's
-        displacement alone.
+    pin : Pin or None
+        The input socket whose value is wanted. None for the normals of the material's displacement alone, and for
+        emission.
     kind : str
-        ``COLOUR``, ``NUMBER`` or ``NORMAL``: the direction in the frame of the shading normal and the atlas' u,
-        halved and shifted to 0 ... 1 as in a tangent-space normal map.
+        ``COLOUR``; ``NUMBER``; ``NORMAL``, the direction in the frame of the shading normal and the atlas' u,
+        halved and shifted to 0 ... 1 as in a tangent-space normal map; or ``EMISSION``, all that the material emits.
     """
 
     pin: object
@@ -226,7 +226,9 @@ class _Evaluated:
         numbers = [k for k, output in enumerate(outputs) if output.kind == NUMBER]
         self.passes = [[k] for k, output in enumerate(outputs) if output.kind != NUMBER]
         self.passes += [numbers[k : k + 3] for k in range(0, len(numbers), 3)]
-        target = tree.get_output_node("CYCLES") or tree.nodes.new("ShaderNodeOutputMaterial")
+        self.target = target = tree.get_output_node("CYCLES") or tree.nodes.new("ShaderNodeOutputMaterial")
+        self.surface = first_link(target.inputs["Surface"])
+        self.surface = self.surface and self.surface.from_socket
         for link in [*target.inputs["Volume"].links, *target.inputs["Surface"].links]:
             tree.links.remove(link)
         if not any(output.kind == NORMAL for output in outputs):
@@ -235,7 +237,6 @@ class _Evaluated:
         if material is not None:
             self.material.displacement_method = "BUMP"
         self.emission = tree.nodes.new("ShaderNodeEmission")
-        tree.links.new(self.emission.outputs[0], target.inputs["Surface"])
         self.shown = [self._colour_of(chosen) for chosen in self.passes]
         texture = tree.nodes.new("ShaderNodeTexImage")
         texture.image = image
@@ -244,6 +245,8 @@ class _Evaluated:
     def _colour_of(self, chosen):
         """Socket that carries a pass as a colour."""
         output = self.outputs[chosen[0]]
+        if output.kind == EMISSION:
+            return None
         if output.kind == NORMAL:
             return self._tangent_space(output.pin)
         if output.kind == COLOUR:
@@ -289,8 +292,14 @@ class _Evaluated:
 
     def show(self, number):
         """Emit the values of a pass."""
-        if number < len(self.shown):
-            self.tree.links.new(self.shown[number], self.emission.inputs["Color"])
+        if number >= len(self.shown):
+            return
+        surface, colour = self.emission.outputs[0], self.shown[number]
+        if colour is None:
+            surface = self.surface
+        else:
+            self.tree.links.new(colour, self.emission.inputs["Color"])
+        self.tree.links.new(surface, self.target.inputs["Surface"])
 
     def collect(self, pictures):
         """Each output's picture."""

@@ -214,6 +214,7 @@ class _ShaderReader:
         self._abbe = settings.abbe_number if settings else 0.0
         self._disperses = False
         self._displaced = False
+        self._emission_pressing = False  # emission of more than one texture
 
     # -- the material
 
@@ -231,6 +232,9 @@ class _ShaderReader:
         if self._displaced and self._material.displacement_method != "BUMP":
             self._note("Displacement", "shown as bumps: the surface is not moved")
         look = self._linked_shader(Pin(output.inputs["Surface"]))
+        if self._emission_pressing:
+            whole = self._textures.emission(self._name)
+            look = replace(look, emission=whole or look.emission)
         if self._abbe and not self._disperses:
             self._note("Abbe number", "ignored: only smooth glass disperses")
         return look
@@ -628,7 +632,10 @@ class _ShaderReader:
     def _emission(self, node, colour_name, strength_name):
         strength = self._textures.value(node.input(strength_name), self._name, 1.0)
         if isinstance(strength, ImageValue):
-            colour = self._textures.constant(node.input(colour_name), self._name, (1.0, 1.0, 1.0))
+            colour = self._textures.value(node.input(colour_name), self._name, _WHITE)
+            if isinstance(colour, ImageValue):
+                self._emission_pressing = True
+                colour = self._textures.mean_colour(colour)
             return self._grey(strength).scaled(colour)
         strength = float(np.mean(strength))
         if strength == 0:
@@ -644,14 +651,14 @@ class _ShaderReader:
             return _times(value, weight)
         if not isinstance(value, ImageValue):
             return weight.scaled(value)
-        self._note("Textured emission mixed by a texture", "mixed by the texture's mean")
+        self._emission_pressing = True
         return _times(value, float(self._textures.mean_colour(weight).mean()))
 
     def _sum(self, first, second):
         if first is None or second is None:
             return second if first is None else first
         if isinstance(first, ImageValue) or isinstance(second, ImageValue):
-            self._note("Sum of textured emissions", "only one is used")
+            self._emission_pressing = True
             return first if isinstance(first, ImageValue) else second
         return tuple(np.broadcast_to(first, 3) + np.broadcast_to(second, 3))
 

@@ -73,6 +73,22 @@ def first_link(socket):
     return next((link for link in socket.links if link.is_valid and not link.is_muted), None)
 
 
+def upstream(pin):
+    """Yield every node that an input socket's value comes from, through groups and reroutes, each once.
+
+    Parameters
+    ----------
+    pin : Pin
+    """
+    waiting, seen = [pin], set()
+    while waiting:
+        source = follow(waiting.pop())
+        if source.socket.is_output and (source.node, source.groups) not in seen:
+            seen.add((source.node, source.groups))
+            yield source.node
+            waiting += [Pin(socket, source.groups) for socket in source.node.inputs]
+
+
 def _passed_through(node, source):
     if node.bl_idname == "NodeReroute":
         return node.inputs[0]

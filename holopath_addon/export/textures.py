@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .baking import ATLAS, COLOUR, NORMAL, NUMBER, Output
-from .node_graph import follow
+from .baking import ATLAS, COLOUR, EMISSION, NORMAL, NUMBER, Output
+from .node_graph import follow, upstream
 from .notes import Notes
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAGENTA = (1.0, 0.0, 1.0)
+# Nodes whose values depend on where they are seen from, or by what.
+_VIEW_DEPENDENT = {f"ShaderNode{name}" for name in ("Fresnel", "LayerWeight", "CameraData", "LightPath")}
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
 
 
@@ -129,6 +131,10 @@ def _encoded(colour):
     return np.where(colour <= 0.0031308, colour * 12.92, 1.055 * np.maximum(colour, 0) ** (1 / 2.4) - 0.055)
 
 
+# Stands for what is still to be baked.
+PENDING = ImageValue(Picture("pending", np.ones((1, 1, 3), np.float32)))
+
+
 class Reading:
     """What one reading of a material needs.
 
@@ -160,10 +166,10 @@ class Reading:
         return self.baked is not None and not self.baked and (self.pressing or len(self.uv_names) > 1)
 
 
-def socket_key(pin):
+def socket_key(pin, kind=None):
     """Tells an input socket from all others of a material, also of another evaluation of it."""
     if pin is None:
-        return ("displacement",)
+        return (kind,)
     return (*(group.name for group in pin.groups), pin.node.name, pin.socket.identifier)
 
 
@@ -226,7 +232,8 @@ class Textures:
         reading.pressing = True
         if reading.baked is None:
             self._notes.add(owner, feature, "not supported: replaced by a constant")
-        return fallback
+            return fallback
+        return PENDING
 
     def normal(self, pin, owner):
         """Tangent-space normal map baked of a linked Normal socket, or of the displacement (None).
@@ -236,17 +243,33 @@ class Textures:
         ImageValue or None
         """
         what = "Displacement" if pin is None else f"{follow(pin).node.bl_label} node into {pin.socket.name}"
-        self._reading.wanted[socket_key(pin)] = Output(pin, NORMAL)
-        if self._reading.baked:
-            return self._baked(pin, owner, what)
-        self._reading.pressing = True
+        normals = self._whole(pin, NORMAL, owner, what)
         if self._reading.baked is None:
             self._notes.add(owner, what, "ignored")
+        return normals
+
+    def emission(self, owner):
+        """All that a material emits, baked; None where that is not done, or not yet.
+
+        Returns
+        -------
+        ImageValue or None
+        """
+        return self._whole(None, EMISSION, owner, "Emission of several textures")
+
+    def _whole(self, pin, kind, owner, what):
+        self._reading.wanted[socket_key(pin, kind)] = Output(pin, kind)
+        if self._reading.baked:
+            return self._baked(pin, owner, what, kind)
+        self._reading.pressing = True
         return None
 
-    def _baked(self, pin, owner, feature):
-        picture = self._reading.baked[socket_key(pin)]
-        self._notes.add(owner, feature, "baked to a texture")
+    def _baked(self, pin, owner, feature, kind=None):
+        picture = self._reading.baked[socket_key(pin, kind)]
+        effect = "baked to a texture"
+        if pin is not None and any(node.bl_idname in _VIEW_DEPENDENT for node in upstream(pin)):
+            effect += ", as seen by the camera from straight above the surface"
+        self._notes.add(owner, feature, effect)
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
     def _is_direct(self, source):

@@ -313,3 +313,73 @@ def test_worlds_of_two_shaders(stage):
     tree.links.new(second.outputs[0], mix.inputs[2])
     tree.links.new(mix.outputs[0], output.inputs["Surface"])
     assert apart(stage, spp=128)[0] < 0.02
+
+
+@pytest.mark.parametrize("how", ["colour and strength", "sum", "mix by a texture"])
+def test_emission_of_several_textures(stage, how):
+    material = stage.material(EMISSION)
+    tree, first = material.node_tree, shader_of(material)
+    textures = [add(material, "ShaderNodeTexNoise", Scale=s, Detail=0.0) for s in (1.5, 3.0, 2.0)]
+    tree.links.new(textures[0].outputs["Color"], first.inputs["Color"])
+    if how == "colour and strength":
+        tree.links.new(textures[1].outputs["Color"], first.inputs["Strength"])
+    else:
+        second = add(material, EMISSION)
+        tree.links.new(textures[1].outputs["Color"], second.inputs["Color"])
+        both = add(material, "ShaderNodeAddShader" if how == "sum" else "ShaderNodeMixShader")
+        for socket, node in zip(both.inputs[-2:], (first, second), strict=True):
+            tree.links.new(node.outputs[0], socket)
+        if how != "sum":
+            tree.links.new(textures[2].outputs[0], both.inputs[0])
+        output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+        tree.links.new(both.outputs[0], output.inputs["Surface"])
+    stage.plane(3, material)
+    difference, contrast = apart(stage)
+    assert difference < 0.02 < contrast
+    assert "Emission of several textures" in {note.feature for note in stage.export().notes}
+
+
+def test_nodes_that_depend_on_the_view_are_told(stage):
+    material = stage.material(DIFFUSE)
+    tree = material.node_tree
+    tree.links.new(
+        add(material, "ShaderNodeLayerWeight").outputs["Facing"], shader_of(material).inputs["Color"]
+    )
+    stage.plane(3, material)
+    stage.world((0.5, 0.5, 0.5))
+    (note,) = stage.export().notes
+    assert note.effect.endswith("as seen by the camera from straight above the surface")
+
+
+def test_a_second_export_bakes_only_what_changed(stage, monkeypatch):
+    from holopath_addon.export import ExportCache, baking, export_scene
+
+    names = []
+    real = baking.bake_surface
+    monkeypatch.setattr(
+        baking, "bake_surface", lambda flat, *rest: names.append(flat.original.name) or real(flat, *rest)
+    )
+    left, right = (noise(stage)[0] for _ in range(2))
+    stage.plane(1, left, "left", (-1, 0, 0))
+    stage.plane(1, right, "right", (1, 0, 0))
+    cache = ExportCache()
+
+    def export(size=32):
+        names.clear()
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        exported = export_scene(depsgraph, (size, size), cache=cache)
+        assert {note.effect for note in exported.notes} == {"baked to a texture"}
+        return sorted(names)
+
+    try:
+        assert export() == ["left", "right"]
+        assert export() == []
+        bpy.data.objects["left"].location.y = 0.5
+        assert export() == ["left"]
+        texture = next(n for n in right.node_tree.nodes if n.bl_idname == "ShaderNodeTexNoise")
+        texture.inputs["Scale"].default_value = 9.0
+        assert export() == ["right"]
+        assert export(128) == ["left", "right"]  # of four times the pixels
+        assert export(32) == []
+    finally:
+        cache.close()
