@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
-from mathutils import Vector
 
 from ..engine import InvalidInput
 from . import baking
@@ -203,14 +202,15 @@ class Contents:
         if not any(look.wanted for look in looks):
             kept.bake = None
             return looks
-        corners = np.array([matrix @ Vector(corner) for corner in object.bound_box])
+        placed = _array(matrix)
+        corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
         bake = kept.bake
         if bake and _same(bake.unbaked, looks) and bake.matrix == matrix and bake.pixel <= 1.5 * pixel:
             return bake.looks
         kept.bake = Bake(looks, matrix, pixel)
         try:
-            flat = baking.Flat(object, self._depsgraph, self._layout(object, matrix, pixel))
+            flat = baking.Flat(object, self._depsgraph, self._layout(object, placed, pixel))
         except baking.BakingFailed as error:
             self._notes.add(object.name, "Baking", f"failed: {error}")
             kept.bake = None
@@ -220,7 +220,6 @@ class Contents:
 
     def _layout(self, object, matrix, pixel):
         """How to lay out an object's mesh for baking, see `baking.Flat`."""
-        matrix = np.array(matrix, dtype=np.float64)
 
         def lay_out(vertices, triangles):
             placed = vertices @ matrix[:3, :3].T
@@ -392,7 +391,7 @@ class Contents:
 
     def _metres(self, placed):
         """Object to world in metres."""
-        matrix = np.array(placed.matrix, dtype=np.float64)
+        matrix = _array(placed.matrix)
         if not np.isfinite(matrix).all():
             raise InvalidInput(
                 f"The transform of object '{placed.name}' is not finite: clear it (Alt G, Alt R, Alt S)."
@@ -442,6 +441,11 @@ def _render_visible(view_layer):
         names.update(object.name for object in layer.collection.objects)
         layers.extend(layer.children)
     return names
+
+
+def _array(matrix):
+    """A frozen matrix as an array; numpy of Blender before 5.0 only takes those that are not."""
+    return np.array(matrix.copy(), dtype=np.float64)
 
 
 def _maps(looks):

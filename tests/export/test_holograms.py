@@ -65,3 +65,32 @@ def test_mixed_shaders(stage):
     (truth,) = engine.reference(exported.scene, exported.camera, hologram, [3.8], spp=128, near=field.near)
     (picture,) = engine.reconstruct(field, [3.8])
     assert picture[10:-10, 10:-10].mean() / truth[10:-10, 10:-10].mean() == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("roughness, metallic", [(0.6, 0.0), (0.3, 1.0), (0.0, 1.0)])
+def test_bumps_and_procedural_textures(stage, roughness, metallic):
+    """A ball whose colour and bumps are noise, matt, glossy and polished."""
+    material = stage.material(PRINCIPLED, Roughness=roughness, Metallic=metallic)
+    tree = material.node_tree
+    principled = next(n for n in tree.nodes if n.bl_idname == PRINCIPLED)
+    noise, bump = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeBump")
+    noise.inputs["Scale"].default_value = 2.0
+    bump.inputs["Distance"].default_value, bump.inputs["Strength"].default_value = 0.1, 0.5
+    tree.links.new(noise.outputs["Color"], principled.inputs["Base Color"])
+    tree.links.new(noise.outputs[0], bump.inputs["Height"])
+    tree.links.new(bump.outputs[0], principled.inputs["Normal"])
+    stage.sphere(0.35, material)
+    stage.plane(6, stage.material("ShaderNodeBsdfDiffuse", Color=(0.4, 0.6, 0.5, 1)), "wall", (0, 0, -1.5))
+    stage.lamp("AREA", 40, (1.5, 1, 3), (0, 0.45, 0.4))
+    stage.world((0.3, 0.3, 0.3))
+    exported = stage.export((96, 96))
+    hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 0.3e-3, 1.8e-3)
+    field = engine.render(
+        exported.scene, exported.camera, hologram, engine.Settings(frames=16, quality="preview")
+    )
+    assert np.isfinite(field.data).all()
+    focus = [3.8, 5.5]
+    truth = engine.reference(exported.scene, exported.camera, hologram, focus, spp=128, near=field.near)
+    inner = slice(10, -10)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.03)
