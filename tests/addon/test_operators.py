@@ -190,3 +190,31 @@ def test_job_in_a_thread_is_the_same_as_without(scene):
     assert there.wait(60)
     np.testing.assert_array_equal(here.result.field.data, there.result.field.data)
     assert there.done == pytest.approx(1.0)
+
+
+def test_work_for_the_main_thread(monkeypatch):
+    """At once on it; from another thread, where nobody answers, there after a while. Errors come through."""
+    import threading
+
+    from holopath_addon.operators import jobs
+
+    monkeypatch.setattr(jobs, "PATIENCE", 0.05)
+    assert jobs.on_main_thread(threading.current_thread) is threading.main_thread()
+    found = []
+    thread = threading.Thread(target=lambda: found.append(jobs.on_main_thread(threading.current_thread)))
+    thread.start()
+    thread.join(10)
+    assert found == [thread]
+
+    def fail():
+        found.append(None)
+        raise ValueError("no")
+
+    def expect():
+        with pytest.raises(ValueError, match="no"):
+            jobs.on_main_thread(fail)
+
+    thread = threading.Thread(target=expect)
+    thread.start()
+    thread.join(10)
+    assert found[1:] == [None]

@@ -173,3 +173,30 @@ def test_tinted_passage(mi):
 def test_bad_distribution_is_refused(mi):
     with pytest.raises(Exception, match="no distribution 'phong'"):
         mi.load_dict(gloss(roughness=0.5, distribution="phong"))
+
+
+@pytest.mark.parametrize("cosine", [0.9, 0.3, -0.9, -0.5])
+def test_smooth_glass(mi, cosine):
+    """Fresnel's shares by component, and Snell's direction; radiance is not scaled by the index."""
+    import drjit as dr
+
+    bsdf = mi.load_dict(glass(transmittance=0.7, reflectance=0.9))
+    index = 1.5 if cosine > 0 else 1 / 1.5
+    fresnel = float(mi.fresnel(mi.Float(abs(cosine)), mi.Float(index))[0][0])
+    si = interaction(mi, cosine)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(1, COUNT)
+    for component, lobe, share in (
+        (0, mi.BSDFFlags.DeltaReflection, 0.9 * fresnel),
+        (1, mi.BSDFFlags.DeltaTransmission, 0.7 * (1 - fresnel)),
+    ):
+        ctx = mi.BSDFContext(mi.TransportMode.Radiance, 0xFFFFFFFF, component)
+        sample, weight = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d())
+        assert np.array(weight) == pytest.approx(share, rel=1e-4, abs=1e-6)
+        if share > 0:
+            assert np.all(np.array(sample.sampled_type) == int(lobe))
+            assert np.all(np.array(sample.sampled_component) == component)
+            ratio = 1.0 if component == 0 else 1 / index
+            assert float(sample.wo.x[0]) == pytest.approx(-float(si.wi.x[0]) * ratio, rel=1e-4)
+    _, sample, weight = drawn(mi, bsdf, cosine)
+    assert dr.mean(weight.x)[0] == pytest.approx(0.9 * fresnel + 0.7 * (1 - fresnel), abs=0.01)

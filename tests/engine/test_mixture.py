@@ -153,3 +153,35 @@ def test_brightness_in_a_scene(mi):
             scene, sensor=mi.load_dict(sensor), integrator=mi.load_dict({"type": "path"}), spp=256
         )
         assert np.array(image).mean() == pytest.approx(0.55, abs=0.01)
+
+
+@pytest.mark.parametrize("cosine", [0.9, 0.2, -0.6])
+@pytest.mark.parametrize("how", [{"fresnel_ior": 1.6}, {"facing": 0.7}])
+def test_shares_by_angle(mi, how, cosine):
+    """A mirror over black: it reflects its share, by Fresnel's equations or by the angle alone."""
+    black = {"type": "diffuse", "reflectance": 0.0}
+    mirror = {"type": "gloss", "reflectance": 1.0}
+    bsdf = mi.load_dict(
+        {
+            "type": "mixture",
+            "weight": 0.5,
+            "first": {"type": "twosided", "bsdf": black},
+            "second": mirror,
+            **how,
+        }
+    )
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, 500_000)
+    _, weight = bsdf.sample(
+        mi.BSDFContext(), interaction(mi, cosine, 500_000), sampler.next_1d(), sampler.next_2d()
+    )
+    if "facing" in how:
+        share = 1 - abs(cosine) ** 0.7
+    else:
+        index = 1.6 if cosine > 0 else 1 / 1.6
+        sine = (1 - cosine**2) / index**2
+        inside = (1 - sine) ** 0.5 if sine < 1 else 0.0
+        s = (abs(cosine) - index * inside) / (abs(cosine) + index * inside)
+        p = (index * abs(cosine) - inside) / (index * abs(cosine) + inside)
+        share = (s * s + p * p) / 2
+    assert np.array(weight).mean() == pytest.approx(0.5 * share, rel=0.05)

@@ -126,4 +126,9 @@ def test_window(blender, tmp_path):
     assert result["size"] == [256, 256]
     assert result["middle"] > 5 * result["corners"]
     assert result["rendered"] is True
+    assert [len(notes) for notes in result["baked"]] == [
+        1,
+        1,
+    ]  # by the button, and by F12 from its own thread
+    assert result["scenes"] == 1
     assert "camera" in str(result["without_camera"]) or result["without_camera"] == ["CANCELLED"]

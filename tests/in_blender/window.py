@@ -42,11 +42,14 @@ watchdog.start()
 
 
 def prepare():
-    """Blender's own cube, camera and lamp, against black, at a size that takes a second or two."""
+    """Blender's own cube with a noise on it, camera and lamp, against black, at a size that takes a second or two."""
     bpy.context.preferences.view.show_splash = False
     scene = bpy.context.scene
     scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
     scene.camera.location *= 0.5
+    tree = bpy.data.objects["Cube"].active_material.node_tree
+    noise, principled = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes["Principled BSDF"]
+    tree.links.new(noise.outputs["Color"], principled.inputs["Base Color"])
     props = scene.holopath
     props.resolution_x = props.resolution_y = SIZE
     props.depth_far_mm, props.depth_near_mm = 4.0, 6.0
@@ -83,6 +86,12 @@ def describe(colour):
     return {"size": colour.shape[1::-1], "middle": float(middle), "corners": float(corners)}
 
 
+def baked():
+    """Notes on what was baked for the last render."""
+    session = next(m for name, m in sys.modules.items() if name.endswith("operators.session"))
+    return [note for note in session.current.notes if "baked" in note]
+
+
 def steps():
     """The user's actions; every `yield` gives Blender time to work and redraw."""
     yield
@@ -94,6 +103,7 @@ def steps():
         yield
     result.update(describe(near))
     result["steps"].append("pictured")
+    result["baked"] = [baked()]
     yield
     bpy.context.scene.holopath.focus = 0.5
     while (far := picture()) is None or np.array_equal(far, near):
@@ -109,6 +119,8 @@ def steps():
     while not done:
         yield
     result["rendered"] = done[0]
+    result["baked"].append(baked())
+    result["scenes"] = len(bpy.data.scenes)
     result["steps"].append("rendered")
     bpy.data.objects.remove(bpy.context.scene.camera)
     try:
