@@ -378,7 +378,9 @@ def _compare(result, truth):
 
 def note_text(note):
     """One line about what the exporter changed or left out."""
-    return f"{note['object']}: {note['feature']}: {note['effect']}"
+    from .export.notes import Note
+
+    return str(Note(**note))
 
 
 def _plan(args):

@@ -101,8 +101,12 @@ class Contents:
                     self._add_hair(instance, object)
                 if instance.show_self:
                     self._add(instance, object, owner)
-            for key, (flat, materials, name) in self._flats.items():
+            manager = bpy.context.window_manager
+            manager.progress_begin(0, len(self._flats))
+            for number, (key, (flat, materials, name)) in enumerate(self._flats.items()):
+                manager.progress_update(number)
                 self._bake(key, flat, materials, name)
+            manager.progress_end()
         finally:
             for flat, *_ in self._flats.values():
                 flat.remove()
@@ -197,12 +201,14 @@ class Contents:
     def _looks(self, key, kept, object, materials, matrix):
         """Looks of a mesh's slots; where they have to be baked, their baked ones or, for the time being, none."""
         get = self._cache.looks.get
-        can_bake = baking.possible() and object.type != "CURVES"
+        data = object.data
+        can_bake = baking.possible() and (not isinstance(data, bpy.types.Mesh) or len(data.polygons) > 0)
+        can_bake = can_bake and object.type != "CURVES"
         looks = [get(material, can_bake) for material in materials]
         if not any(look.wanted for look in looks):
             kept.bake = None
             return looks
-        placed = _array(matrix)
+        placed = self._finite(matrix, object.name)
         corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
         bake = kept.bake
@@ -222,6 +228,11 @@ class Contents:
         """How to lay out an object's mesh for baking, see `baking.Flat`."""
 
         def lay_out(vertices, triangles):
+            if not np.isfinite(vertices).all():
+                raise InvalidInput(
+                    f"The mesh of object '{object.name}' has vertices that are not finite numbers: "
+                    "repair or hide it."
+                )
             placed = vertices @ matrix[:3, :3].T
             a, b, c = (placed[triangles[:, k]] for k in range(3))
             area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
@@ -391,12 +402,18 @@ class Contents:
 
     def _metres(self, placed):
         """Object to world in metres."""
-        matrix = _array(placed.matrix)
+        matrix = self._finite(placed.matrix, placed.name)
+        matrix[:3] *= self._scale
+        return matrix
+
+    @staticmethod
+    def _finite(matrix, name):
+        """A frozen matrix as an array; numpy of Blender before 5.0 only takes those that are not."""
+        matrix = np.array(matrix.copy(), dtype=np.float64)
         if not np.isfinite(matrix).all():
             raise InvalidInput(
-                f"The transform of object '{placed.name}' is not finite: clear it (Alt G, Alt R, Alt S)."
+                f"The transform of object '{name}' is not finite: clear it (Alt G, Alt R, Alt S)."
             )
-        matrix[:3] *= self._scale
         return matrix
 
     def _note_mesh(self, kept, looks, name):
@@ -441,11 +458,6 @@ def _render_visible(view_layer):
         names.update(object.name for object in layer.collection.objects)
         layers.extend(layer.children)
     return names
-
-
-def _array(matrix):
-    """A frozen matrix as an array; numpy of Blender before 5.0 only takes those that are not."""
-    return np.array(matrix.copy(), dtype=np.float64)
 
 
 def _maps(looks):

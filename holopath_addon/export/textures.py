@@ -14,6 +14,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAGENTA = (1.0, 0.0, 1.0)
 # Nodes whose values depend on where they are seen from, or by what.
 _VIEW_DEPENDENT = {f"ShaderNode{name}" for name in ("Fresnel", "LayerWeight", "CameraData", "LightPath")}
+_INSTANCE_DEPENDENT = {"ShaderNodeObjectInfo", "ShaderNodeParticleInfo"}
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
 
 
@@ -267,8 +268,11 @@ class Textures:
     def _baked(self, pin, owner, feature, kind=None):
         picture = self._reading.baked[socket_key(pin, kind)]
         effect = "baked to a texture"
-        if pin is not None and any(node.bl_idname in _VIEW_DEPENDENT for node in upstream(pin)):
+        nodes = {node.bl_idname for node in upstream(pin)} if pin is not None else set()
+        if nodes & _VIEW_DEPENDENT:
             effect += ", as seen by the camera from straight above the surface"
+        if nodes & _INSTANCE_DEPENDENT:
+            effect += ", the same for all instances of a mesh"
         self._notes.add(owner, feature, effect)
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 

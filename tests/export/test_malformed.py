@@ -238,3 +238,41 @@ def test_far_from_the_origin(stage):
     assert any("far from the origin" in note.feature for note in exported.notes)
     si = hit(exported.scene, (1e4 + 0.5, 0.3, 5), (0, 0, -1))
     assert float(si.t[0]) == pytest.approx(5, abs=1e-3)
+
+
+@pytest.mark.parametrize("case", ["no faces", "nan", "nan matrix", "zero scale", "flat", "metaball", "text"])
+def test_what_must_be_baked_of_odd_objects(stage, case):
+    """A noise on each; unwrapping code would not survive all of them."""
+    material = stage.material("ShaderNodeEmission")
+    tree = material.node_tree
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    emission = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeEmission")
+    tree.links.new(noise.outputs["Color"], emission.inputs["Color"])
+    stage.plane(name="sound", material=stage.material("ShaderNodeBsdfDiffuse"), location=(0, 0, -1))
+    stage.world()
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+    if case == "no faces":
+        stage.mesh("odd", corners, [], material)
+    elif case == "nan":
+        stage.mesh("odd", [*corners[:2], (0, float("nan"), 0)], [(0, 1, 2)], material)
+    elif case == "nan matrix":
+        stage.mesh("odd", corners, [(0, 1, 2)], material).location.x = float("nan")
+    elif case == "zero scale":
+        stage.mesh("odd", corners, [(0, 1, 2)], material).scale = (0, 0, 0)
+    elif case == "flat":
+        stage.mesh("odd", [(0, 0, 0)] * 3, [(0, 1, 2)], material)
+    elif case == "metaball":
+        bpy.ops.object.metaball_add(radius=1)
+        bpy.context.object.data.materials.append(material)
+    else:
+        bpy.ops.object.text_add()
+        bpy.context.object.data.materials.append(material)
+    if case.startswith("nan"):
+        with pytest.raises(InvalidInput, match="'odd'.*not finite"):
+            stage.export()
+        return
+    exported = stage.export()
+    assert np.isfinite(stage.mitsuba(spp=4, exported=exported)).all()
+    assert not bpy.data.scenes.get("HoloPath baking")
+    baked = any("baked" in note.effect for note in exported.notes)
+    assert baked == (case != "no faces")
