@@ -211,7 +211,9 @@ def test_what_lamps_cannot_do_is_noted(stage):
     lamp.visible_camera, lamp.visible_glossy = True, False
     lamp.light_linking.receiver_collection = bpy.data.collections.new("lit")
     tree, emission = light_tree(lamp)
-    tree.links.new(tree.nodes.new("ShaderNodeTexNoise").outputs[1], emission.inputs["Color"])
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Normal"], noise.inputs["Vector"])
+    tree.links.new(noise.outputs[1], emission.inputs["Color"])
     assert {n.feature for n in stage.export().notes} == {
         "Light without shadow",
         "Diffuse, glossy or transmission factor of a light",
@@ -219,7 +221,7 @@ def test_what_lamps_cannot_do_is_noted(stage):
         "Ray visibility: lamp shown to the camera",
         "Ray visibility: lamp hidden from some rays",
         "Light Linking",
-        "Node on the light's Color",
+        "Light nodes",
     }
 
 
