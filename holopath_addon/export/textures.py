@@ -15,6 +15,7 @@ MAGENTA = (1.0, 0.0, 1.0)
 # Nodes whose values depend on where they are seen from, or by what.
 _VIEW_DEPENDENT = {f"ShaderNode{name}" for name in ("Fresnel", "LayerWeight", "CameraData", "LightPath")}
 _INSTANCE_DEPENDENT = {"ShaderNodeObjectInfo", "ShaderNodeParticleInfo"}
+_CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
 
 
@@ -155,7 +156,7 @@ class Reading:
         UV maps of the images read directly.
     """
 
-    def __init__(self, baked=()):
+    def __init__(self, baked):
         self.baked = baked
         self.wanted = {}
         self.pressing = False
@@ -220,7 +221,7 @@ class Textures:
         if not source.socket.is_output:
             return _plain(source.socket.default_value)
         node = source.node
-        if node.bl_idname in ("ShaderNodeRGB", "ShaderNodeValue"):
+        if node.bl_idname in _CONSTANT:
             return _plain(source.socket.default_value)
         feature = f"{node.bl_label} node into {pin.socket.name}"
         reading = self._reading
@@ -305,12 +306,13 @@ class Textures:
         )
 
     def constant(self, pin, owner, fallback):
-        """Like `value`, for parameters that take no texture; images are noted and replaced."""
-        value = self.value(pin, owner, fallback)
-        if isinstance(value, ImageValue):
-            self._notes.add(owner, f"Texture on {pin.socket.name}", "replaced by a constant")
+        """Like `value`, for parameters that take no texture; what varies is noted and replaced."""
+        source = pin and follow(pin)
+        if source and source.socket.is_output and source.node.bl_idname not in _CONSTANT:
+            feature = f"{source.node.bl_label} node into {pin.socket.name}"
+            self._notes.add(owner, feature, "replaced by a constant")
             return fallback
-        return value
+        return self.value(pin, owner, fallback)
 
     def _image(self, source, owner):
         node = source.node

@@ -383,3 +383,12 @@ def test_a_second_export_bakes_only_what_changed(stage, monkeypatch):
         assert export(32) == []
     finally:
         cache.close()
+
+
+def test_inputs_that_take_no_texture(stage):
+    material, _ = noise(stage, "IOR", PRINCIPLED)
+    stage.plane(3, material)
+    stage.world((0.5, 0.5, 0.5))
+    assert features(stage.export()) == {
+        ("plane", "material", "Noise Texture node into IOR", "replaced by a constant")
+    }
