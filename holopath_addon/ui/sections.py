@@ -97,7 +97,7 @@ def render(layout, context):
     count = len(session.current.notes)
     if count:
         things = "1 feature is" if count == 1 else f"{count} features are"
-        _text(layout, context, f"{things} approximated or left out: see Export Notes.", icon="INFO")
+        _text(layout, context, f"{things} approximated, baked or left out: see Export Notes.", icon="INFO")
 
 
 def failure(layout, context):
@@ -179,7 +179,9 @@ def estimate(layout, context):
 
 def notes(layout, context):
     """What the exporter approximated or left out."""
-    if not session.current.notes:
+    if session.current.plan is None:
+        _text(layout, context, "Estimate, or render: then this lists what is approximated, baked or left out.")
+    elif not session.current.notes:
         _text(layout, context, "Nothing was approximated or left out.")
     for note in session.current.notes:
         _text(layout, context, note, icon="DOT")
