@@ -91,6 +91,8 @@ class Flat:
             evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
         )
         try:
+            if not self.mesh.polygons:
+                raise BakingFailed("the mesh has no faces")
             self.deformed = self._keep_generated(evaluated.data)
             flat = self.mesh.normals_domain == "FACE"
             normals = _vectors(self.mesh, "corner_normals", "vector")

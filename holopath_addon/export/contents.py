@@ -201,9 +201,8 @@ class Contents:
     def _looks(self, key, kept, object, materials, matrix):
         """Looks of a mesh's slots; where they have to be baked, their baked ones or, for the time being, none."""
         get = self._cache.looks.get
-        data = object.data
-        can_bake = baking.possible() and (not isinstance(data, bpy.types.Mesh) or len(data.polygons) > 0)
-        can_bake = can_bake and object.type != "CURVES"
+        has_faces = object.type != "CURVES" and (_held_elsewhere(object) or len(object.data.polygons) > 0)
+        can_bake = baking.possible() and has_faces
         looks = [get(material, can_bake) for material in materials]
         if not any(look.wanted for look in looks):
             kept.bake = None

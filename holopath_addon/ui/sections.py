@@ -180,7 +180,9 @@ def estimate(layout, context):
 def notes(layout, context):
     """What the exporter approximated or left out."""
     if session.current.plan is None:
-        _text(layout, context, "Estimate, or render: then this lists what is approximated, baked or left out.")
+        _text(
+            layout, context, "Estimate, or render: then this lists what is approximated, baked or left out."
+        )
     elif not session.current.notes:
         _text(layout, context, "Nothing was approximated or left out.")
     for note in session.current.notes:

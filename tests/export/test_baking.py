@@ -392,3 +392,15 @@ def test_inputs_that_take_no_texture(stage):
     assert features(stage.export()) == {
         ("plane", "material", "Noise Texture node into IOR", "replaced by a constant")
     }
+
+
+@pytest.mark.parametrize("mode", ["EDIT", "SCULPT"])
+def test_in_other_modes(stage, mode):
+    ball = stage.sphere(1, noise(stage)[0])
+    bpy.context.view_layer.objects.active = ball
+    bpy.ops.object.mode_set(mode=mode)
+    try:
+        assert {note.effect for note in stage.export().notes} == {"baked to a texture"}
+        assert ball.mode == mode and bpy.context.view_layer.objects.active == ball
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
