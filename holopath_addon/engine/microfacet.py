@@ -49,7 +49,7 @@ class Ggx:
 
     def visible_density(self, wi, normal):
         """Density of `visible_normal`, over the cosine between the two (Heitz 2014, equation 16)."""
-        return self.density(normal) / (wi.z * (1 + self.masking(wi)))
+        return self.density(normal) / (dr.maximum(wi.z, 1e-7) * (1 + self.masking(wi)))
 
 
 class Beckmann(Ggx):

@@ -119,7 +119,7 @@ def register():
                 return sample, dr.select(active, value * share, 0)
             shares, chances = self._shared(si, active)
             sample, sharp = dr.zeros(mi.BSDFSample3f), mi.Color3f(0)
-            left, number = mi.Bool(active), sample1
+            left, number = mi.Bool(active), mi.Float(sample1)
             for i, (leaf, share, chance) in enumerate(zip(self._leaves, shares, chances, strict=True)):
                 mine = left & (number < chance) if i + 1 < len(chances) else left
                 rest = dr.clip(number / chance, 0, dr.one_minus_epsilon(mi.Float))

@@ -5,6 +5,7 @@ main thread: so does everything here.
 """
 
 import contextlib
+import math
 import os
 import sys
 import threading
@@ -19,6 +20,7 @@ from .node_graph import first_link
 ATLAS = "HoloPath atlas"
 _NORMAL, _TANGENT, _GENERATED = "HoloPath normal", "HoloPath tangent", "HoloPath generated"
 SUNNY = 100.0  # how much brighter than the mean a world's brightest texel is, for it to be looked at closely
+BRIGHTEST = 1e7  # radiance of a world, four times that of Blender's sun
 _NO_UV = "HoloPath none"  # an attribute that no mesh has reads as zero
 _MARGIN = 4
 SAMPLES = 2_000_000  # in all of a surface's texels, which get 1 to 16 each
@@ -67,7 +69,6 @@ class Flat:
     Parameters
     ----------
     evaluated : bpy.types.Object
-    depsgraph : bpy.types.Depsgraph
     unwrap : callable
         ``unwrap(vertices, triangles)`` gives corners' places and the size of the picture, see `unwrapping.unwrap`.
 
@@ -84,12 +85,12 @@ class Flat:
         Whether generated coordinates are not those of the shape as it is.
     """
 
-    def __init__(self, evaluated, depsgraph, unwrap):
+    def __init__(self, evaluated, unwrap):
         self.original = evaluated.original
         self.matrix = evaluated.matrix_world.copy()
-        self.mesh = bpy.data.meshes.new_from_object(
-            evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
-        )
+        # without a depsgraph, with which Blender would evaluate the original again: instances that geometry nodes
+        # make would become their owner, and edits in Edit Mode would be missing
+        self.mesh = bpy.data.meshes.new_from_object(evaluated)
         try:
             if not self.mesh.polygons:
                 raise BakingFailed("the mesh has no faces")
@@ -139,7 +140,10 @@ class Flat:
         if np.array_equal(points, undeformed):
             # the viewport's evaluation does not keep them: the mesh before its modifiers has them
             source = self.original.data
-            if not isinstance(source, bpy.types.Mesh) or len(source.vertices) != len(points):
+            of_itself = (
+                isinstance(source, bpy.types.Mesh) and source.name == data.name
+            )  # not an instance of another
+            if not of_itself or len(source.vertices) != len(points):
                 return False
             undeformed = _vectors(source, "vertices", "co")
             if np.allclose(points, undeformed, rtol=0, atol=1e-6 * np.abs(points).max(initial=0)):
@@ -181,7 +185,7 @@ def bake_surface(flat, slots, frame):
     flat : Flat
     slots : list of (bpy.types.Material or None, list of Output)
         For each material slot.
-    frame : int
+    frame : float
         Of the animation.
 
     Returns
@@ -393,7 +397,7 @@ def bake_world(world, width, height, frame):
             pixels = studio.bake(_globe(studio, patch, *window), patch, "ENVIRONMENT", 16)[..., :3]
             blocks = pixels.reshape(len(rows), fine, len(columns), fine, 3).mean((1, 3))
             radiance[rows[:, None], columns % width] = blocks
-        return radiance
+        return np.nan_to_num(radiance, nan=0, posinf=BRIGHTEST, neginf=0).clip(0, BRIGHTEST)
 
 
 def bake_lamp(light, width, height, frame):
@@ -469,8 +473,15 @@ def _silenced():
         os.close(nothing)
 
 
+def busy():
+    """Whether something is being baked: what Blender evaluates then is not the user's doing."""
+    return bool(_Studio.open)
+
+
 class _Studio:
     """A scene for Cycles that leaves nothing behind."""
+
+    open = []
 
     def __init__(self, frame):
         self._frame = frame
@@ -480,7 +491,9 @@ class _Studio:
         if not possible():
             raise BakingFailed(ELSEWHERE)
         self.scene = bpy.data.scenes.new("HoloPath baking")
-        self.scene.frame_current = self._frame
+        self.open.append(self)
+        self.scene.frame_current = math.floor(self._frame)
+        self.scene.frame_subframe = self._frame - math.floor(self._frame)
         try:
             self.scene.render.engine = "CYCLES"
         except TypeError:
@@ -497,6 +510,7 @@ class _Studio:
     def __exit__(self, *_):
         bpy.data.scenes.remove(self.scene)
         bpy.data.batch_remove(self._kept)
+        self.open.remove(self)
 
     def keep(self, block):
         """Have a new data-block removed in the end."""
@@ -524,8 +538,14 @@ class _Studio:
             thing = self.keep(bpy.data.objects.new("HoloPath baking", flat.mesh))
         for slot in thing.material_slots:
             slot.link = "DATA"
-        thing.matrix_world = flat.matrix
-        thing.hide_render = thing.hide_viewport = False
+        # by way of a parent, as only that may shear
+        parent = self.keep(bpy.data.objects.new("HoloPath baking", None))
+        self.scene.collection.objects.link(parent)
+        thing.parent, thing.parent_type, thing.matrix_parent_inverse = parent, "OBJECT", flat.matrix
+        thing.delta_location, thing.delta_scale = (0, 0, 0), (1, 1, 1)
+        thing.delta_rotation_euler, thing.delta_rotation_quaternion = (0, 0, 0), (1, 0, 0, 0)
+        thing.matrix_basis.identity()
+        thing.hide_render = thing.hide_viewport = thing.is_holdout = thing.is_shadow_catcher = False
         self.scene.collection.objects.link(thing)
         return thing
 

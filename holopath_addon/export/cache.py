@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import bpy
 
+from . import baking
 from .materials import Materials
 from .notes import Notes
 from .textures import Reading, Textures
@@ -105,8 +106,8 @@ class Bake:
     ----------
     unbaked : list of ExportedMaterial
         Of its slots, that asked for it.
-    matrix : mathutils.Matrix
-        Object to world then: some nodes read it.
+    read : tuple
+        Object to world, colour and index of the object: some nodes read them.
     pixel : float
         What a pixel of the hologram covered where it was nearest, Blender units.
     looks : list of ExportedMaterial
@@ -116,7 +117,7 @@ class Bake:
     """
 
     unbaked: list
-    matrix: object
+    read: tuple
     pixel: float
     looks: list | None = None
     data: object = None
@@ -317,6 +318,8 @@ def _detach():
 
 @bpy.app.handlers.persistent
 def _updated(scene, depsgraph):
+    if baking.busy():
+        return
     for update in depsgraph.updates:
         block = update.id.original
         moved_only = not update.is_updated_geometry and isinstance(block, (bpy.types.Object, bpy.types.Mesh))

@@ -101,13 +101,12 @@ class Contents:
                     self._add_hair(instance, object)
                 if instance.show_self:
                     self._add(instance, object, owner)
-            manager = bpy.context.window_manager
-            manager.progress_begin(0, len(self._flats))
+            bpy.context.window_manager.progress_begin(0, len(self._flats))
             for number, (key, (flat, materials, name)) in enumerate(self._flats.items()):
-                manager.progress_update(number)
+                bpy.context.window_manager.progress_update(number)
                 self._bake(key, flat, materials, name)
-            manager.progress_end()
         finally:
+            bpy.context.window_manager.progress_end()
             for flat, *_ in self._flats.values():
                 flat.remove()
         self._note_missing(self._shown)
@@ -152,7 +151,7 @@ class Contents:
             self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
         profile = None
         if emission_varies(object.data):
-            frame = self._depsgraph.scene.frame_current
+            frame = self._depsgraph.scene.frame_current_final
             profile = self._cache.looks.profile(object.data, object.name, frame, read_profile)
         emitter = export_lamp(object.data, matrix, object.name, self._scale, self._notes, profile)
         if emitter is not None:
@@ -211,11 +210,12 @@ class Contents:
         corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
         bake = kept.bake
-        if bake and _same(bake.unbaked, looks) and bake.matrix == matrix and bake.pixel <= 1.5 * pixel:
+        read = matrix, tuple(object.color), object.pass_index
+        if bake and _same(bake.unbaked, looks) and bake.read == read and bake.pixel <= 1.5 * pixel:
             return bake.looks
-        kept.bake = Bake(looks, matrix, pixel)
+        kept.bake = Bake(looks, read, pixel)
         try:
-            flat = baking.Flat(object, self._depsgraph, self._layout(object, placed, pixel))
+            flat = baking.Flat(object, self._layout(object, placed, pixel))
         except baking.BakingFailed as error:
             self._notes.add(object.name, "Baking", f"failed: {error}")
             kept.bake = None
@@ -252,7 +252,7 @@ class Contents:
             (material, list(outputs.values())) for material, outputs in zip(materials, wanted, strict=True)
         ]
         try:
-            baked = baking.bake_surface(flat, slots, self._depsgraph.scene.frame_current)
+            baked = baking.bake_surface(flat, slots, self._depsgraph.scene.frame_current_final)
         except baking.BakingFailed as error:
             self._notes.add(name, "Baking", f"failed: {error}")
             kept.bake = None

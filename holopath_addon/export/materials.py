@@ -566,7 +566,7 @@ class _ShaderReader:
         return bsdf | {key: gloss[key] for key in ("aspect", "distribution") if key in gloss}
 
     def _dielectric(self, ior, tint, gloss):
-        return self._gloss(gloss, ior=max(ior, 1.001), reflectance=self._build(tint))
+        return self._gloss(gloss, ior=max(ior, 1.001), reflectance=self._build(tint, limit=1))
 
     def _mirror(self, gloss, **colours):
         """What reflects with these colours of `engine.closures`."""

@@ -74,7 +74,7 @@ def first_link(socket):
 
 
 def upstream(pin):
-    """Yield every node that an input socket's value comes from, through groups and reroutes, each once.
+    """Yield every output socket that an input socket's value comes from, through groups and reroutes.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ def upstream(pin):
     waiting, seen = [pin], set()
     while waiting:
         source = follow(waiting.pop())
-        if source.socket.is_output and (source.node, source.groups) not in seen:
-            seen.add((source.node, source.groups))
-            yield source.node
+        if source.socket.is_output and source not in seen:
+            seen.add(source)
+            yield source
             waiting += [Pin(socket, source.groups) for socket in source.node.inputs]
 
 

@@ -129,7 +129,7 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None):
         contents = Contents(depsgraph, scale, pixel, cache, notes)
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
             parts[f"part_{number}"] = part
-        world = looks.world(scene.world, scene.frame_current, export_world)
+        world = looks.world(scene.world, scene.frame_current_final, export_world)
         cache.end(contents.meshes)
     except BaseException:
         cache.clear()

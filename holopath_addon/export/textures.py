@@ -12,9 +12,21 @@ from .notes import Notes
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAGENTA = (1.0, 0.0, 1.0)
-# Nodes whose values depend on where they are seen from, or by what.
-_VIEW_DEPENDENT = {f"ShaderNode{name}" for name in ("Fresnel", "LayerWeight", "CameraData", "LightPath")}
-_INSTANCE_DEPENDENT = {"ShaderNodeObjectInfo", "ShaderNodeParticleInfo"}
+# Sockets whose values are not those of the point of a surface alone, and how they are baked.
+_BAKED_AS = (
+    (
+        "as seen by the camera from straight above the surface",
+        {
+            *("Fresnel", "LayerWeight", "CameraData", "LightPath"),
+            *(("TexCoord", name) for name in ("Camera", "Window", "Reflection")),
+            ("NewGeometry", "Incoming"),
+        },
+    ),
+    ("of the object alone", {"AmbientOcclusion", "Bevel"}),
+    ("of the mesh in triangles", {"Wireframe", ("NewGeometry", "Parametric")}),
+    ("with other numbers", {("ObjectInfo", "Random")}),
+    ("the same for all instances of a mesh", {"ObjectInfo", "ParticleInfo"}),
+)
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
 
@@ -268,13 +280,12 @@ class Textures:
 
     def _baked(self, pin, owner, feature, kind=None):
         picture = self._reading.baked[socket_key(pin, kind)]
-        effect = "baked to a texture"
-        nodes = {node.bl_idname for node in upstream(pin)} if pin is not None else set()
-        if nodes & _VIEW_DEPENDENT:
-            effect += ", as seen by the camera from straight above the surface"
-        if nodes & _INSTANCE_DEPENDENT:
-            effect += ", the same for all instances of a mesh"
-        self._notes.add(owner, feature, effect)
+        read = set()
+        for source in upstream(pin) if pin is not None else ():
+            name = source.node.bl_idname.removeprefix("ShaderNode")
+            read |= {name, (name, source.socket.name)}
+        effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read)]
+        self._notes.add(owner, feature, ", ".join(effects))
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
     def _is_direct(self, source):
@@ -389,8 +400,13 @@ class Textures:
         if not isinstance(value, ImageValue):
             return np.broadcast_to(np.asarray(value, float), 3)
         colour = self._linear_colour(value)
-        mean = MAGENTA if colour is None else colour.mean((0, 1), float)
-        return mean * np.array(value.scale) + value.offset
+        colour = np.array(MAGENTA, np.float32) if colour is None else self._scaled(colour, value)
+        return np.maximum(colour, 0).reshape(-1, 3).mean(0, float)
+
+    @staticmethod
+    def _scaled(colour, value):
+        colour = np.maximum(colour, 0) ** np.float32(value.power)
+        return colour * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
 
     def _linear_colour(self, value):
         """The channels of an image that count, [y, x, 3], or None."""
@@ -452,9 +468,7 @@ class Textures:
             x, y = width / (width + 2), height / (height + 2)
             frame = np.array([[x, 0, 1 / (width + 2)], [0, y, 1 / (height + 2)], [0, 0, 1]])
             to_uv = frame @ to_uv
-        colour = np.maximum(colour, 0) ** np.float32(value.power)
-        colour = colour * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
-        colour = np.clip(colour, 0, limit)
+        colour = np.clip(self._scaled(colour, value), 0, limit)
         if grey:
             colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
         wrap = {"REPEAT": "repeat", "MIRROR": "mirror"}.get(value.extension, "clamp")
@@ -477,5 +491,5 @@ class Textures:
 
 def _plain(value):
     if isinstance(value, (int, float)):
-        return float(value)
-    return tuple(float(v) for v in value)[:3]
+        return float(np.nan_to_num(value))
+    return tuple(float(v) for v in np.nan_to_num(np.array(value, float)))[:3]

@@ -404,3 +404,107 @@ def test_in_other_modes(stage, mode):
         assert ball.mode == mode and bpy.context.view_layer.objects.active == ball
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_instances_that_geometry_nodes_make(stage):
+    """Noise on cubes that exist nowhere else, on the points of a plane that is not shown."""
+    material = noise(stage)[0]
+    plane = stage.plane(2)
+    tree = bpy.data.node_groups.new("nodes", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    entry, exit, cube, paint, place = (
+        tree.nodes.new(kind)
+        for kind in (
+            "NodeGroupInput",
+            "NodeGroupOutput",
+            "GeometryNodeMeshCube",
+            "GeometryNodeSetMaterial",
+            "GeometryNodeInstanceOnPoints",
+        )
+    )
+    cube.inputs["Size"].default_value = (0.5, 0.5, 0.5)
+    paint.inputs["Material"].default_value = material
+    tree.links.new(cube.outputs["Mesh"], paint.inputs["Geometry"])
+    tree.links.new(entry.outputs[0], place.inputs["Points"])
+    tree.links.new(paint.outputs[0], place.inputs["Instance"])
+    tree.links.new(place.outputs[0], exit.inputs[0])
+    plane.modifiers.new("nodes", "NODES").node_group = tree
+    exported = stage.export()
+    area = sum(float(np.array(shape.surface_area()).sum()) for shape in exported.scene.shapes())
+    assert area == pytest.approx(2 * 4 * 6 * 0.25, rel=1e-4)  # what emits has two sides
+    assert {note.effect for note in exported.notes} == {"baked to a texture"}
+    assert apart(stage)[0] < 0.04
+
+
+def test_sheared_objects(stage):
+    """A turned child of a stretched parent."""
+    ball = stage.sphere(0.7, noise(stage, Scale=2.0)[0])
+    parent = stage.link(bpy.data.objects.new("parent", None))
+    parent.scale = (1.6, 0.7, 1.0)
+    ball.parent, ball.rotation_euler = parent, (0.0, 0.3, 0.8)
+    material = ball.data.materials[0]
+    coordinates = add(material, "ShaderNodeNewGeometry").outputs["Position"]
+    texture = next(n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeTexNoise")
+    material.node_tree.links.new(coordinates, texture.inputs["Vector"])
+    assert apart(stage, BALL)[0] < 0.02
+
+
+def test_between_frames(stage):
+    material, texture = noise(stage, Scale=2.0)
+    texture.noise_dimensions = "4D"
+    w = texture.inputs["W"]
+    for frame, value in ((1, 0.0), (10, 9.0)):
+        w.default_value = value
+        w.keyframe_insert("default_value", frame=frame)
+    stage.plane(3, material)
+    stage.scene.frame_set(3, subframe=0.5)
+    assert apart(stage)[0] < 0.02
+
+
+def test_the_world_is_baked_once(stage, monkeypatch):
+    from holopath_addon.export import ExportCache, export_scene, world
+
+    calls = []
+    real = world.baking.bake_world
+    monkeypatch.setattr(world.baking, "bake_world", lambda *a: calls.append(1) or real(*a))
+    monkeypatch.setattr(world, "WIDTH", 64)
+    monkeypatch.setattr(world, "HEIGHT", 32)
+    stage.plane(3, noise(stage)[0])
+    tree = stage.world().node_tree
+    background = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeBackground")
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    tree.links.new(sky.outputs[0], background.inputs["Color"])
+    cache = ExportCache()
+    try:
+        for _ in range(3):
+            export_scene(bpy.context.evaluated_depsgraph_get(), (32, 32), cache=cache)
+        assert len(calls) == 1
+    finally:
+        cache.close()
+
+
+def test_object_colour(stage):
+    from holopath_addon.export import ExportCache, export_scene
+
+    material = stage.material(EMISSION)
+    info = add(material, "ShaderNodeObjectInfo")
+    material.node_tree.links.new(info.outputs["Color"], shader_of(material).inputs["Color"])
+    plane = stage.plane(6, material)
+    cache = ExportCache()
+    try:
+        for colour in ((1, 0, 0, 1), (0, 1, 0, 1)):
+            plane.color = colour
+            exported = export_scene(bpy.context.evaluated_depsgraph_get(), (32, 32), cache=cache)
+            assert stage.mitsuba(spp=4, exported=exported)[16, 16] == pytest.approx(colour[:3], abs=0.01)
+    finally:
+        cache.close()
+
+
+@pytest.mark.parametrize("holdout", [True, False])
+def test_holdouts_and_shadow_catchers_are_baked_as_what_they_are(stage, holdout):
+    plane = stage.plane(6, noise(stage)[0])
+    expected = stage.mitsuba(spp=16).mean()
+    plane.is_holdout, plane.is_shadow_catcher = holdout, not holdout
+    bpy.context.view_layer.update()
+    assert stage.mitsuba(spp=16).mean() == pytest.approx(expected, rel=0.02)
