@@ -140,9 +140,8 @@ class Flat:
         if np.array_equal(points, undeformed):
             # the viewport's evaluation does not keep them: the mesh before its modifiers has them
             source = self.original.data
-            of_itself = (
-                isinstance(source, bpy.types.Mesh) and source.name == data.name
-            )  # not an instance of another
+            # not where this is an instance of another mesh, which geometry nodes made
+            of_itself = isinstance(source, bpy.types.Mesh) and source.name == data.name
             if not of_itself or len(source.vertices) != len(points):
                 return False
             undeformed = _vectors(source, "vertices", "co")
@@ -375,7 +374,7 @@ def bake_world(world, width, height, frame):
     ----------
     world : bpy.types.World
     width, height : int
-    frame : int
+    frame : float
 
     Returns
     -------
@@ -407,7 +406,7 @@ def bake_lamp(light, width, height, frame):
     ----------
     light : bpy.types.Light
     width, height : int
-    frame : int
+    frame : float
 
     Returns
     -------
@@ -429,7 +428,7 @@ def bake_lamp(light, width, height, frame):
         plain = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})
         # of Blender's equirectangular longitudes, pi to -pi and bottom up, to 0 to 2 pi and top down
         turned = (width // 2 - 1 - np.arange(width)) % width
-        return shone[::-1, turned, :3] / plain[..., :3].mean()
+        return shone[::-1, turned, :3] / plain[..., :3].mean(dtype=float)
 
 
 def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):

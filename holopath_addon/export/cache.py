@@ -138,7 +138,7 @@ class KeptMesh:
     slots : list of int
         Material slots in use.
     lacking : set of str
-        UV maps and colours that were asked for in vain.
+        UV maps that were asked for in vain.
     shapes : dict
         Finished Mitsuba shapes by all that they depend on.
     bake : Bake or None

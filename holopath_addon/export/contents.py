@@ -28,7 +28,7 @@ COPIED_TRIANGLES = 200_000
 # Side of a baked texture: two texels a pixel of the hologram where it is nearest, within these limits.
 LEAST_TEXELS, MOST_TEXELS = 64, 2048
 
-_BARE_HAIR = ("UV maps and attributes on hair", "missing: textures read one point")
+_BARE_HAIR = ("UV maps on hair", "missing: textures read one point")
 
 
 @dataclass
@@ -85,6 +85,8 @@ class Contents:
         self._depsgraph = depsgraph
         self._scale = scale
         self._pixel = pixel
+        self._can_bake = baking.possible()
+        self._looks_of = {}
         self._cache = cache
         self._notes = notes
         self._slots = {}
@@ -200,12 +202,17 @@ class Contents:
     def _looks(self, key, kept, object, materials, matrix):
         """Looks of a mesh's slots; where they have to be baked, their baked ones or, for the time being, none."""
         get = self._cache.looks.get
-        has_faces = object.type != "CURVES" and (_held_elsewhere(object) or len(object.data.polygons) > 0)
-        can_bake = baking.possible() and has_faces
-        looks = [get(material, can_bake) for material in materials]
-        if not any(look.wanted for look in looks):
+        uids = key[-1]  # of the materials: many meshes wear the same
+        if uids not in self._looks_of:
+            found = [get(material, self._can_bake) for material in materials]
+            self._looks_of[uids] = found, any(look.wanted for look in found)
+        looks, unfinished = self._looks_of[uids]
+        if not unfinished:
             kept.bake = None
             return looks
+        if object.type == "CURVES" or not (_held_elsewhere(object) or len(object.data.polygons) > 0):
+            kept.bake = None
+            return [get(material, False) for material in materials]
         placed = self._finite(matrix, object.name)
         corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
@@ -267,8 +274,7 @@ class Contents:
                 for socket, pixels in zip(outputs, arrays, strict=True)
             }
             done.append(looks.baked(material, pictures) if outputs else unbaked)
-        uv_names, colour_names = _maps(done)
-        data = read_mesh(flat.mesh, name, uv_names | {baking.ATLAS}, colour_names)
+        data = read_mesh(flat.mesh, name, _maps(done) | {baking.ATLAS})
         if data is not None and data.corner_normals is not None:
             data.corner_normals = flat.normals
         kept.bake.looks, kept.bake.data = done, data
@@ -345,17 +351,16 @@ class Contents:
             if _reads_maps(looks[0]):
                 kept.lacking.add(_BARE_HAIR)
             return {0: _with_bare_maps(surface, looks[0])}
-        uv_names, colour_names = _maps(looks)
         if kept.bake:
             data = kept.bake.data
         elif _held_elsewhere(object):
             try:
                 mesh = object.to_mesh()
-                data = mesh and read_mesh(mesh, object.name, uv_names, colour_names)
+                data = mesh and read_mesh(mesh, object.name, _maps(looks))
             finally:
                 object.to_mesh_clear()
         else:
-            data = read_mesh(object.data, object.name, uv_names, colour_names)
+            data = read_mesh(object.data, object.name, _maps(looks))
         if not data:
             return {}
         kept.triangles, kept.slots = len(data.triangles), data.used_slots(len(looks))
@@ -363,17 +368,7 @@ class Contents:
             wanted = data.active_uv if look.uv_name is None else look.uv_name
             if look.uv_name != "" and wanted not in data.uvs:
                 kept.lacking.add((f"UV map '{wanted or 'active'}'", "missing: textures read one point"))
-            for name in look.attributes:
-                if name not in data.colours:
-                    kept.lacking.add((f"Attribute '{name or 'active colour'}'", "missing: read as black"))
-        return dict(
-            split_by_slot(
-                data,
-                len(looks),
-                lambda slot: looks[slot].uv_name,
-                lambda slot: looks[slot].attributes,
-            )
-        )
+        return dict(split_by_slot(data, len(looks), lambda slot: looks[slot].uv_name))
 
     def _copied_slots(self, key, count):
         """Slots of which every instance gets a copy; the others are shared."""
@@ -460,22 +455,19 @@ def _render_visible(view_layer):
 
 
 def _maps(looks):
-    """Names of the UV maps and of the colours that looks read."""
-    return {look.uv_name for look in looks} - {""}, {name for look in looks for name in look.attributes}
+    """Names of the UV maps that looks read."""
+    return {look.uv_name for look in looks} - {""}
 
 
 def _reads_maps(look):
-    return look.uv_name != "" or bool(look.attributes)
+    return look.uv_name != ""
 
 
 def _with_bare_maps(surface, look):
-    """Hair with the maps that a look reads, all zero."""
-    count = len(surface.points)
-    return replace(
-        surface,
-        uv=None if look.uv_name == "" else np.zeros((count, 2), np.float32),
-        colours={name: np.zeros((count, 3), np.float32) for name in look.attributes},
-    )
+    """Hair with the UV map that a look reads, all zero."""
+    if not _reads_maps(look):
+        return surface
+    return replace(surface, uv=np.zeros((len(surface.points), 2), np.float32))
 
 
 def _is_mesh(object):

@@ -1,7 +1,7 @@
 """Evaluated Blender objects to Mitsuba meshes, through numpy."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -14,15 +14,6 @@ SIDE_GAP = 5e-6
 
 
 _IDENTITY = np.eye(3)
-
-# How `foreach_get` reads an attribute of each type: property and number of values. Colours come linear.
-_READABLE = {
-    "FLOAT_COLOR": ("color", 4),
-    "BYTE_COLOR": ("color", 4),
-    "FLOAT_VECTOR": ("vector", 3),
-    "FLOAT2": ("vector", 2),
-    "FLOAT": ("value", 1),
-}
 
 
 @dataclass
@@ -46,8 +37,6 @@ class MeshData:
         UV maps by name.
     active_uv : str or None
         The map that rendering uses by default.
-    colours : dict of str to float32 [corner, 3]
-        Linear colours by attribute name, "" being the active one.
     """
 
     vertices: np.ndarray
@@ -58,7 +47,6 @@ class MeshData:
     corner_normals: np.ndarray | None
     uvs: dict
     active_uv: str | None
-    colours: dict
 
     def used_slots(self, slot_count):
         """Material slots with triangles; indices beyond the last use the last, as in Blender."""
@@ -67,7 +55,7 @@ class MeshData:
         return [int(slot) for slot in np.unique(np.clip(self.slots, 0, slot_count - 1))]
 
 
-def read_mesh(mesh, name, uv_names, colour_names=frozenset()):
+def read_mesh(mesh, name, uv_names):
     """Copy a Blender mesh into numpy arrays.
 
     Parameters
@@ -77,8 +65,6 @@ def read_mesh(mesh, name, uv_names, colour_names=frozenset()):
         Object name, for messages.
     uv_names : set of (str or None)
         UV maps to read; None stands for the active render map.
-    colour_names : set of str
-        Attributes to read as colours; "" stands for the active colour attribute.
 
     Returns
     -------
@@ -117,16 +103,12 @@ def read_mesh(mesh, name, uv_names, colour_names=frozenset()):
         layer = mesh.uv_layers.get(wanted) if wanted else None
         if layer is not None:
             uvs[wanted] = _finite(_read(layer.uv, "vector", corner_count, 2))
-    colours = {wanted: _read_colour(mesh, wanted, corner_vertices) for wanted in colour_names}
-    colours = {wanted: values for wanted, values in colours.items() if values is not None}
 
-    if mesh.normals_domain == "POINT" and not uvs and not colours:
+    if mesh.normals_domain == "POINT" and not uvs:
         vertex_normals = _unit(_read(mesh.vertex_normals, "vector", len(vertices), 3))
     elif mesh.normals_domain != "FACE":
         corner_normals = _unit(_read(mesh.corner_normals, "vector", corner_count, 3))
-    return MeshData(
-        vertices, corner_vertices, triangles, slots, vertex_normals, corner_normals, uvs, active, colours
-    )
+    return MeshData(vertices, corner_vertices, triangles, slots, vertex_normals, corner_normals, uvs, active)
 
 
 def _read(collection, attribute, count, width, dtype=np.float32):
@@ -138,30 +120,6 @@ def _read(collection, attribute, count, width, dtype=np.float32):
 def _finite(values):
     """The values with zeros for what is not finite; a copy only where needed."""
     return values if np.isfinite(values).all() else np.where(np.isfinite(values), values, 0)
-
-
-def _read_colour(mesh, name, corner_vertices):
-    """Linear colour of every face corner, or None where the mesh has no such attribute."""
-    index = mesh.color_attributes.render_color_index
-    if name:
-        attribute = mesh.attributes.get(name)
-    else:
-        attribute = mesh.color_attributes[index] if 0 <= index < len(mesh.color_attributes) else None
-    if attribute is None or attribute.data_type not in _READABLE:
-        return None
-    property_name, width = _READABLE[attribute.data_type]
-    values = _read(attribute.data, property_name, len(attribute.data), width)
-    if width == 1:
-        values = np.repeat(values, 3, axis=1)
-    elif width == 2:
-        values = np.pad(values, ((0, 0), (0, 1)))
-    values = _finite(values[:, :3])
-    if attribute.domain == "POINT":
-        return values[corner_vertices]
-    if attribute.domain == "FACE":
-        sizes = _read(mesh.polygons, "loop_total", len(mesh.polygons), 1, np.int32).ravel()
-        return np.repeat(values, sizes, axis=0)
-    return values if attribute.domain == "CORNER" else None
 
 
 @dataclass
@@ -179,8 +137,6 @@ class Surface:
     uv : float32 [vertex, 2] or None
     faces : int32 [triangle, 3]
         Vertices of each triangle.
-    colours : dict of str to float32 [vertex, 3]
-        Linear colours by attribute name.
     """
 
     points: np.ndarray
@@ -188,7 +144,6 @@ class Surface:
     normals: np.ndarray | None
     uv: np.ndarray | None
     faces: np.ndarray
-    colours: dict = field(default_factory=dict)
 
     @property
     def vertices(self):
@@ -207,7 +162,7 @@ class Surface:
             # the inverse transpose times the determinant, defined for flattened objects too
             normals = _turned(normals, -cofactors if mirrored else cofactors)
         faces = self.faces[:, ::-1] if mirrored else self.faces
-        return Surface(points, self.welded, normals, self.uv, faces, self.colours)
+        return Surface(points, self.welded, normals, self.uv, faces)
 
     def area(self):
         """Total area, in the square of the vertices' unit."""
@@ -259,8 +214,6 @@ class Surface:
             buffers["vertex_normals"] = mi.Float(self.normals.ravel())
         if self.uv is not None:
             buffers["vertex_texcoords"] = mi.Float(self.uv.ravel())
-        for colour, values in self.colours.items():
-            mesh.add_attribute(f"vertex_{colour}", 3, values.ravel())
         fill(mesh, buffers)
         return mesh
 
@@ -297,10 +250,10 @@ def _filler():
     return Filler
 
 
-def split_by_slot(data, slot_count, uv_of_slot, colours_of_slot=lambda slot: ()):
+def split_by_slot(data, slot_count, uv_of_slot):
     """Cut a mesh into one `Surface` a material slot.
 
-    Vertices are those of the mesh where neither UV maps nor colours are asked for and its faces are all flat
+    Vertices are those of the mesh where no UV map is asked for and its faces are all flat
     or all smooth, else those of the face corners, where normals and UVs live.
 
     Parameters
@@ -311,8 +264,6 @@ def split_by_slot(data, slot_count, uv_of_slot, colours_of_slot=lambda slot: ())
     uv_of_slot : callable
         ``uv_of_slot(slot)`` gives the name of the UV map that the slot's material reads ("" for none,
         None for the active one).
-    colours_of_slot : callable
-        ``colours_of_slot(slot)`` gives the names of the colours that the slot's material reads.
 
     Yields
     ------
@@ -324,13 +275,13 @@ def split_by_slot(data, slot_count, uv_of_slot, colours_of_slot=lambda slot: ())
         triangles = data.triangles
         if len(used_slots) > 1:
             triangles = triangles[np.clip(data.slots, 0, slot_count - 1) == slot]
-        uv_name, colours = uv_of_slot(slot), colours_of_slot(slot)
+        uv_name = uv_of_slot(slot)
         uv = None
         if uv_name != "":
             uv = data.uvs.get(data.active_uv if uv_name is None else uv_name)
             if uv is None:
                 uv = np.zeros((len(data.corner_vertices), 2), np.float32)
-        if uv is None and not colours and data.corner_normals is None:
+        if uv is None and data.corner_normals is None:
             used, faces = _compact(data.corner_vertices[triangles], len(data.vertices))
             normals = None if data.vertex_normals is None else data.vertex_normals[used]
             yield slot, Surface(data.vertices[used], None, normals, None, faces)
@@ -341,12 +292,6 @@ def split_by_slot(data, slot_count, uv_of_slot, colours_of_slot=lambda slot: ())
         used, faces = slice(None), triangles
         if len(used_slots) > 1:
             used, faces = _compact(triangles, len(data.corner_vertices))
-        carried = {
-            name: data.colours[name][used]
-            if name in data.colours
-            else np.zeros((faces.max() + 1, 3), np.float32)
-            for name in colours
-        }
         yield (
             slot,
             Surface(
@@ -355,7 +300,6 @@ def split_by_slot(data, slot_count, uv_of_slot, colours_of_slot=lambda slot: ())
                 None if normals is None else normals[used],
                 None if uv is None else uv[used],
                 faces,
-                carried,
             ),
         )
 

@@ -74,9 +74,6 @@ class ExportedMaterial:
     wanted : dict
         `baking.Output` of every socket to be baked on each object first, by `textures.socket_key`; empty where the
         material can be used as it is.
-    attributes : tuple of str
-        Mesh attributes that it reads as colours, "" for the active one. The mesh carries them as
-        ``vertex_<name>``, linear.
     """
 
     name: str
@@ -86,7 +83,6 @@ class ExportedMaterial:
     smooth: bool
     notes: Notes
     wanted: dict
-    attributes: tuple = ()
 
 
 class Materials:

@@ -361,32 +361,3 @@ def test_linked_libraries(stage, tmp_path):
     scene = again.export().scene
     assert bounds(scene)[:, 0] == pytest.approx((1.5, 2.5), abs=1e-4)
     assert all(shape.is_emitter() for shape in scene.shapes())
-
-
-def test_colour_attributes_are_carried(stage):
-    """Linear, by corner or by vertex, as Mitsuba's ``vertex_`` attributes."""
-    from holopath_addon.export.geometry import read_mesh, split_by_slot
-
-    plane = stage.plane().data
-    corners = plane.color_attributes.new("paint", "BYTE_COLOR", "CORNER")
-    points = plane.color_attributes.new("weight", "FLOAT_COLOR", "POINT")
-    for k in range(4):
-        corners.data[k].color_srgb = (0.5, 0, k / 3, 1)
-        points.data[k].color = (k, 2, 3, 1)
-    plane.color_attributes.render_color_index = plane.color_attributes.find("weight")
-    data = read_mesh(plane, "plane", {""}, {"paint", "", "lacking"})
-    assert sorted(data.colours) == ["", "paint"]
-    ((_, surface),) = split_by_slot(data, 1, lambda slot: "", lambda slot: ("paint", "", "lacking"))
-    import mitsuba as mi
-
-    mesh = surface.to_mitsuba("plane", mi.load_dict({"type": "diffuse"}))
-    values = mi.traverse(mesh)
-    positions = np.array(values["vertex_positions"]).reshape(-1, 3)
-    order = [int(np.abs(positions - np.array(v.co)).sum(1).argmin()) for v in plane.vertices]
-    paint = np.array(values["vertex_paint"]).reshape(-1, 3)[order]
-    assert paint[:, 0] == pytest.approx([0.2140] * 4, abs=2e-3)
-    assert paint[:, 2] == pytest.approx([0, 0.0908, 0.402, 1], abs=3e-3)
-    assert np.array(values["vertex_"]).reshape(-1, 3)[order] == pytest.approx(
-        np.array([[k, 2, 3] for k in range(4)])
-    )
-    assert not np.array(values["vertex_lacking"]).any()

@@ -103,7 +103,7 @@ def test_textures_on_hair_are_noted(stage):
     curves(stage, [np.array([(0, 0, 0), (0, 0, 1)])], 0.05, material)
     stage.world()
     exported = stage.export()
-    assert ("fur", "UV maps and attributes on hair") in {(n.object, n.feature) for n in exported.notes}
+    assert ("fur", "UV maps on hair") in {(n.object, n.feature) for n in exported.notes}
     assert np.isfinite(stage.mitsuba(spp=4, exported=exported)).all()
 
 
