@@ -9,6 +9,7 @@ physically based shading at Imageworks".
 import drjit as dr
 import mitsuba as mi
 
+from .fingerprint import settings_of
 from .microfacet import Beckmann, Ggx, glass_table, grazing, reflection_table, refracted
 
 SMOOTHEST = 0.02  # roughness of a rough lobe at least
@@ -24,7 +25,7 @@ def register():
 
         def __init__(self, props, *lobes):
             super().__init__(props)
-            self._lobes, self._textures = lobes, {}
+            self._lobes, self._textures, self._settings = lobes, {}, settings_of(props)
             self.m_components = [lobe | sides for lobe in lobes]
             self.m_flags = sum(map(int, lobes)) | int(sides)
 
@@ -37,7 +38,7 @@ def register():
                 callback.put(name, texture, mi.ParamFlags.Differentiable)
 
         def to_string(self):
-            return f"{type(self).__name__}{list(self._textures)}"
+            return f"{type(self).__name__}[{self._settings}], textures {list(self._textures)}"
 
         def _enabled(self, ctx):
             """Whether each lobe is asked for."""

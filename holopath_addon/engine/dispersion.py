@@ -50,7 +50,8 @@ def register():
                     "dispersive_dielectric: 'abbe' must be positive, such as 64 for crown glass."
                 )
             self.outside = props.get("ext_ior", 1.0)
-            glass = {"type": "dielectric", "int_ior": self.index, "ext_ior": self.outside}
+            # as `tune` computes it, to the last bit
+            glass = {"type": "dielectric", "int_ior": self.index / self.outside, "ext_ior": 1.0}
             for name in ("specular_transmittance", "specular_reflectance"):
                 if name in props:
                     glass[name] = props.get_texture(name)
@@ -82,7 +83,7 @@ def register():
             callback.put("glass", self.glass, mi.ParamFlags.Differentiable)
 
         def to_string(self):
-            return f"DispersiveDielectric[int_ior={self.index}, abbe={self.abbe}]"
+            return f"DispersiveDielectric[int_ior={self.index}, abbe={self.abbe}, ext_ior={self.outside}]"
 
     mi.register_bsdf("dispersive_dielectric", DispersiveDielectric)
 

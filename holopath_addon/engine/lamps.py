@@ -18,6 +18,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .fingerprint import settings_of
+
 PARALLEL = 1e-3  # radians: half the spread of an area lamp below which its light counts as parallel
 BEYOND = 1e8  # metres: the sun is farther than any scene
 EDGE = 1e-7  # of the cosine: width of a sharp spot's edge
@@ -32,6 +34,7 @@ def register():
 
         def __init__(self, props):
             super().__init__(props)
+            self.settings = settings_of(props)
             self.m_flags = mi.EmitterFlags.DeltaPosition
             matrix = np.array(props["to_world"].matrix)
             axes = matrix[:3, :3].T
@@ -73,7 +76,7 @@ def register():
             pass
 
         def to_string(self):
-            return f"{type(self).__name__}[]"
+            return f"{type(self).__name__}[{self.settings}]"
 
     class PointLamp(Lamp):
         """A disk of ``radius`` that faces every point it lights, or with ``sphere`` a sphere of uniform radiance.

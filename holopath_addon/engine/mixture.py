@@ -13,6 +13,8 @@ def register():
     import drjit as dr
     import mitsuba as mi
 
+    from .fingerprint import settings_of
+
     class Mixture(mi.BSDF):
         """Two nested BSDFs; ``weight``, a number or texture, is the second's share, and by ``mode`` the first has
 
@@ -25,6 +27,7 @@ def register():
 
         def __init__(self, props):
             super().__init__(props)
+            self._settings = settings_of(props)
             self._mode = props.get("mode", "blend")
             if self._mode not in ("blend", "over", "add"):
                 raise ValueError(f"mixture: there is no mode '{self._mode}': choose blend, over or add.")
@@ -174,9 +177,11 @@ def register():
             callback.put("weight", self._weight, mi.ParamFlags.Differentiable)
             for name, part in zip(("first", "second"), self._nested, strict=True):
                 callback.put(name, part, mi.ParamFlags.Differentiable)
+            if self._tint is not None:
+                callback.put("tint", self._tint, mi.ParamFlags.Differentiable)
 
         def to_string(self):
-            return f"Mixture[weight={self._weight}, {self._nested[0]}, {self._nested[1]}]"
+            return f"Mixture[{self._settings}, weight={self._weight}, {self._nested[0]}, {self._nested[1]}]"
 
     def _is_mixture(part):
         return isinstance(part, Mixture)
