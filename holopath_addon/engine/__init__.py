@@ -3,6 +3,7 @@
 Imports no bpy, and Mitsuba only when used.
 """
 
+from .bake_store import BakeStore
 from .camera import Camera
 from .displays import DISPLAYS, Display
 from .errors import BackendUnavailable, Cancelled, InvalidInput
@@ -16,6 +17,7 @@ from .wavefield import WaveField
 
 __all__ = [
     "BackendUnavailable",
+    "BakeStore",
     "Camera",
     "Cancelled",
     "DISPLAYS",

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from .errors import InvalidInput
 
 QUALITIES = ("preview", "balanced", "full")
-METHODS = ("full", "direct")
+METHODS = ("auto", "full", "fast", "direct")
 ESTIMATORS = ("lattice", "paper")
 PHASE_FIELDS = ("designed", "random")
 RADIANCES = ("grain", "ray")
@@ -114,9 +114,10 @@ class Settings:
     ----------
     frames : int
         Time-multiplexed frames M; more have less speckle.
-    method : {'full', 'direct'}
-        Rays from a recording plane in the scene, or straight from the SLM with the paper's estimator: its slow
-        baseline.
+    method : {'auto', 'full', 'fast', 'direct'}
+        Where diffuse light comes from: paths for this view alone (`full`), or a cache of baked light, which other
+        views share (`fast`); `auto` takes the sooner. `direct` traces straight from the SLM with the paper's
+        estimator: its slow baseline.
     estimator : {'lattice', 'paper'}
         Lattice of directions with the exact kernel, or the paper's random directions with a
         spherical wave.
@@ -154,7 +155,7 @@ class Settings:
     """
 
     frames: int = 8
-    method: str = "full"
+    method: str = "auto"
     estimator: str = "lattice"
     phase_field: str = "designed"
     radiance: str = "grain"

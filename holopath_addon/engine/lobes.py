@@ -9,6 +9,8 @@ REFLECTION = int(mi.BSDFFlags.DeltaReflection)
 REFRACTION = int(mi.BSDFFlags.DeltaTransmission)
 PASSAGE = int(mi.BSDFFlags.Null)  # straight on: a thin pane, a mask
 SHARP = REFLECTION | REFRACTION | PASSAGE
+DIFFUSE = int(mi.BSDFFlags.Diffuse)
+TRANSLUCENT = int(mi.BSDFFlags.DiffuseTransmission)
 SMOOTH = int(mi.BSDFFlags.Smooth)  # Mitsuba's word for all lobes that are not δ
 
 
@@ -93,6 +95,12 @@ class SpecularLobes:
         return Lobe(si.to_world(direction), weight, eta)
 
 
+def surfaces_of(scene):
+    """Shapes of a scene that have a BSDF, those in groups too, once each."""
+    shapes = (part for part in parts_of(scene) if isinstance(part, mi.Shape))
+    return [shape for shape in shapes if shape.bsdf() is not None]
+
+
 def is_specular(flags):
     """Whether a surface of these BSDF flags has a δ lobe."""
     return (flags & SHARP) != 0
@@ -125,8 +133,7 @@ def parts_of(scene):
 def _surfaces(scene):
     """Each BSDF that a shape of the scene has, once, and whether such a shape shines."""
     surfaces = {}
-    for shape in parts_of(scene):
-        if isinstance(shape, mi.Shape) and shape.bsdf() is not None:
-            bsdf = shape.bsdf()
-            surfaces[bsdf] = surfaces.get(bsdf, False) or shape.is_emitter()
+    for shape in surfaces_of(scene):
+        bsdf = shape.bsdf()
+        surfaces[bsdf] = surfaces.get(bsdf, False) or shape.is_emitter()
     return surfaces.items()

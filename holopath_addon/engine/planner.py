@@ -42,6 +42,16 @@ CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 MAP_BYTES = 1 << 30  # largest index of the radiance map, and its largest pupil bins
 CELL_BYTES = 48  # of an occupied cell: three sums and a count of 8 bytes, and the amplitudes made of them
 SURFACES = 2  # occupied slabs of a pixel column, roughly
+CACHED_PASSES = 4  # fewest where light is looked up
+BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
+BAKED_SAMPLES = 32  # of each, roughly
+BAKED_SPEED = 2.0  # times that of paths, which follow every bounce
+BAKE_START = 5.0  # seconds, for kernels and for the light between surfaces
+ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
+MOST_TEXELS = 1 << 25
+TEXEL_BYTES = 48  # with what making them takes
+CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
+LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
 
 
 @dataclass(frozen=True)
@@ -94,6 +104,10 @@ class Plan:
     rays_per_pixel, passes, margin, slabs, bins : int
         Rays of the wave on all planes, radiance paths, and the radiance map's pixels beyond each edge, depth slabs
         and pupil bins.
+    cached : bool
+        Whether diffuse light comes from the radiance cache.
+    texel_noise, texel_samples : float, int
+        Relative standard error that its texels in view are baked to, and most samples of each.
     radiance_limit : float
         Most that indirect light may add to one path.
     chain : int
@@ -123,6 +137,9 @@ class Plan:
     margin: int
     slabs: int
     bins: int
+    cached: bool
+    texel_noise: float
+    texel_samples: int
     radiance_limit: float
     chain: int
     splits: int
@@ -153,7 +170,7 @@ def _finite(value):
     return None if isinstance(value, float) and math.isinf(value) else value
 
 
-def plan(scene, camera, hologram, settings=None):
+def plan(scene, camera, hologram, settings=None, store=None):
     """Decide what to compute for a scene on a display; computes nothing but a few probe rays.
 
     Parameters
@@ -162,6 +179,8 @@ def plan(scene, camera, hologram, settings=None):
     camera : Camera
     hologram : Hologram
     settings : Settings, optional
+    store : BakeStore, optional
+        Where baked light may be found.
 
     Returns
     -------
@@ -212,7 +231,10 @@ def plan(scene, camera, hologram, settings=None):
     middle = 0.5 * (planes[0].z + planes[-1].z)
     reach = 1.02 * CONE[settings.quality] * _slope(hologram) * max(z_high - middle, middle - z_low)
     margin = math.ceil(reach / hologram.pitch) + 3
-    passes, slabs, bins = _radiance(hologram, settings, seen, light, margin, z_high - z_low, decisions)
+    cached = _cached(scene, hologram, settings, seen, light, margin, store, decisions)
+    passes, slabs, bins = _radiance(
+        hologram, settings, seen, light, margin, z_high - z_low, cached, decisions
+    )
 
     if chain:
         reason = f"{seen.specular:.1%} of the view mirrors or lets through; images by "
@@ -248,7 +270,7 @@ def plan(scene, camera, hologram, settings=None):
             )
         )
     seconds, memory = _costs(
-        hologram, settings, seen, light, rays << seen.splits, passes, margin, slabs, bins
+        hologram, settings, seen, light, rays << seen.splits, passes, margin, slabs, bins, cached
     )
     return Plan(
         near,
@@ -260,7 +282,10 @@ def plan(scene, camera, hologram, settings=None):
         margin,
         slabs,
         bins,
-        FIREFLY * light.bright * passes if passes else math.inf,
+        cached is not None,
+        texel_noise(settings),
+        PASSES[settings.quality][1],
+        FIREFLY * light.bright * (passes or PASSES[settings.quality][1]),
         chain,
         seen.splits,
         image,
@@ -400,18 +425,67 @@ def _rays(hologram, settings, thickness, warnings, planes=1):
     return limit, lattice.rays
 
 
-def _radiance(hologram, settings, seen, light, margin, thickness, decisions):
+def wanted_noise(settings):
+    """Relative standard error of a grain's mean radiance that hardly shows in the frames' speckle."""
+    return GRAIN_NOISE[settings.quality] * speckle_contrast("random", settings.frames)
+
+
+def texel_noise(settings):
+    """The same of a texel that is baked; baked light serves any number of frames, so that of many counts."""
+    return GRAIN_NOISE[settings.quality] * speckle_contrast("random", SETS[-1])
+
+
+def passes_for(settings, noise, fewest=None):
+    """Radiance paths a pixel where one has a relative variance of `noise`."""
+    least, most = PASSES[settings.quality]
+    return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
+
+
+def _cached(scene, hologram, settings, seen, light, margin, store, decisions):
+    """Seconds that the radiance cache will take, None where it is not used."""
+    if settings.method == "direct" or settings.max_depth < 2:
+        return None
+    if settings.method == "full":
+        decisions.append(Decision("diffuse light", "paths of this view", "as asked"))
+        return None
+    from .baking import is_baked
+
+    pixels = hologram.width * hologram.height
+    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
+    paths = 0.6 * columns * passes_for(settings, light.noise) / light.paths_per_second
+    if settings.radiance == "ray":
+        paths = math.inf
+    most = PASSES[settings.quality][1]
+    baked = store is not None and is_baked(scene, settings, texel_noise(settings), most, store)
+    seconds = 0.6 * columns * CACHED_PASSES / light.paths_per_second
+    if not baked:
+        seconds += BAKE_START + pixels * BAKED_TEXELS * BAKED_SAMPLES / (BAKED_SPEED * light.paths_per_second)
+    compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
+    compared = f"light baked before, {compared}" if baked else f"to be baked, {compared}"
+    if settings.method == "fast":
+        decisions.append(Decision("diffuse light", "radiance cache", f"as asked; {compared}"))
+        return seconds
+    if seen.diffuse < LEAST_DIFFUSE or settings.radiance == "ray":
+        reason = (
+            "as asked" if settings.radiance == "ray" else f"only {seen.diffuse:.0%} of the view is diffuse"
+        )
+        decisions.append(Decision("diffuse light", "paths of this view", reason))
+        return None
+    better = seconds < CLEARLY * paths
+    decisions.append(
+        Decision("diffuse light", "radiance cache" if better else "paths of this view", compared)
+    )
+    return seconds if better else None
+
+
+def _radiance(hologram, settings, seen, light, margin, thickness, cached, decisions):
     """Radiance paths a pixel, depth slabs and pupil bins."""
     if settings.radiance == "ray":
-        decisions.append(
-            Decision("radiance", f"{settings.paths} paths a ray", "as asked; dark where light is indirect")
-        )
+        reason = "as asked" if cached is not None else "as asked; dark where light is indirect"
+        decisions.append(Decision("radiance", f"{settings.paths} paths a ray", reason))
         return 0, 1, 1
-    fewest, most = PASSES[settings.quality]
-    speckle = speckle_contrast("random", settings.frames)
-    wanted = GRAIN_NOISE[settings.quality] * speckle
-    passes = min(max(fewest, math.ceil(light.noise / wanted**2)), most)
-    left = math.sqrt(light.noise / passes)
+    passes = passes_for(settings, light.noise)
+    left, speckle = math.sqrt(light.noise / passes), speckle_contrast("random", settings.frames)
     glossy = seen.turn > 0 or seen.specular > LEAST_SHARE
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
@@ -422,8 +496,10 @@ def _radiance(hologram, settings, seen, light, margin, thickness, decisions):
     decisions.append(
         Decision(
             "radiance paths a pixel",
-            str(passes),
-            f"leaves {left:.1%} noise in a grain's mean where frames of random phase leave {speckle:.0%} speckle",
+            str(passes) if cached is None else f"{CACHED_PASSES} to {passes}",
+            "as many as what shines and mirrors needs once diffuse light is baked"
+            if cached is not None
+            else f"leaves {left:.1%} noise in a grain's mean where frames of random phase leave {speckle:.0%} speckle",
         )
     )
     decisions.append(
@@ -443,13 +519,14 @@ def _binned(seen):
     return min(1.0, max(0.01, len(seen.gloss) / max(len(seen.vergence), 1) + seen.specular))
 
 
-def _costs(hologram, settings, seen, light, rays, passes, margin, slabs, bins):
+def _costs(hologram, settings, seen, light, rays, passes, margin, slabs, bins, cached):
     """Estimated seconds and bytes, from the probe's speed and the sizes of the arrays."""
     pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
     seconds = 2.0 + pixels * rays * (1.3 / seen.rays_per_second + (2 + 0.3 * frames * colours) * 1e-9)
     paths = columns * passes if settings.radiance == "grain" else pixels * rays * settings.paths
-    seconds += 0.6 * paths / light.paths_per_second + pixels * frames * colours * 0.1e-6
+    seconds += cached if cached is not None else 0.6 * paths / light.paths_per_second
+    seconds += pixels * frames * colours * 0.1e-6
     fields = pixels * frames * (colours + 1) * 8
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
@@ -461,7 +538,8 @@ def _costs(hologram, settings, seen, light, rays, passes, margin, slabs, bins):
     tables = LEVELS * margin**2 * 8 * colours
     rows = 1 + (bins**2 - 1) * _binned(seen)
     radiance = columns * ((4 * slabs << seen.splits) + SURFACES * rows * CELL_BYTES)
-    return seconds, fields + tables + radiance + CHUNK_BYTES
+    texels = 0 if cached is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
+    return seconds, fields + tables + radiance + texels + CHUNK_BYTES
 
 
 def _slope(hologram):

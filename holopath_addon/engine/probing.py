@@ -40,6 +40,8 @@ class Probe:
         Speed of this machine on this scene.
     splits : int
         Hits at which chains divide.
+    diffuse : float
+        Share of rays that meet surfaces, no mirrors, that scatter diffusely.
     """
 
     vergence: np.ndarray
@@ -51,6 +53,7 @@ class Probe:
     coherent: bool
     rays_per_second: float
     splits: int
+    diffuse: float
 
 
 @dataclass(frozen=True)
@@ -143,7 +146,8 @@ class Pilot:
         specular = float(np.asarray(hit & is_specular(bsdf.flags())).mean())
         exists = hit | self.camera.sees_sky
         vergence, sky = self._seen(depth, np.asarray(hit), np.broadcast_to(exists, self.size))
-        return Probe(vergence, False, sky, specular, turn, gloss, coherent, speed[coherent], 0)
+        diffuse = float(np.asarray(hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)).mean())
+        return Probe(vergence, False, sky, specular, turn, gloss, coherent, speed[coherent], 0, diffuse)
 
     def images(self, probe, optics):
         """The `Probe` with the images that chains of mirrors and clear surfaces show."""

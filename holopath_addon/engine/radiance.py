@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from .lobes import SMOOTH
+
 
 class PathTracer:
     """Path tracing with next-event estimation and multiple importance sampling (Veach 1997, balance and power
@@ -17,10 +19,13 @@ class PathTracer:
     limit : float
         Most that light which was scattered twice or more may add to a path, in radiance: a rare path of great
         weight (a firefly) then spoils no grain. What is cut is lost.
+    cache : RadianceCache, optional
+        Tells what surfaces scatter diffusely, so that paths follow their other lobes only.
     """
 
-    def __init__(self, max_depth, limit=dr.inf):
-        self.max_depth, self.limit = max_depth, limit
+    def __init__(self, max_depth, limit=dr.inf, cache=None):
+        self.max_depth, self.limit, self.cache = max_depth, dr.opaque(mi.Float, limit), cache
+        self._all = mi.BSDFContext()
 
     def radiance(self, scene, sampler, ray, surface, whole, active=True):
         """Radiance along a ray from where it meets a surface, one path.
@@ -40,64 +45,143 @@ class PathTracer:
         -------
         mitsuba.Color3f
         """
-        context = mi.BSDFContext()
-        state = (
-            mi.Ray3f(ray),
-            mi.PreliminaryIntersection3f(surface),
-            mi.UInt32(0),
-            mi.Color3f(1),
-            mi.Color3f(0),
-            mi.Color3f(0),
-            dr.zeros(mi.Interaction3f),
-            mi.Float(1),
-            mi.Bool(True),
-            sampler,
-            mi.Bool(active),
-        )
+        path = self._followed(scene, _Path(ray, surface, sampler, active), whole)
+        return path.direct + self._limited(path.indirect)
 
-        def body(ray, surface, depth, share, direct, indirect, before, density, sharp, sampler, active):
-            si = surface.compute_surface_interaction(ray, mi.RayFlags.All, active)
+    def scattered(self, scene, sampler, si, context, turn, active=True):
+        """Light from lamps, and from what they light, that some lobes of a surface scatter to si.wi; one path.
+
+        Parameters
+        ----------
+        scene : mitsuba.Scene
+        sampler : mitsuba.Sampler
+        si : mitsuba.SurfaceInteraction3f
+        context : mitsuba.BSDFContext
+            Which lobes.
+        turn : pair of mitsuba.Point2f
+            Uniform in the unit square: for a point on the lamps, and for a direction.
+        active : mitsuba.Bool
+
+        Returns
+        -------
+        direct, indirect : mitsuba.Color3f
+        distance : mitsuba.Float
+            To where the path went, metres.
+        """
+        bsdf, (lamp_turn, bsdf_turn) = si.bsdf(), turn
+        light = self._next_event(scene, si, bsdf, [(context, active)], lamp_turn, active)
+        sample, value = bsdf.sample(context, si, sampler.next_1d(), bsdf_turn, active)
+        path = _Path(None, None, sampler, active & (dr.max(value) > 0))
+        path.leave(scene, si, sample, value)
+        distance = path.surface.t
+        path = self._followed(scene, path, mi.Bool(True))
+        return light + path.direct, self._limited(path.indirect), distance
+
+    def _limited(self, light):
+        return light * dr.minimum(1, self.limit / dr.maximum(dr.max(light), 1e-30))
+
+    def _followed(self, scene, path, whole):
+        """The path at its end."""
+        state = path.state()
+
+        def body(*state):
+            path = _Path.of(state)
+            active = path.active
+            si = path.surface.compute_surface_interaction(path.ray, mi.RayFlags.All, active)
             bsdf = si.bsdf()
             # emission, unless next-event estimation at the last vertex would have found it
-            seen = mi.DirectionSample3f(scene, si, before)
-            by_lamp = scene.pdf_emitter_direction(before, seen, active & ~sharp)
-            light = share * _power(density, by_lamp) * si.emitter(scene, active).eval(si, active)
-            active &= (depth + 1 < self.max_depth) & si.is_valid()
-            # next event
-            lit = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            lamp, strength = scene.sample_emitter_direction(si, sampler.next_2d(), True, lit)
-            lit &= lamp.pdf != 0
-            value, by_bsdf = bsdf.eval_pdf(context, si, si.to_local(lamp.d), lit)
-            balance = dr.select(lamp.delta, 1, _power(lamp.pdf, by_bsdf))
-            near = dr.select(lit, share * value * strength * balance, 0)
+            seen = mi.DirectionSample3f(scene, si, path.before)
+            by_lamp = scene.pdf_emitter_direction(path.before, seen, active & ~path.sharp)
+            weight = path.share * _power(path.density, by_lamp)
+            path.gather(0, weight * si.emitter(scene, active).eval(si, active))
+            active &= si.is_valid()
+            lobes = [(self._all, active)]
+            if self.cache is not None:
+                light, cached = self.cache.diffuse(
+                    path.surface, si, bsdf, path.sampler, path.depth == 0, active
+                )
+                path.gather(1, dr.select(cached & (path.depth + 1 < self.max_depth), path.share * light, 0))
+                lobes = [(self.cache.others, active & cached)]
+                if not self.cache.complete:
+                    lobes.append((self._all, active & ~cached))
+            active &= path.depth + 1 < self.max_depth
+            lobes = [(context, lanes & active) for context, lanes in lobes]
+            near = self._next_event(scene, si, bsdf, lobes, path.sampler.next_2d(), active)
+            path.gather(1, path.share * near)
+            chance, turn = path.sampler.next_1d(), path.sampler.next_2d()
+            sample, value = dr.zeros(mi.BSDFSample3f), mi.Color3f(0)
+            for context, lanes in lobes:
+                drawn, drawn_value = bsdf.sample(context, si, chance, turn, lanes)
+                sample, value = dr.select(lanes, drawn, sample), dr.select(lanes, drawn_value, value)
             # a path that leaves P by a δ lobe is another branch's
-            sample, value = bsdf.sample(context, si, sampler.next_1d(), sampler.next_2d(), active)
             sharp = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-            direct += dr.select(depth <= 1, light, 0) + dr.select(depth == 0, near, 0)
-            indirect += dr.select(depth > 1, light, 0) + dr.select(depth > 0, near, 0)
-            active &= whole | (depth > 0) | ~sharp
-            share *= value
-            active &= dr.max(share) > 0
-            before = dr.select(active, mi.Interaction3f(si), before)
-            ray = si.spawn_ray(si.to_world(sample.wo))
-            surface = scene.ray_intersect_preliminary(ray, coherent=False, active=active)
-            return (
-                ray,
-                surface,
-                depth + 1,
-                share,
-                direct,
-                indirect,
-                before,
-                sample.pdf,
-                sharp,
-                sampler,
-                active,
-            )
+            path.active = active & (whole | (path.depth > 0) | ~sharp)
+            if self.cache is not None:
+                # Russian roulette: what a cached surface does not scatter diffusely is often little
+                chance = dr.select(path.depth > 0, dr.minimum(dr.max(path.share * value), 1), 1)
+                path.active &= path.sampler.next_1d() < chance
+                value /= dr.maximum(chance, 1e-30)
+            path.leave(scene, si, sample, value)
+            return path.state()
 
-        out = dr.while_loop(state, lambda *s: s[-1], body, label="radiance path")
-        direct, indirect = out[4], out[5]
-        return direct + indirect * dr.minimum(1, self.limit / dr.maximum(dr.max(indirect), 1e-30))
+        return _Path.of(dr.while_loop(state, lambda *s: s[-1], body, label="radiance path"))
+
+    def _next_event(self, scene, si, bsdf, lobes, turn, active):
+        """Light that comes straight from a lamp and that these lobes scatter to si.wi."""
+        smooth = mi.Bool(False)
+        for context, lanes in lobes:
+            smooth |= lanes & ((bsdf.flags() & (context.type_mask & SMOOTH)) != 0)
+        lamp, strength = scene.sample_emitter_direction(si, turn, True, smooth)
+        smooth &= lamp.pdf != 0
+        towards, value, density = si.to_local(lamp.d), mi.Color3f(0), mi.Float(0)
+        for context, lanes in lobes:
+            lobe_value, lobe_density = bsdf.eval_pdf(context, si, towards, lanes & smooth)
+            value, density = value + lobe_value, density + lobe_density
+        balance = dr.select(lamp.delta, 1, _power(lamp.pdf, density))
+        return dr.select(smooth, value * strength * balance, 0)
+
+
+class _Path:
+    """A path on its way (Dr.Jit types): the ray and what it meets, vertices before, its share, the light gathered
+    after at most one scattering and after more, the last vertex, and how it was left.
+    """
+
+    FIELDS = "ray surface depth share direct indirect before density sharp sampler active".split()
+
+    def __init__(self, ray, surface, sampler, active):
+        self.ray = None if ray is None else mi.Ray3f(ray)
+        self.surface = None if surface is None else mi.PreliminaryIntersection3f(surface)
+        self.depth, self.share = mi.UInt32(0), mi.Color3f(1)
+        self.direct, self.indirect = mi.Color3f(0), mi.Color3f(0)
+        self.before, self.density = dr.zeros(mi.Interaction3f), mi.Float(1)
+        self.sharp, self.sampler, self.active = mi.Bool(True), sampler, mi.Bool(active)
+
+    @classmethod
+    def of(cls, state):
+        """Inverse of `state`."""
+        path = cls.__new__(cls)
+        path.__dict__.update(zip(cls.FIELDS, state, strict=True))
+        return path
+
+    def state(self):
+        """What a loop carries."""
+        return tuple(getattr(self, name) for name in self.FIELDS)
+
+    def gather(self, scatterings, light):
+        """Add light that was scattered so often beyond this vertex."""
+        late = self.depth + scatterings > 1
+        self.direct += dr.select(late, 0, light)
+        self.indirect += dr.select(late, light, 0)
+
+    def leave(self, scene, si, sample, value):
+        """Go on to the next surface."""
+        self.share *= value
+        self.active &= dr.max(self.share) > 0
+        self.before = dr.select(self.active, mi.Interaction3f(si), self.before)
+        self.density, self.sharp = sample.pdf, mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        self.ray = si.spawn_ray(si.to_world(sample.wo))
+        self.surface = scene.ray_intersect_preliminary(self.ray, coherent=False, active=self.active)
+        self.depth += 1
 
 
 @dataclass(frozen=True)

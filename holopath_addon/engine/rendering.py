@@ -2,7 +2,7 @@
 
 import time
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from .propagation import carrier, field_of, padded_shape, spectrum, transfer_fun
 from .wavefield import WaveField
 
 
-def render(scene, camera, hologram, settings=None, plan=None, progress=None):
+def render(scene, camera, hologram, settings=None, plan=None, progress=None, store=None):
     """Render the wave field of a scene.
 
     Parameters
@@ -29,6 +29,8 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     progress : callable, optional
         ``progress(done, message)`` with done in 0..1, called several times a second; may raise
         `Cancelled`.
+    store : BakeStore, optional
+        Where baked light is kept for other views and other times.
 
     Returns
     -------
@@ -46,23 +48,39 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
     clock = Clock()
     progress(0.0, "Planning")
     with clock("plan"):
-        plan = plan or planner.plan(scene, camera, hologram, settings)
+        plan = plan or planner.plan(scene, camera, hologram, settings, store)
     progress(0.02, "Phase fields")
     with clock("phase fields"):
         phasors = phasors_of(
             settings.phase_field, settings.frames, hologram.height, hologram.width, settings.seed
         )
 
+    cache, baked, start = None, None, 0.04
+    if plan.cached:
+        from .baking import bake
+
+        with clock("bake"):
+            cache, baked = bake(
+                scene,
+                camera,
+                hologram,
+                plan,
+                optics_of(scene, camera, plan),
+                settings,
+                store,
+                lambda done, message: progress(0.04 + 0.46 * done, message),
+            )
+        start = 0.5
     groups = wavelength_groups(scene, hologram.wavelengths)
     fields, rays_traced = [], {}
     for number, group in enumerate(groups):
         part = replace(hologram, wavelengths=group)
 
         def at(done, message, number=number):
-            progress(0.04 + 0.96 * (number + done) / len(groups), message)
+            progress(start + (1 - start) * (number + done) / len(groups), message)
 
         with tuned(scene, group):
-            recording = Recording(scene, camera, part, settings, plan, clock)
+            recording = Recording(scene, camera, part, settings, plan, clock, cache)
             fields.append(_field_at_slm(recording, phasors, at))
         for name, count in recording.rays_traced.items():
             rays_traced[name] = rays_traced.get(name, 0) + count
@@ -73,6 +91,8 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None):
         "variant": backend.activate(),
         "frames": settings.frames,
     }
+    if baked is not None:
+        report["bake"] = asdict(baked)
     return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
 
 
@@ -183,24 +203,19 @@ class Recording:
     settings : Settings
     plan : Plan
     clock : Clock
+    cache : RadianceCache, optional
     """
 
-    def __init__(self, scene, camera, hologram, settings, plan, clock):
-        from .chains import FirstHits, SpecularChains
+    def __init__(self, scene, camera, hologram, settings, plan, clock, cache=None):
         from .radiance import PathTracer
 
         self.scene, self.camera, self.hologram = scene, camera, hologram
         self.settings, self.plan, self.clock = settings, plan, clock
         self.mapping = DepthMapping.of(hologram, camera, plan.near)
         self.max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
-        self.tracer = PathTracer(settings.max_depth, plan.radiance_limit)
+        self.tracer = PathTracer(settings.max_depth, plan.radiance_limit, cache)
         self.rays_traced, self._estimators = {}, {}
-        if plan.chain:
-            self.optics = SpecularChains(
-                scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent, camera.sees_sky
-            )
-        else:
-            self.optics = FirstHits(plan.coherent, camera.sees_sky)
+        self.optics = optics_of(scene, camera, plan)
 
     def _rays(self, plane):
         from .rays import Rays
@@ -232,8 +247,9 @@ class Recording:
         ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
-        self.rays_traced["radiance paths"] = grid.columns * grid.rows * plan.passes
         with self.clock("radiance"):
+            passes = self._passes()
+            self.rays_traced["radiance paths"] = grid.columns * grid.rows * passes
             return measure_grains(
                 self.scene,
                 rays,
@@ -241,10 +257,21 @@ class Recording:
                 self.tracer,
                 grid,
                 hologram.wavelengths,
-                plan.passes,
+                passes,
                 settings.seed,
                 progress,
             )
+
+    def _passes(self):
+        """Radiance paths a pixel: what is not cached decides, where there is a cache."""
+        cache, settings = self.tracer.cache, self.settings
+        if cache is None:
+            return self.plan.passes
+        from .probing import Pilot
+
+        pilot = Pilot(self.scene, self.hologram, self.camera, self.mapping, settings.seed)
+        noise = pilot.light(self.tracer, self.optics).noise
+        return min(planner.passes_for(settings, noise, planner.CACHED_PASSES), self.plan.passes)
 
     def field(self, plane, radiance, phasors, progress):
         """The wave field on a recording plane, as `tracer.trace_field`."""
@@ -300,6 +327,52 @@ class Recording:
         ray, _ = rays.world(*place, mi.Float(0), mi.Float(0))
         blocked = np.asarray(intersect(self.scene, ray, self.plan.coherent).is_valid())
         return blocked.reshape(hologram.height, hologram.width).astype(np.float32)
+
+
+def optics_of(scene, camera, plan):
+    """How rays are followed to what they see, as planned: `FirstHits` or `SpecularChains`."""
+    from .chains import FirstHits, SpecularChains
+
+    if not plan.chain:
+        return FirstHits(plan.coherent, camera.sees_sky)
+    return SpecularChains(scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent, camera.sees_sky)
+
+
+def baked_picture(scene, camera, hologram, settings, store=None, progress=None, anew=False, most=2048):
+    """Bake what a camera sees, and show the texture.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings
+    store : BakeStore, optional
+    progress : callable, optional
+        ``progress(done, message)``, may raise `Cancelled`.
+    anew : bool
+        See `bake`.
+    most : int
+        Pixels along a side of the picture.
+
+    Returns
+    -------
+    picture : numpy.ndarray, float32, shape (y, x, 3)
+        Linear; row 0 is the top.
+    done : Bake
+
+    Raises
+    ------
+    InvalidInput, BackendUnavailable, Cancelled
+    """
+    from .baking import bake
+
+    backend.activate()
+    settings = replace(settings, method="fast")
+    planned = planner.plan(scene, camera, hologram, settings, store)
+    optics = optics_of(scene, camera, planned)
+    cache, done = bake(scene, camera, hologram, planned, optics, settings, store, progress, anew)
+    return cache.picture(most), done
 
 
 def _moved(field, hologram, distance):

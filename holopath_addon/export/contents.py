@@ -8,13 +8,13 @@ import bpy
 import numpy as np
 
 from ..engine import InvalidInput
+from ..engine.unwrapping import unwrap
 from . import baking
 from .cache import Bake
 from .geometry import read_mesh, split_by_slot
 from .hair import curve_tubes, particle_tubes
 from .lights import emission_varies, export_lamp, read_profile
 from .textures import Picture
-from .unwrapping import unwrap
 
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 UNSUPPORTED_TYPES = {

@@ -1,0 +1,104 @@
+"""Texture atlases: every triangle of a mesh gets a place of its own in one picture."""
+
+import numpy as np
+
+try:
+    import xatlas
+except ImportError:  # it has no wheel for Blender's newest Python
+    xatlas = None
+
+# xatlas unwraps about 20 000 triangles a second; denser meshes get a cell a triangle.
+CHARTED_TRIANGLES = 20_000
+# Texels between charts, and from the edge of a cell to its triangle: a bilinear lookup reads the next one.
+PADDING = 2
+SMALLEST_CELL = 6
+
+
+def unwrap(vertices, triangles, texels):
+    """Lay a mesh out flat without overlaps.
+
+    Parameters
+    ----------
+    vertices : float32 [vertex, 3]
+    triangles : int [triangle, 3]
+    texels : int
+        Side of the picture to aim at; it becomes larger where the charts or cells need it.
+
+    Returns
+    -------
+    uv : float32 [triangle, 3, 2]
+        Place of each triangle's corners, 0 to 1.
+    size : (int, int)
+        Width and height of the picture in texels.
+    """
+    places, size = charts(vertices, triangles, resolution=texels) or cells_of(len(triangles), texels)
+    return (places / np.array(size)).astype(np.float32), size
+
+
+def charts(vertices, triangles, **packing):
+    """Charts by xatlas, with few seams and little distortion.
+
+    Parameters
+    ----------
+    vertices : float32 [vertex, 3]
+    triangles : int [triangle, 3]
+    **packing
+        Of `xatlas.PackOptions`: `resolution`, side of the picture to aim at, or `texels_per_unit`.
+
+    Returns
+    -------
+    (float32 [triangle, 3, 2], (int, int)) or None
+        Place of each triangle's corners, and width and height, in texels; None where the mesh is too dense, or
+        has no area.
+    """
+    if len(triangles) > CHARTED_TRIANGLES or xatlas is None:
+        return None
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.uint32))
+    options = xatlas.PackOptions()
+    options.padding = PADDING
+    for name, value in packing.items():
+        setattr(options, name, value)
+    atlas.generate(pack_options=options)
+    if atlas.width * atlas.height == 0 or atlas.atlas_count != 1:
+        return None
+    _, corners, uv = atlas[0]
+    size = atlas.width, atlas.height
+    return uv[corners].astype(np.float32) * np.array(size, np.float32), size
+
+
+def cells_of(count, texels):
+    """`cells` for a picture of about `texels` a side."""
+    side = _cells_a_row(count)
+    return cells(count, max(texels // side, SMALLEST_CELL))
+
+
+def cells(count, cell):
+    """A regular grid of squares of `cell` texels; each holds two triangles, one on either side of its diagonal.
+
+    Squares smaller than `SMALLEST_CELL` have no room for two triangles: each triangle then has one texel.
+
+    Returns
+    -------
+    places : float32 [triangle, 3, 2]
+        Of the corners, in texels.
+    size : (int, int)
+        Width and height in texels.
+    """
+    number = np.arange(count)
+    if cell < SMALLEST_CELL:
+        side = int(np.ceil(np.sqrt(count)))
+        place = np.stack([number % side, number // side], axis=1) + 0.5
+        return np.repeat(place[:, None], 3, axis=1).astype(np.float32), (side, -(-count // side))
+    side = _cells_a_row(count)
+    corner = np.stack([number // 2 % side, number // 2 // side], axis=1) * cell
+    # half a texel from the border, so that a bilinear lookup stays inside; PADDING texels of the diagonal
+    near, far = 0.5, cell - 0.5 - PADDING
+    lower = np.array([(near, near), (far, near), (near, far)])
+    upper = cell - lower
+    place = np.where((number % 2 == 0)[:, None, None], lower, upper) + corner[:, None, :]
+    return place.astype(np.float32), (side * cell, side * cell)
+
+
+def _cells_a_row(count):
+    return int(np.ceil(np.sqrt(np.ceil(count / 2))))
