@@ -16,13 +16,15 @@ from .engine import backend, displays
 from .engine import hologram as choices
 
 
-def main(argv=None):
+def main(argv=None, store=None):
     """Run one command.
 
     Parameters
     ----------
     argv : list of str, optional
         The words. Default: those of this process, in Blender the ones after ``--``.
+    store : engine.BakeStore, optional
+        Where baked light is kept if the words do not say. Default: `engine.BakeStore.default`.
 
     Returns
     -------
@@ -35,7 +37,7 @@ def main(argv=None):
             argv = argv[argv.index("--") + 1 :]
     args = None
     try:
-        args = _parser().parse_args(_attach_negative(argv))
+        args = _parser(store or engine.BakeStore.default()).parse_args(_attach_negative(argv))
         with _interruptible():
             args.run(args)
         return failures.DONE
@@ -128,7 +130,7 @@ def _wrp(text):
         raise engine.InvalidInput(f"'{text}' is neither auto nor a distance in millimetres") from None
 
 
-def _parser():
+def _parser(store):
     parser = _Parser(
         prog="holopath",
         description="Phase holograms of Blender and Mitsuba scenes by wave path tracing.",
@@ -145,7 +147,7 @@ def _parser():
         return sub
 
     render = command("render", _render, "Render a scene's wave field and refocused pictures of it.")
-    _add_scene(render)
+    _add_scene(render, store)
     render.add_argument(
         "--out", required=True, metavar="DIR", help="results: a new or empty folder, or HoloPath's own"
     )
@@ -158,7 +160,7 @@ def _parser():
     )
 
     plan = command("plan", _plan, "Say what would be computed, why and how long it takes; compute nothing.")
-    _add_scene(plan)
+    _add_scene(plan, store)
     plan.add_argument("--json", action="store_true", help="machine-readable")
 
     reconstruct = command("reconstruct", _reconstruct, "Refocus a stored wave field without rendering again.")
@@ -166,11 +168,15 @@ def _parser():
     _add_focus(reconstruct, "the depths of the stored pictures")
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
 
+    cache = command("cache", _cache, "Say how much baked light is kept, and where.")
+    _add_cache(cache, store)
+    cache.add_argument("--clear", action="store_true", help="delete it")
+
     command("devices", _devices, "List the Mitsuba backends of this machine.")
     return parser
 
 
-def _add_scene(parser):
+def _add_scene(parser, store):
     add = parser.add_argument
     add("scene", metavar="SCENE", help="a .blend, a Mitsuba .xml, or demo:NAME")
     add(
@@ -188,7 +194,17 @@ def _add_scene(parser):
         help="default: the file's, 640,516.5,455.4",
     )
     add("--frames", type=int, metavar="M", help="time-multiplexed frames (default: the file's, 8)")
-    add("--method", choices=choices.METHODS, help="what is traced")
+    add(
+        "--method",
+        choices=choices.METHODS,
+        help="diffuse light by paths of this view alone (full), or baked once for all views (fast); auto (default) "
+        "takes the sooner; direct: the paper's slow baseline, from the SLM",
+    )
+    baked = parser.add_mutually_exclusive_group()
+    _add_cache(baked, store)
+    baked.add_argument(
+        "--no-cache", dest="store", action="store_const", const=None, help="bake for this run only"
+    )
     add("--estimator", choices=choices.ESTIMATORS, help="lattice with exact kernel, or as published")
     add(
         "--phase-field",
@@ -223,6 +239,17 @@ def _add_scene(parser):
     add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
     add("--seed", type=int, metavar="S")
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
+
+
+def _add_cache(parser, store):
+    parser.add_argument(
+        "--cache",
+        dest="store",
+        type=engine.BakeStore,
+        default=store,
+        metavar="DIR",
+        help=f"folder of baked light (default: {store.folder})".replace("%", "%%"),
+    )
 
 
 def _add_focus(parser, default):
@@ -310,12 +337,14 @@ def _render(args):
             args.focus,
             pupil,
             progress=pipeline.stage(progress, 0.05, end),
+            store=args.store,
         )
         rgb = engine.to_rgb(result.images, hologram.wavelengths)
         white = output.exposure(rgb)
         progress(end, "Writing")
         result.field.save(folder / "wavefield")
         output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
+        bake = result.field.report.get("bake")
         report = {
             "scene": args.scene,
             "camera": loaded.camera.to_dict(),
@@ -328,7 +357,8 @@ def _render(args):
             "rays": result.field.report.get("rays", {}),
             "spp": result.plan.rays_per_pixel,
             "variant": result.field.report.get("variant"),
-            "warnings": list(result.plan.warnings),
+            "bake": bake,
+            "warnings": [*result.plan.warnings, *pipeline.bake_notes(bake)],
             "export_notes": loaded.notes,
         }
         if args.compare_reference:
@@ -385,7 +415,7 @@ def note_text(note):
 
 def _plan(args):
     loaded, hologram, settings = _open(args, Progress(quiet=True))
-    plan = engine.plan(loaded.scene, loaded.camera, hologram, settings)
+    plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     if args.json:
         print(
             json.dumps(
@@ -423,6 +453,14 @@ def _reconstruct(args):
     target = Path(args.out) if args.out else folder / "reconstruction"
     output.write_pictures(target, output.picture_files(rgb, focus, white))
     progress(1.0, f"Done: {target}")
+
+
+def _cache(args):
+    store = args.store
+    count = len(store.files())
+    size = store.clear() if args.clear else store.size()
+    print(f"{store.folder}: {count} file{'' if count == 1 else 's'}, {size / 1e6:.1f} MB", end="")
+    print(" freed" if args.clear else "")
 
 
 def _devices(args):

@@ -149,12 +149,40 @@ def _rectangle(name, material, centre, width, height, rotation):
 
 
 def _sphere(name, material, centre, radius):
+    """A ball. Blender's own has its vertices in another order each time: light baked on it were never found again."""
     import bpy
 
-    bpy.ops.mesh.primitive_uv_sphere_add(
-        segments=96, ring_count=48, radius=radius, location=centre, rotation=(0.5, 0.4, 0)
+    around, rings = 96, 48
+    turn, rise = 2 * math.pi * np.arange(around) / around, math.pi * np.arange(1, rings) / rings
+    across = radius * np.sin(rise)[:, None]
+    belts = [across * np.cos(turn), across * np.sin(turn), -radius * np.cos(rise)[:, None] + 0 * turn]
+    poles = [(0, 0, -radius), (0, 0, radius)]
+
+    def number(ring, place):
+        return ring // rings if ring in (0, rings) else 2 + (ring - 1) * around + place % around
+
+    faces = []
+    for ring in range(rings):
+        for place in range(around):
+            corners = [(ring, place), (ring, place + 1), (ring + 1, place + 1), (ring + 1, place)]
+            if ring == 0:
+                corners[:2] = [(0, place + 0.5)]
+            elif ring == rings - 1:
+                corners[2:] = [(rings, place + 0.5)]
+            faces.append(corners)
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(
+        [*poles, *np.stack(belts, -1).reshape(-1, 3).tolist()],
+        [],
+        [[number(*corner) for corner in corners] for corners in faces],
     )
-    return _finish(name, material, smooth=True)
+    uv = [(0.5 + place / around, ring / rings) for corners in faces for ring, place in corners]
+    mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", np.array(uv, np.float32).ravel())
+    mesh.shade_smooth()
+    mesh.materials.append(material)
+    ball = _link(bpy.data.objects.new(name, mesh))
+    ball.location, ball.rotation_euler = centre, (0.5, 0.4, 0)
+    return ball
 
 
 def _cube(name, material, centre, size, turn):

@@ -10,6 +10,8 @@ from . import engine
 LARGE_DISPLAY = 6e-3  # metres of the shorter side from which on the engine's own depth range suits
 SMALL_DISPLAY = 4.096e-3  # 512 pixels of 8 µm
 SMALL_DEPTH_RANGE = (10e-3, 15e-3)
+COARSER = 1.5  # times larger texels than pixels show
+MOST_NAMES = 8  # in one line
 
 
 @dataclass
@@ -110,6 +112,34 @@ def centre_depth(scene, camera):
     return float(f"{np.median(depths):.3g}") if len(depths) >= len(distances) / 10 else None
 
 
+def bake_notes(bake):
+    """What to know of baked light, a line each.
+
+    Parameters
+    ----------
+    bake : dict or None
+        An `engine.baking.Bake`, as `WaveField.report` has it.
+
+    Returns
+    -------
+    list of str
+    """
+    if bake is None:
+        return []
+    notes = [bake["note"]] if bake["note"] else []
+    if bake["coarser"] > COARSER:
+        notes.append(
+            f"The texels of the baked light are {bake['coarser']:.1f} times larger than pixels, to bound memory: "
+            f"shadows are softer; the method full has none of that."
+        )
+    if bake["traced"]:
+        count = len(bake["traced"])
+        names = ", ".join(bake["traced"][:MOST_NAMES]) + (", ..." if count > MOST_NAMES else "")
+        things = "1 shape's" if count == 1 else f"{count} shapes'"
+        notes.append(f"{things} diffuse light is traced, not baked: {names}.")
+    return notes
+
+
 def stage(progress, start, end):
     """Progress callback of a part of the work that runs from `start` to `end` of the whole (0..1)."""
     return lambda done, message: progress(start + (end - start) * min(max(done, 0.0), 1.0), message)
@@ -127,7 +157,7 @@ def _check_view(plan, camera, hologram, focus, pupil):
             pupil_mask((hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil)
 
 
-def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, progress=None):
+def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, progress=None, store=None):
     """Plan, render and refocus.
 
     Parameters
@@ -141,6 +171,8 @@ def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, prog
     pupil : engine.Pupil, optional
     progress : callable, optional
         ``progress(done, message)``, may raise `engine.Cancelled`.
+    store : engine.BakeStore, optional
+        Where baked light is kept.
 
     Returns
     -------
@@ -153,11 +185,11 @@ def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, prog
     progress = progress or (lambda done, message: None)
     settings = settings or engine.Settings()
     progress(0.0, "Planning")
-    plan = engine.plan(scene, camera, hologram, settings)
+    plan = engine.plan(scene, camera, hologram, settings, store)
     if focus == "centre":
         focus = [centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]]
     focus = list(focus) if focus else default_focus(plan, camera, hologram)
     _check_view(plan, camera, hologram, focus, pupil)
-    field = engine.render(scene, camera, hologram, settings, plan=plan, progress=stage(progress, 0.02, 0.85))
+    field = engine.render(scene, camera, hologram, settings, plan, stage(progress, 0.02, 0.85), store)
     images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.85, 1.0))
     return Result(plan, field, focus, images)

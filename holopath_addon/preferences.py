@@ -1,14 +1,30 @@
-"""Add-on preferences: what computes."""
+"""Add-on preferences: what computes, and where baked light is kept."""
 
 import os
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from .engine import backend
+from .engine import BakeStore, backend
 
 # In an extension the add-on is the package above that holds the manifest.
 ADDON = ".".join(__package__.split(".")[: 3 if __package__.startswith("bl_ext.") else 1])
+
+
+def _chosen():
+    """The preferences; None where HoloPath is no add-on of this Blender."""
+    addon = bpy.context.preferences.addons.get(ADDON)
+    return addon.preferences if addon else None
+
+
+def store():
+    """Where this Blender keeps baked light: as the preferences say, else in the extension's own folder."""
+    preferences = _chosen()
+    if preferences is not None and preferences.bake_folder:
+        return BakeStore(bpy.path.abspath(preferences.bake_folder))
+    if ADDON.startswith("bl_ext.") and not os.environ.get("HOLOPATH_CACHE"):
+        return BakeStore(bpy.utils.extension_path_user(ADDON, path="cache"))
+    return BakeStore.default()
 
 
 def apply():
@@ -18,8 +34,7 @@ def apply():
     ------
     engine.BackendUnavailable
     """
-    addon = bpy.context.preferences.addons.get(ADDON)
-    preferences = addon.preferences if addon else None
+    preferences = _chosen()
     if preferences is None:
         backend.activate()
         return
@@ -47,12 +62,18 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         description="libLLVM file to use in place of the newest one found; takes effect after a restart",
         subtype="FILE_PATH",
     )
+    bake_folder: StringProperty(
+        name="Baked Light",
+        description="Folder to keep baked light in; empty: one of HoloPath's own",
+        subtype="DIR_PATH",
+    )
 
     def draw(self, context):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "backend")
         layout.prop(self, "llvm_library")
+        layout.prop(self, "bake_folder")
         for row in _backends():
             icon = "CHECKMARK" if row["available"] else "X"
             layout.label(text=f"{row['name']}: {row['detail']}", icon=icon)

@@ -19,6 +19,12 @@ CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
 
 _LABELS = {
+    "auto": ("Auto", "Bake diffuse light where that takes less time than tracing it for this view"),
+    "fast": (
+        "Fast",
+        "Bake diffuse light into a texture, once for all views and focus distances of the same scene",
+    ),
+    "direct": ("Direct", "Trace straight from the SLM with random directions: the paper's slow baseline"),
     "preview": ("Preview", "Fewest rays and radiance samples, for a first look"),
     "balanced": ("Balanced", "Enough rays for every depth in view"),
     "full": ("Full", "A wider cone of rays and more radiance samples"),
@@ -41,8 +47,11 @@ _LABELS = {
 }
 
 
-def _items(names):
-    return [(name, *_LABELS[name], index) for index, name in enumerate(names)]
+_METHOD_LABELS = _LABELS | {"full": ("Full", "Trace all light for this view alone")}
+
+
+def _items(names, labels=_LABELS):
+    return [(name, *labels[name], index) for index, name in enumerate(names)]
 
 
 def _display_items():
@@ -230,6 +239,11 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         description="Sets rays and radiance samples",
         items=_items(choices.QUALITIES),
         default="balanced",
+    )
+    method: EnumProperty(
+        name="Method",
+        description="Where the light that surfaces scatter diffusely comes from",
+        items=_items(choices.METHODS, _METHOD_LABELS),
     )
     limit_rays: BoolProperty(
         name="Limit Rays", description="Set the largest number of rays a pixel by hand", default=False
@@ -423,6 +437,7 @@ def settings_of(props):
     """Engine's settings, see `hologram_of`."""
     return engine.Settings(
         frames=props.frames,
+        method=props.method,
         phase_field=props.phase_field,
         despeckle=props.despeckle,
         estimator=props.estimator,

@@ -44,4 +44,4 @@ def unregister():
 def _run_command(argv):
     from . import cli
 
-    return cli.main(argv)
+    return cli.main(argv, preferences.store())

@@ -1,7 +1,7 @@
 """Fixtures for all tests.
 
 Blender's user folders are set before anything imports bpy: an installed copy of the extension would otherwise
-shadow the working tree.
+shadow the working tree. Baked light stays in a folder of the tests.
 """
 
 import atexit
@@ -15,6 +15,7 @@ _user = tempfile.mkdtemp(prefix="holopath-tests-")
 atexit.register(shutil.rmtree, _user, ignore_errors=True)
 os.environ["BLENDER_USER_RESOURCES"] = _user
 os.environ["BLENDER_USER_EXTENSIONS"] = os.path.join(_user, "extensions")
+os.environ["HOLOPATH_CACHE"] = os.path.join(_user, "cache")
 
 
 @pytest.fixture(scope="session")

@@ -112,7 +112,8 @@ def test_distances_that_are_none(text):
         (["{xml}", "--pupil", "-1,0,0"], "pupil"),
         (["{xml}", "--pupil", "1,2"], "X,Y,DIAMETER"),
         (["{xml}", "--camera", "nobody"], "no sensor 'nobody'.*viewer"),
-        (["{xml}", "--method", "auto"], "invalid choice: 'auto'"),
+        (["{xml}", "--method", "slow"], "invalid choice: 'slow'.*fast"),
+        (["{xml}", "--cache", "x", "--no-cache"], "not allowed with"),
         (["{xml}", "--phase-field", "pink"], "invalid choice"),
         (["{xml}", "--despeckle", "-1"], "against speckle"),
         (["{xml}", "--encode", "sgd"], "invalid choice"),
@@ -244,13 +245,29 @@ def test_folder_that_cannot_be_made(xml, tmp_path, capfd):
     assert left_over(tmp_path) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupt(number, tmp_path):
+@pytest.mark.parametrize(
+    ("number", "method", "at"),
+    [(signal.SIGINT, "full", "Radiance"), (signal.SIGTERM, "fast", "Baking light")],
+)
+def test_interrupt(number, method, at, tmp_path):
     pytest.importorskip("bpy")
     out = tmp_path / "out"
-    process = start("render", "demo:suzanne", "--quality", "full", "--frames", "24", "--out", out)
+    words = [
+        "--resolution",
+        "256x256",
+        "--quality",
+        "full",
+        "--frames",
+        "24",
+        "--method",
+        method,
+        "--no-cache",
+        "--out",
+        out,
+    ]
+    process = start("render", "demo:suzanne", *words)
     heard = ""
-    while "Radiance" not in heard:
+    while at not in heard:
         line = process.stderr.readline()
         assert line, heard
         heard += line
@@ -343,7 +360,7 @@ def test_report(rendered):
     assert report["seconds"]["total"] > report["seconds"]["wave tracing"] > 0
     assert report["rays"]["wave rays"] > 0
     assert report["versions"]["mitsuba"] and report["versions"]["blender"]
-    assert report["warnings"] == [] and report["export_notes"] == []
+    assert report["warnings"] == [] and report["export_notes"] == [] and report["bake"] is None
     assert [row["focus_m"] for row in report["comparison"]] == [0.5, 2.0, "inf"]
     assert all(row["psnr_db"] > 10 and 0 < row["ssim"] <= 1 for row in report["comparison"])
 
@@ -462,6 +479,54 @@ def test_sensor_of_another_kind(tmp_path, capfd):
         SCENE.format(sensor="orthographic", offset="").replace('<float name="fov" value="40"/>', "")
     )
     refused(cli.main(["plan", str(path), *SMALL]), capfd.readouterr().err, 2, "not a perspective one")
+
+
+LIT = """<scene version="3.0.0">
+<sensor type="perspective"><float name="fov" value="40"/>
+ <transform name="to_world"><lookat origin="0,0,0" target="0,0,1" up="0,1,0"/></transform></sensor>
+<shape type="rectangle" id="wall"><transform name="to_world"><rotate y="1" angle="180"/><translate z="1"/></transform>
+ <bsdf type="diffuse"/></shape>
+<shape type="sphere" id="ball"><point name="center" x="0" y="0" z="0.6"/><float name="radius" value="0.05"/>
+ <bsdf type="diffuse"/></shape>
+<emitter type="point"><point name="position" x="0.2" y="0.3" z="0"/></emitter>
+</scene>"""
+
+
+def test_baked_light_is_kept(tmp_path, capfd):
+    """A second run takes it from the folder that is named; without one nothing is kept."""
+    (tmp_path / "lit.xml").write_text(LIT)
+    folder = tmp_path / "baked"
+    words = [str(tmp_path / "lit.xml"), *SMALL, "--resolution", "32x32", "--method", "fast"]
+
+    def bake_of(*more):
+        out = tmp_path / "out"
+        assert cli.main(["render", *words, "--focus", "0.6m", "--out", str(out), *more]) == 0
+        return json.loads((out / "report.json").read_text())
+
+    assert bake_of("--no-cache")["bake"]["reused"] == "nothing" and not folder.exists()
+    capfd.readouterr()
+    report = bake_of("--cache", str(folder))
+    assert report["bake"]["reused"] == "nothing" and report["bake"]["traced"] == ["ball"]
+    assert "note: 1 shape's diffuse light is traced, not baked: ball." in capfd.readouterr().err
+    assert bake_of("--cache", str(folder))["bake"]["reused"] == "all"
+    capfd.readouterr()
+    assert cli.main(["plan", *words, "--cache", str(folder)]) == 0
+    assert "light baked before" in capfd.readouterr().out
+    assert cli.main(["cache", "--cache", str(folder)]) == 0
+    assert re.search(rf"{folder}: 1 file, \d+\.\d MB\n", capfd.readouterr().out)
+    assert cli.main(["cache", "--cache", str(folder), "--clear"]) == 0
+    assert "MB freed" in capfd.readouterr().out and not list(folder.iterdir())
+    assert cli.main(["cache", "--cache", str(folder)]) == 0
+    assert capfd.readouterr().out == f"{folder}: 0 files, 0.0 MB\n"
+
+
+def test_what_to_know_of_baked_light():
+    bake = {"note": "", "coarser": 1.2, "traced": ()}
+    assert pipeline.bake_notes(None) == pipeline.bake_notes(bake) == []
+    bake = {"note": "It was torn.", "coarser": 2.04, "traced": tuple("abcdefghij")}
+    torn, coarse, traced = pipeline.bake_notes(bake)
+    assert torn == "It was torn." and "2.0 times larger" in coarse
+    assert traced.startswith("10 shapes'") and traced.endswith("h, ....")
 
 
 def test_depth_ranges_fit_the_display():

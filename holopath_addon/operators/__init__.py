@@ -1,5 +1,5 @@
 """Operators: thin, over the plain functions of `session` and `pipeline`."""
 
-from . import field, rendering
+from . import baked, field, rendering
 
-CLASSES = (*rendering.CLASSES, *field.CLASSES)
+CLASSES = (*rendering.CLASSES, *baked.CLASSES, *field.CLASSES)

@@ -7,10 +7,12 @@ import bpy
 import numpy as np
 
 from .. import engine, failures, pipeline, preferences, properties
+from ..engine import rendering
 from ..export import ExportCache, export_scene
 from .jobs import Job
 
 IMAGE = "HoloPath Reconstruction"
+TEXTURE = "HoloPath Baked Light"
 
 
 @dataclass
@@ -20,12 +22,16 @@ class Session:
     Attributes
     ----------
     job : Job or None
-        The hologram being rendered.
+        The hologram being rendered, or the light being baked.
     field : engine.WaveField or None
         The last one rendered; its picture can be refocused.
     plan : engine.Plan or None
     notes : list of str
         What the exporter approximated or left out.
+    bake : dict or None
+        The last `engine.baking.Bake`.
+    texture : numpy.ndarray or None
+        Its picture; a render has none.
     error : str
         Last failure in one sentence; empty if there was none.
     leave : callable or None
@@ -36,6 +42,8 @@ class Session:
     field: engine.WaveField | None = None
     plan: engine.Plan | None = None
     notes: list = dataclasses.field(default_factory=list)
+    bake: dict | None = None
+    texture: np.ndarray | None = None
     error: str = ""
     leave: object = None
     refocus: Job | None = None
@@ -58,12 +66,20 @@ class Task:
     focus: float | None  # metres; None finds it
     pupil: engine.Pupil | None
     notes: list
+    store: engine.BakeStore
 
     def compute(self, progress):
         """`pipeline.Result` of the task."""
         focus = "centre" if self.focus is None else [self.focus]
         return pipeline.compute(
-            self.scene, self.camera, self.hologram, self.settings, focus, self.pupil, progress
+            self.scene, self.camera, self.hologram, self.settings, focus, self.pupil, progress, self.store
+        )
+
+    def bake(self, progress, anew=False):
+        """Picture of the baked light and its `engine.baking.Bake`; `anew` takes nothing from the store."""
+        progress(0.0, "Planning")
+        return rendering.baked_picture(
+            self.scene, self.camera, self.hologram, self.settings, self.store, progress, anew
         )
 
 
@@ -96,12 +112,21 @@ def prepare(depsgraph, props, resolution=None):
         None if props.focus_auto else properties.focus_of(props),
         properties.pupil_or_none(props),
         [str(note) for note in exported.notes],
+        preferences.store(),
     )
 
 
 def keep(task, result):
     """Remember a finished render."""
     current.field, current.plan, current.notes, current.error = result.field, result.plan, task.notes, ""
+    if "bake" in result.field.report:
+        current.bake, current.texture = result.field.report["bake"], None
+
+
+def keep_baked(task, texture, done):
+    """Remember what was baked."""
+    current.bake, current.texture = dataclasses.asdict(done), texture
+    current.notes, current.error = task.notes, ""
 
 
 def fail(error):
@@ -129,7 +154,7 @@ def leave_soon():
 
 
 def running():
-    """Whether a hologram is being rendered."""
+    """Whether a hologram is being rendered, or light baked."""
     return current.job is not None and current.job.running
 
 
@@ -145,8 +170,11 @@ def picture(image, wavelengths):
     -------
     numpy.ndarray, float32, shape (y, x, 4)
     """
-    rgb = engine.to_rgb(image, wavelengths)[::-1]
-    return np.concatenate([rgb, np.ones_like(rgb[..., :1])], axis=-1)
+    return _rgba(engine.to_rgb(image, wavelengths))
+
+
+def _rgba(rgb):
+    return np.concatenate([rgb[::-1], np.ones_like(rgb[..., :1])], axis=-1)
 
 
 def show(image, wavelengths):
@@ -156,14 +184,23 @@ def show(image, wavelengths):
     -------
     bpy.types.Image
     """
-    pixels = picture(image, wavelengths)
+    return _shown(IMAGE, picture(image, wavelengths))
+
+
+def show_texture():
+    """Put the picture of the baked light into an image datablock of its own, see `show`."""
+    return _shown(TEXTURE, _rgba(current.texture))
+
+
+def _shown(name, pixels):
+    """The image datablock of a name, with these rows of RGBA."""
     height, width = pixels.shape[:2]
-    block = bpy.data.images.get(IMAGE)
+    block = bpy.data.images.get(name)
     if block is not None and (block.source != "GENERATED" or not block.is_float):
-        block.name = IMAGE + " (other)"
+        block.name = name + " (other)"
         block = None
     if block is None:
-        block = bpy.data.images.new(IMAGE, width, height, alpha=False, float_buffer=True)
+        block = bpy.data.images.new(name, width, height, alpha=False, float_buffer=True)
         block.colorspace_settings.name = "Linear Rec.709"
         block.use_view_as_render = True
     elif tuple(block.size) != (width, height):

@@ -9,6 +9,7 @@ _SUBPANELS = (
     ("display", "Display", sections.display, False),
     ("depth", "Depth", sections.depth, True),
     ("quality", "Quality", sections.quality, True),
+    ("baked_light", "Baked Light", sections.baked_light, True),
     ("reconstruct", "Reconstruct", sections.reconstruct, False),
     ("estimate", "Estimate", sections.estimate, False),
     ("notes", "Export Notes", sections.notes, True),

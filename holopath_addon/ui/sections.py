@@ -2,6 +2,7 @@
 
 import textwrap
 
+from .. import pipeline, preferences
 from ..operators import session
 from ..properties import CUSTOM
 
@@ -52,12 +53,15 @@ def quality(layout, context):
     layout.prop(props, "phase_field")
     layout.prop(props, "despeckle")
     layout.prop(props, "quality")
+    layout.prop(props, "method")
     row = layout.row(heading="Limit Rays")
     row.prop(props, "limit_rays", text="")
     value = row.row()
     value.enabled = props.limit_rays
     value.prop(props, "spp", text="")
-    layout.prop(props, "estimator")
+    row = layout.row()
+    row.enabled = props.method != "direct"
+    row.prop(props, "estimator")
     layout.prop(props, "radiance")
     row = layout.row()
     row.enabled = props.radiance == "ray"
@@ -74,6 +78,38 @@ def quality(layout, context):
     else:
         layout.prop(props, "wrp_mm", text="Plane (mm)")
     layout.prop(props, "seed")
+
+
+def baked_light(layout, context):
+    """What is baked and kept, and the buttons for it."""
+    bake, size = session.current.bake, preferences.store().size()
+    layout.use_property_split = False
+    row = layout.row(align=True)
+    row.operator("holopath.bake", text="Rebake" if bake else "Bake", icon="RENDER_STILL").anew = bool(bake)
+    if bake and session.current.texture is None:  # baked by a render, which keeps no picture of it
+        row.operator("holopath.bake", text="Show Texture", icon="TEXTURE").show = True
+    else:
+        row.operator("holopath.show_texture", icon="TEXTURE")
+    row = layout.row(align=True)
+    row.label(text=f"All on disk: {size / 1e6:.1f} MB")
+    row.operator("holopath.clear_baked", icon="TRASH")
+    props = context.scene.holopath
+    if props.method in {"full", "direct"}:
+        name = props.bl_rna.properties["method"].enum_items[props.method].name
+        _text(layout, context, f"The method {name} does not use baked light.", icon="INFO")
+    if bake is None:
+        _text(layout, context, "Nothing is baked yet in this session. The methods Auto and Fast bake, too.")
+        return
+    source = {"all": "All of it was on disk", "part": "Part of it was on disk"}.get(
+        bake["reused"], "Baked anew"
+    )
+    seconds = sum(bake["seconds"].values())
+    size = f", {bake['bytes'] / 1e6:.1f} MB" if bake["bytes"] else ""
+    column = layout.column(align=True)
+    _text(column, context, f"{bake['texels']:,} texels in view{size}")
+    _text(column, context, f"{source}: {seconds:.1f} s")
+    for note in pipeline.bake_notes(bake):
+        _text(layout, context, note, icon="INFO")
 
 
 def material(layout, context):

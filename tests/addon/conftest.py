@@ -23,6 +23,18 @@ def addon():
 
 
 @pytest.fixture
+def lit(scene):
+    """The same scene with a white wall and a lamp, to be baked."""
+    wall = scene.objects["Wall"].active_material.node_tree.nodes["Principled BSDF"]
+    wall.inputs["Base Color"].default_value = (0.8, 0.8, 0.8, 1)
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    scene.collection.objects.link(lamp)
+    scene.holopath.resolution_x = scene.holopath.resolution_y = 32
+    scene.holopath.frames = 1
+    return scene
+
+
+@pytest.fixture
 def scene(addon):
     """A shining triangle in front of a dim wall, and settings that take a second."""
     bpy.ops.wm.read_factory_settings(use_empty=True)

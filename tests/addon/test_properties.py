@@ -41,13 +41,14 @@ def test_all_settings(settings):
     settings.frames, settings.seed, settings.max_depth = 3, 7, 2
     settings.virtual_image, settings.most_hits = "opl", 3
     settings.planes, settings.paths = 4, 5
-    settings.phase_field, settings.despeckle = "random", 40
+    settings.phase_field, settings.despeckle, settings.method = "random", 40, "fast"
     hologram = properties.hologram_of(settings, (20, 10))
     assert hologram == engine.Hologram(
         20, 10, 8e-6, (532e-9,), depth_far=10e-3, depth_near=15e-3, depth_mapping="eyepiece", near=0.3
     )
     assert properties.settings_of(settings) == engine.Settings(
         3,
+        method="fast",
         estimator="paper",
         radiance="ray",
         quality="full",

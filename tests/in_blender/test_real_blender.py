@@ -32,6 +32,7 @@ class Blender:
         self.environment = os.environ | {
             "BLENDER_USER_RESOURCES": str(folder),
             "BLENDER_USER_EXTENSIONS": str(folder / "extensions"),
+            "HOLOPATH_CACHE": "",  # as users have it: the extension's own folder, below
         }
 
     def __call__(self, *arguments, timeout=300):
@@ -92,6 +93,9 @@ def test_command_line(blender):
     status, output = blender("--command", "holopath", "devices")
     assert status == 0, output
     assert "llvm_ad_rgb" in output
+    status, output = blender("--command", "holopath", "cache")
+    assert status == 0, output
+    assert blender.environment["BLENDER_USER_RESOURCES"] in output, output
 
 
 def test_renders_in_the_background(blender, tmp_path):

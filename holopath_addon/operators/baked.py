@@ -1,0 +1,94 @@
+"""Bake the scene's light ahead of rendering, look at it, and delete it."""
+
+import bpy
+from bpy.props import BoolProperty
+
+from .. import preferences
+from . import session
+from .working import Working, free, present
+
+
+class HOLOPATH_OT_bake(Working, bpy.types.Operator):
+    """Bake the diffuse light that the camera sees; rendering takes it from there, whatever the focus"""
+
+    bl_idname = "holopath.bake"
+    bl_label = "Bake"
+    doing = "baking"
+
+    anew: BoolProperty(
+        name="Anew",
+        description="Bake all of it again, and keep that in place of what was baked before",
+        options={"SKIP_SAVE"},
+    )
+    show: BoolProperty(name="Show", description="Show the texture at the end", options={"SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, context, settings):
+        """Tooltip, by what the button does."""
+        if settings.show:
+            return HOLOPATH_OT_show_texture.__doc__
+        return (
+            "Bake all of it again, and keep that in place of what was baked before"
+            if settings.anew
+            else cls.__doc__
+        )
+
+    def work(self, progress):
+        return self.task.bake(progress, self.anew)
+
+    def finish(self, context, result):
+        session.keep_baked(self.task, *result)
+        if self.show:
+            present(context, session.show_texture(), "Show Texture")
+        return "Light taken from disk" if session.current.bake["reused"] == "all" else "Light baked"
+
+
+class HOLOPATH_OT_show_texture(bpy.types.Operator):
+    """Show the baked light as a texture in an Image Editor"""
+
+    bl_idname = "holopath.show_texture"
+    bl_label = "Show Texture"
+
+    @classmethod
+    def poll(cls, context):
+        if session.current.texture is None:
+            cls.poll_message_set("Nothing is baked yet: press Bake")
+            return False
+        return free(cls)
+
+    def execute(self, context):
+        present(context, session.show_texture(), self.bl_label)
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_clear_baked(bpy.types.Operator):
+    """Delete all baked light that is kept on disk, of every scene"""
+
+    bl_idname = "holopath.clear_baked"
+    bl_label = "Clear"
+
+    @classmethod
+    def poll(cls, context):
+        if not preferences.store().files():
+            cls.poll_message_set("No baked light is kept on disk")
+            return False
+        return free(cls)
+
+    def invoke(self, context, event):
+        return context.window_manager.invoke_confirm(
+            self,
+            event,
+            title="Delete Baked Light",
+            message=f"{preferences.store().size() / 1e6:.1f} MB of baked light, of all scenes, will be deleted.",
+            confirm_text="Delete",
+        )
+
+    def execute(self, context):
+        freed = preferences.store().clear()
+        session.current.bake = session.current.texture = None
+        session.redraw()
+        self.report({"INFO"}, f"{freed / 1e6:.1f} MB of baked light deleted.")
+        return {"FINISHED"}
+
+
+CLASSES = (HOLOPATH_OT_bake, HOLOPATH_OT_show_texture, HOLOPATH_OT_clear_baked)
