@@ -17,7 +17,22 @@ def main():
 
         print(export_speed.run())
         return
-    from . import accuracy, convergence, export_speed, exporter, kernel, optics, phase_fields, scaling
+    if sys.argv[1:2] == ["radiance_cache"]:
+        from . import radiance_cache
+
+        print(radiance_cache.run(*sys.argv[2:]))
+        return
+    from . import (
+        accuracy,
+        convergence,
+        export_speed,
+        exporter,
+        kernel,
+        optics,
+        phase_fields,
+        radiance_cache,
+        scaling,
+    )
 
     print(kernel.run(), flush=True)
     print(accuracy.run("out/bench"), flush=True)
@@ -26,6 +41,7 @@ def main():
     print(scaling.run(), flush=True)
     print(optics.run(), flush=True)
     print(phase_fields.run("out/bench"), flush=True)
+    print(radiance_cache.run(), flush=True)
     print(export_speed.run(), flush=True)
     print(exporter.run(pictures="out/bench/exporter"), flush=True)
 

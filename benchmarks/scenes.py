@@ -17,12 +17,15 @@ class Scenes:
         self.mi = mi
         self.T = mi.ScalarTransform4f
 
-    def texture(self, cells, seed, low=0.05, high=1.0, contrast=1.0):
-        """Blocks of three sizes, linear values: detail at several scales, hard edges; dark halves from contrast 2."""
+    def texture(self, cells, seed, low=0.05, high=1.0, contrast=1.0, channels=3):
+        """Blocks of three sizes, linear values: detail at several scales, hard edges; dark halves from contrast 2.
+
+        With one channel these are shades between two colours, `low` and `high`.
+        """
         rng = np.random.default_rng(seed)
         picture = np.zeros((cells, cells, 3), np.float32)
         for block in (cells // 8, cells // 16, cells // 32):
-            coarse = rng.random((cells // block, cells // block, 3)).astype(np.float32)
+            coarse = rng.random((cells // block, cells // block, channels)).astype(np.float32)
             picture += np.kron(coarse, np.ones((block, block, 1), np.float32)) / 3
         picture = np.clip(0.5 + contrast * (picture - 0.5), 0, 1)
         return {"type": "bitmap", "bitmap": self.mi.Bitmap(low + (high - low) * picture), "raw": True}
@@ -38,6 +41,55 @@ class Scenes:
             self.T().translate([x, 0, -depth]).rotate([0, 1, 0], slant).scale([half_width, half_height, 1])
         )
         return {"type": "rectangle", "to_world": transform, **surface}
+
+    def mesh(self, vertices, surface, normals=None):
+        """Triangles between vertices [v, u, 3] of a grid, which the texture covers once; smooth with `normals`."""
+        rows, columns = np.array(vertices.shape[:2]) - 1
+        v, u = np.mgrid[0 : rows + 1, 0 : columns + 1]
+        corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+        right, above = corner + 1, corner + columns + 1
+        faces = np.concatenate(
+            [np.column_stack([corner, right, above + 1]), np.column_stack([corner, above + 1, above])]
+        )
+        properties, smooth = self.mi.Properties(), normals is not None
+        for key, plugin in surface.items():
+            properties[key] = self.mi.load_dict(plugin)
+        mesh = self.mi.Mesh(
+            "mesh", u.size, len(faces), properties, has_vertex_normals=smooth, has_vertex_texcoords=True
+        )
+        parameters = self.mi.traverse(mesh)
+        parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+        parameters["vertex_texcoords"] = np.stack([u / columns, v / rows], axis=-1).astype(np.float32).ravel()
+        parameters["faces"] = faces.astype(np.uint32).ravel()
+        parameters.update()
+        if smooth:  # after the update, which makes its own, with a seam
+            parameters["vertex_normals"] = normals.astype(np.float32).ravel()
+            parameters.update()
+        return mesh
+
+    def turned(self, radii, heights, foot, surface, sides=48):
+        """A smooth mesh of revolution: radii at heights above `foot`, upwards for normals that point outwards."""
+        turn = np.linspace(0, 2 * np.pi, sides + 1)
+        around = np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=-1)
+
+        def revolve(outwards, upwards):
+            return np.multiply.outer(outwards, around) + np.multiply.outer(upwards, [[0, 1, 0]])
+
+        outwards, upwards = np.gradient(heights), -np.gradient(radii)
+        length = np.hypot(outwards, upwards)
+        normals = revolve(outwards / length, upwards / length)
+        return self.mesh(foot + revolve(radii, heights), surface, normals)
+
+    def ball(self, radius, centre, surface):
+        """A sphere as a mesh."""
+        angle = np.linspace(0, np.pi, 25)
+        return self.turned(radius * np.sin(angle), -radius * np.cos(angle), centre, surface)
+
+    def box(self, low, high, surface, turn=0.0):
+        """A box between two corners, turned about its vertical axis by `turn` degrees."""
+        low, high = np.array(low), np.array(high)
+        place = self.T().translate((low + high) / 2).rotate([0, 1, 0], turn).scale((high - low) / 2)
+        return {"type": "cube", "to_world": place, **surface}
 
     def emissive(self, radiance):
         return {"emitter": {"type": "area", "radiance": radiance}}
@@ -76,26 +128,11 @@ class Scenes:
 
         Its texture is as fine near as far, as the viewer sees it.
         """
-        v, u = np.mgrid[0 : side + 1, 0 : side + 1].reshape(2, -1) / side
+        v, u = np.mgrid[0 : side + 1, 0 : side + 1] / side
         depth = 1 / (1 / near + (1 / far - 1 / near) * v)
         width = widen * math.tan(FOV / 2) * depth
-        vertices = np.column_stack([(2 * u - 1) * width, (2 * v - 1) * width, -depth])
-        corner = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
-        right, above = corner + 1, corner + side + 1
-        faces = np.concatenate(
-            [np.column_stack([corner, right, above + 1]), np.column_stack([corner, above + 1, above])]
-        )
-        properties = self.mi.Properties()
-        properties["emitter"] = self.mi.load_dict(
-            {"type": "area", "radiance": self.texture(256, 4, contrast=4)}
-        )
-        mesh = self.mi.Mesh("floor", len(vertices), len(faces), props=properties, has_vertex_texcoords=True)
-        parameters = self.mi.traverse(mesh)
-        parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-        parameters["vertex_texcoords"] = np.column_stack([u, v]).astype(np.float32).ravel()
-        parameters["faces"] = faces.astype(np.uint32).ravel()
-        parameters.update()
-        return self.scene(floor=mesh)
+        vertices = np.stack([(2 * u - 1) * width, (2 * v - 1) * width, -depth], axis=-1)
+        return self.scene(floor=self.mesh(vertices, self.emissive(self.texture(256, 4, contrast=4))))
 
     def glossy_dome(self, roughness, radius=1.0):
         """A shallow metal dome at 0.8 m that mirrors a grid of lamps, roughness as in Blender (alpha is its square)."""
@@ -157,3 +194,143 @@ class Scenes:
                 **self.diffuse({"type": "rgb", "value": [0.3, 0.4, 0.8]}),
             },
         )
+
+    def room(self, lamp=1.0, pendant=1.0, moved=0.0, sharp=True):
+        """A study that one lamp lights by way of its ceiling, 36 degrees wide: to measure pictures at 0.7 to 4 m in
+        which most light has met several everyday surfaces, and how they follow when a lamp or an object changes.
+
+        `lamp` and `pendant` scale the lamps below the ceiling and over the desk, the red box is `moved` to the right by
+        metres, and without `sharp` nothing reflects or refracts as a mirror or a lens does: no δ lobes.
+        """
+        T, grey, diffuse, box = self.T, self.grey, self.diffuse, self.box
+
+        def colour(red, green, blue):
+            return {"type": "rgb", "value": [red, green, blue]}
+
+        def shades(seed, low, high, cells=64):
+            return self.texture(cells, seed, np.float32(low), np.float32(high), contrast=2, channels=1)
+
+        def lacquer(reflectance, alpha):
+            return {"bsdf": {"type": "roughplastic", "diffuse_reflectance": reflectance, "alpha": alpha}}
+
+        def metal(reflectance, alpha):
+            bsdf = {"type": "roughconductor", "alpha": alpha, "distribution": "ggx"}
+            return {"bsdf": {**bsdf, "specular_reflectance": reflectance}}
+
+        def both(surface):
+            return {"bsdf": {"type": "twosided", "bsdf": surface["bsdf"]}}
+
+        def sphere(radius, centre, surface):
+            return {"type": "sphere", "center": centre, "radius": radius, **surface}
+
+        def panel(centre, half_width, half_height, surface, turn=0):
+            place = T().translate(centre).rotate([0, 1, 0], turn).scale([half_width, half_height, 1])
+            return {"type": "rectangle", "to_world": place, **surface}
+
+        def shining(centre, up, half, radiance):
+            place = T().translate(centre).rotate([1, 0, 0], -90 * up).scale([half, half, 1])
+            return {"type": "rectangle", "to_world": place, **self.emissive(grey(radiance))}
+
+        def rod(foot, radius, height, surface):
+            return self.turned([radius, radius], [0, height], foot, surface, 12)
+
+        def legs(name, columns, rows, low, high, half, surface):
+            places = [(x, z) for x in columns for z in rows]
+            return {
+                f"{name}_leg_{k}": box([x - half, low, z - half], [x + half, high, z + half], surface)
+                for k, (x, z) in enumerate(places)
+            }
+
+        white, black = diffuse(grey(0.8)), diffuse(grey(0.05))
+        oak = lacquer(shades(11, [0.30, 0.17, 0.08], [0.52, 0.33, 0.17]), 0.25)
+        walnut = diffuse(shades(12, [0.10, 0.05, 0.03], [0.24, 0.13, 0.07]))
+        paper = diffuse(shades(13, [0.55, 0.58, 0.5], [0.8, 0.78, 0.7], 32))
+        carpet = diffuse(shades(15, [0.3, 0.04, 0.05], [0.8, 0.6, 0.4]))
+        cover = diffuse(shades(19, [0.1, 0.1, 0.1], [0.9, 0.7, 0.3]))
+        moss = diffuse(shades(20, [0.1, 0.2, 0.1], [0.5, 0.6, 0.2]))
+        marbled = diffuse(shades(21, [0.05, 0.1, 0.4], [0.9, 0.9, 0.6], 32))
+        seas = lacquer(shades(17, [0.1, 0.3, 0.5], [0.6, 0.6, 0.3]), 0.15)
+        green, cream = lacquer(colour(0.1, 0.45, 0.1), 0.1), lacquer(colour(0.75, 0.72, 0.6), 0.1)
+        red, teal = diffuse(colour(0.6, 0.06, 0.04)), diffuse(colour(0.05, 0.35, 0.35))
+        amber, linen = diffuse(colour(0.8, 0.45, 0.05)), diffuse(colour(0.75, 0.6, 0.35))
+        brass, steel = metal(colour(0.9, 0.68, 0.3), 0.2), metal(grey(0.75), 0.3)
+        if sharp:
+            mirror, glass = {"bsdf": {"type": "conductor"}}, {"bsdf": {"type": "dielectric"}}
+            glaze = {"bsdf": {"type": "plastic", "diffuse_reflectance": colour(0.05, 0.12, 0.5)}}
+        else:
+            mirror, glass = diffuse(grey(0.6)), diffuse(colour(0.5, 0.6, 0.55))
+            glaze = diffuse(colour(0.05, 0.12, 0.5))
+
+        walls = {
+            "floor": box([-1.1, -1.05, -4.1], [1.2, -0.95, 0.7], oak),
+            "ceiling": box([-1.1, 1.2, -4.1], [1.2, 1.3, 0.7], white),
+            "left": box([-1.1, -1, -4.1], [-1, 1.25, 0.7], diffuse(colour(0.75, 0.5, 0.3))),
+            "right": box([1.1, -1, -4.1], [1.2, 1.25, 0.7], diffuse(colour(0.45, 0.6, 0.65))),
+            "far": box([-1.1, -1, -4.1], [1.2, 1.25, -4], paper),
+            "behind": box([-1.1, -1, 0.6], [1.2, 1.25, 0.7], diffuse(grey(0.65))),
+            "carpet": box([-0.8, -0.95, -3.6], [0.5, -0.935, -1.6], carpet),
+            "frame": box([-0.12, 0.1, -4], [0.42, 0.64, -3.97], black),
+            "picture": panel([0.15, 0.37, -3.968], 0.23, 0.23, diffuse(self.texture(64, 16, contrast=3))),
+            "mirror_frame": box([0.57, -0.12, -4], [0.93, 0.36, -3.97], brass),
+            "mirror": panel([0.75, 0.12, -3.968], 0.15, 0.21, mirror),
+            "mirrored": panel([1.098, 0.2, -2.2], 0.8, 0.2, diffuse(self.texture(64, 14, contrast=3)), -90),
+        }
+        shelf = {
+            "shelf_left": box([-0.95, -0.95, -4], [-0.92, 0.5, -3.72], walnut),
+            "shelf_right": box([-0.25, -0.95, -4], [-0.22, 0.5, -3.72], walnut),
+            "globe": self.ball(0.11, [-0.6, 0.61, -3.85], seas),
+            "jar": sphere(0.07, [-0.36, 0.57, -3.83], steel),
+        }
+        rng = np.random.default_rng(18)
+        for level, y in enumerate((-0.9, -0.43, 0.02, 0.47)):
+            shelf[f"board_{level}"] = box([-0.92, y, -4], [-0.25, y + 0.03, -3.72], walnut)
+            x = -0.91
+            while level < 3 and x < -0.36 - 0.1 * level:
+                width, height, depth = rng.uniform([0.03, 0.2, 0.14], [0.07, 0.36, 0.22])
+                dye = rng.uniform(0.05, 0.7, 3)
+                spine = colour(*dye) if rng.random() < 0.5 else shades(len(shelf), 0.3 * dye, dye, 32)
+                corners = [x, y + 0.03, -4], [x + width - 0.004, y + 0.03 + height, depth - 4]
+                shelf[f"book_{len(shelf)}"] = box(*corners, diffuse(spine))
+                x += width
+
+        up = np.linspace(0, 1, 33)
+        swell = 0.035 + 0.03 * np.sin(np.pi * up**0.8) - 0.025 * up**2 + 0.02 * up**6
+        desk = {
+            "desk": box([0.0, -0.31, -2.1], [1.1, -0.28, -0.78], oak),
+            **legs("desk", (0.04, 1.06), (-2.06, -0.82), -0.95, -0.31, 0.025, walnut),
+            "book_below": box([0.06, -0.28, -0.9], [0.24, -0.25, -0.68], teal, 8),
+            "book_above": box([0.07, -0.25, -0.88], [0.22, -0.225, -0.7], cover, -12),
+            "vase": self.turned(swell, 0.22 * up, [0.4, -0.28, -1.5], both(cream), 64),
+            "box": box([0.12 + moved, -0.28, -1.42], [0.23 + moved, -0.17, -1.31], red, 30),
+            "marble": sphere(0.055, [0.31, -0.225, -1.15], glaze),
+            "paperweight": sphere(0.035, [0.2, -0.245, -1.02], glass),
+            "knob": self.ball(0.07, [0.26, -0.21, -1.85], brass),
+        }
+        half_turn = np.linspace(0, np.pi, 33)
+        width, height = 0.26 * np.sqrt(np.sin(half_turn)), 0.17 * (1 - np.cos(half_turn))
+        seats = {
+            "seat": box([-0.46, -0.5, -2.6], [-0.08, -0.46, -2.2], teal),
+            "back": box([-0.49, -0.46, -2.6], [-0.46, -0.1, -2.2], teal),
+            **legs("chair", (-0.44, -0.1), (-2.58, -2.22), -0.95, -0.5, 0.015, steel),
+            "pouf": self.turned(width, height, [-0.68, -0.935, -2.3], moss),
+            "toy": sphere(0.115, [-0.05, -0.82, -3.2], amber),
+        }
+        lamps = {
+            "pole": rod([-0.66, -0.95, -2.6], 0.014, 1.2, steel),
+            "reflector": self.turned([0.02, 0.12, 0.17], [0, 0.03, 0.16], [-0.66, 0.24, -2.6], both(white)),
+            "lamp": shining([-0.66, 0.38, -2.6], 1, 0.1, 300 * lamp),
+            "cord": rod([0.38, 0.5, -1.65], 0.004, 0.7, black),
+            "shade": self.turned([0.15, 0.04], [0, 0.17], [0.38, 0.33, -1.65], both(linen)),
+            "pendant": shining([0.38, 0.44, -1.65], -1, 0.04, 160 * pendant),
+        }
+        hanging = [
+            (-0.09, 0.2, -0.95, red),
+            (-0.26, 0.32, -1.2, brass),
+            (-0.03, 0.42, -1.6, marbled),
+            (0.11, 0.3, -1.35, green),
+        ]
+        mobile = {}
+        for k, (x, y, z, surface) in enumerate(hanging):
+            mobile[f"ball_{k}"] = self.ball(0.045, [x, y, z], surface)
+            mobile[f"string_{k}"] = rod([x, y + 0.045, z], 0.002, 1.155 - y, black)
+        return self.scene(**walls, **shelf, **desk, **seats, **lamps, **mobile)
