@@ -6,6 +6,7 @@ share the charts.
 """
 
 import math
+import re
 from dataclasses import dataclass, field
 from hashlib import blake2b
 
@@ -14,20 +15,19 @@ import mitsuba as mi
 import numpy as np
 
 from .buffers import gather_row, packed
-from .lobes import parts_of
+from .lobes import nested_in, parts_of
 from .unwrapping import CHARTED_TRIANGLES, cells, charts
 
 NONE = 0xFFFFFFFF
 INSTANCE, GROUP = 1024, 2048  # of mi.ShapeType, which lacks these names
+GROUP_NAME = re.compile(r'ShapeGroup\[\s*name = "(\d+)"')
 MOST_TEXELS = 1 << 24  # in all; coarser sheets where they would not do
 BLOCK = 8  # texels; sheets start at multiples, so that a block of texels belongs to one
 CHARTED_AREA = 4.0  # texels; meshes of smaller triangles on average have one texel a triangle
 LARGEST_SHEET = 4096  # texels a side
 PACKING = 1.4  # texels of a sheet over the area of its triangles
-UNEVEN, UNEVEN_SHARE = (
-    16.0,
-    0.1,
-)  # times the mean area: triangles as large should not have more of a dense mesh's area
+UNEVEN = 16.0  # times the mean area of a dense mesh's triangles: larger ones ...
+UNEVEN_SHARE = 0.1  # ... should not have more than this part of its area
 SAME = 1e-4  # relative difference of lengths in meshes that share charts
 
 
@@ -90,19 +90,21 @@ class Triangles:
         self.families, children, starts, self.count, self.parts = [], [NONE], {}, 0, 0
         groups, group_of = {}, _groups(scene)
         structure = blake2b(digest_size=16)
-        for key, shape in sorted(((_sort_key(s), s) for s in scene.shapes()), key=lambda pair: pair[0]):
-            structure.update(key[0].encode())
-            if shape.shape_type() == INSTANCE:
-                for member in _nested(group_of[number_of(shape)]):
-                    structure.update(_sort_key(member)[0].encode())
+        shapes = [s for s in scene.shapes() if s.shape_type() == INSTANCE or (s.is_mesh() and wanted(s))]
+        for (kind, *_), shape in sorted(((_sort_key(s), s) for s in shapes), key=lambda pair: pair[0]):
             number = number_of(shape)
+            structure.update(kind.encode())
             if shape.shape_type() == INSTANCE:
                 group = group_of[number]
                 if group not in groups:
-                    members = [self._mesh(child, wanted, n) for n, child in enumerate(_nested(group))]
+                    nested = _nested(group)
+                    members = [self._mesh(child, wanted, n) for n, child in enumerate(nested)]
                     groups[group] = Family([m for m in members if m]), len(children)
                     children += [m.first if m else NONE for m in members]
+                    kinds = [_sort_key(c)[0] for c, m in zip(nested, members, strict=True) if m]
+                    structure.update(" ".join(kinds).encode())
                 family, starts[number] = groups[group]
+                structure.update(str(starts[number]).encode())
                 matrix = np.array(mi.traverse(shape)["to_world"].matrix).reshape(-1, 4, 4)[0, :3, :3]
                 family.owners.append(Owner(number, True, float(np.linalg.norm(matrix, axis=0).max())))
             else:
@@ -198,8 +200,8 @@ class Layout:
         How many times the texels are larger than asked for, to bound memory.
     dense : int
         Triangles that have one texel, or a cell, where charts would take too long.
-    traced : numpy.ndarray, int
-        First rows of the meshes that were left out, see `unfit`.
+    laid : numpy.ndarray, int
+        First rows of the meshes that are in it.
     """
 
     texel: np.ndarray
@@ -208,15 +210,15 @@ class Layout:
     size: tuple
     coarser: float
     dense: int
-    traced: np.ndarray
+    laid: np.ndarray
 
     def serves(self, triangles, texel, sides):
         """Whether what `lay_out` is asked for is here, to a factor of two in the size of texels."""
-        out = {first for first in self.traced.tolist() if first in {mesh.first for mesh in triangles.meshes}}
-        if self.texel.shape != texel.shape or out:
+        if self.laid.tolist() != [mesh.first for mesh in triangles.meshes]:
             return False
         here = {(triangles.owners[owner].number, side) for owner, side in self.copies[:, :2]}
-        return sides <= here and bool((self.texel <= 2 * self.coarser * texel).all())
+        parts = np.concatenate([mesh.parts for mesh in triangles.meshes] or [np.zeros(0, int)])
+        return sides <= here and bool((self.texel <= 2 * self.coarser * texel)[parts].all())
 
 
 def unfit(triangles, texel, sides):
@@ -246,14 +248,12 @@ def unfit(triangles, texel, sides):
     return uneven | {meshes_of[part] for part in np.flatnonzero(counts > 4 * most).tolist()}
 
 
-def lay_out(triangles, traced, texel, sides, progress):
+def lay_out(triangles, texel, sides, progress):
     """Lay out a scene's triangles.
 
     Parameters
     ----------
     triangles : Triangles
-    traced : set of int
-        First rows of meshes that were left out of them.
     texel : numpy.ndarray, shape (triangles.parts,)
         Side of a texel on each part, metres of its own mesh.
     sides : set of (int, int)
@@ -294,7 +294,8 @@ def lay_out(triangles, traced, texel, sides, progress):
             first = first or place
             table.append((owner, side, *place, *size, *first))
     table = np.array(table, np.int64).reshape(-1, 8)
-    return Layout(texel, corners, table, (width, height), coarser, dense, np.array(sorted(traced), np.int64))
+    laid = np.array([mesh.first for mesh in triangles.meshes], np.int64)
+    return Layout(texel, corners, table, (width, height), coarser, dense, laid)
 
 
 def _sheet(meshes, texel, corners, charted):
@@ -477,37 +478,24 @@ def number_of(shape):
 
 
 def _groups(scene):
-    """The shape group of each instance, by its number; Mitsuba tells only which shape is hit."""
+    """The shape group of each instance, by its number."""
     instances = [shape for shape in scene.shapes() if shape.shape_type() == INSTANCE]
-    if not instances:
-        return {}
-    groups = {}
-    for part in parts_of(scene):
-        if isinstance(part, mi.Shape) and part.shape_type() == GROUP:
-            groups |= {number_of(member): part for member in _nested(part)}
-    numbers = mi.UInt32([number_of(shape) for shape in instances])
-    hit = dr.zeros(mi.PreliminaryIntersection3f, len(instances))
-    hit.valid, hit.t, hit.instance = mi.Bool(True), mi.Float(1), dr.reinterpret_array(mi.ShapePtr, numbers)
-    found = hit.compute_surface_interaction(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1))).shape
-    members = np.array(dr.reinterpret_array(mi.UInt32, found))
-    return {int(n): groups[int(m)] for n, m in zip(np.array(numbers), members, strict=True)}
+    groups = [part for part in parts_of(scene) if isinstance(part, mi.Shape) and part.shape_type() == GROUP]
+    names = [group.id() for group in groups]
+    try:
+        for place, group in enumerate(groups):
+            group.set_id(
+                str(place)
+            )  # an instance tells nothing of its group but the name, in its description
+        return {number_of(shape): groups[int(GROUP_NAME.search(str(shape))[1])] for shape in instances}
+    finally:
+        for group, name in zip(groups, names, strict=True):
+            group.set_id(name)
 
 
 def _nested(group):
     """The members of a shape group in their order."""
-
-    class Members(mi.TraversalCallback):
-        def __init__(self):
-            mi.TraversalCallback.__init__(self)
-            self.found = []
-
-        def put(self, name, value, flags, cpptype=None):
-            if isinstance(value, mi.Shape):
-                self.found.append(value)
-
-    callback = Members()
-    group.traverse(callback)
-    return callback.found
+    return [part for part in nested_in(group) if isinstance(part, mi.Shape)]
 
 
 def _sort_key(shape):

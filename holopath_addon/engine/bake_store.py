@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import InvalidInput
 
-VERSION = 2  # of the format, and of the light: another one is baked again
+VERSION = 3  # of the format, and of the light: another one is baked again
 SUFFIX = ".holobake.npz"
 MOST_BYTES = 2 << 30  # of all files; the oldest go first
 
@@ -29,7 +29,7 @@ class Stored:
         Samples that each group had at most for that.
     coarse : str
         Digest of the groups that `source` is for.
-    texel, corners, copies, size, coarser, dense, traced
+    texel, corners, copies, size, coarser, dense, laid
         As in `atlas.Layout`.
     pool, starts, counts : numpy.ndarray
         Of the groups that are baked, see `radiance_cache.Groups`.
@@ -47,7 +47,7 @@ class Stored:
     size: tuple
     coarser: float
     dense: int
-    traced: np.ndarray
+    laid: np.ndarray
     pool: np.ndarray
     starts: np.ndarray
     counts: np.ndarray
@@ -78,7 +78,7 @@ class Stored:
         """The `Layout`."""
         from .atlas import Layout
 
-        return Layout(self.texel, self.corners, self.copies, self.size, self.coarser, self.dense, self.traced)
+        return Layout(self.texel, self.corners, self.copies, self.size, self.coarser, self.dense, self.laid)
 
     def cache(self, triangles, complete, translucent):
         """The `RadianceCache` of these triangles, None where it groups texels otherwise."""
@@ -110,6 +110,8 @@ class Stored:
             and width % BLOCK == height % BLOCK == 0 < width * height < NONE
             and (np.abs(self.corners) <= max(self.size)).all()
             and (self.texel > 0).all()
+            and self.laid.dtype == np.int64
+            and self.laid.ndim == 1
             and self.copies.shape[1:] == (8,)
             and (self.copies >= 0).all()
             and (self.copies[:, :2] < [len(triangles.owners), 2]).all()

@@ -112,7 +112,7 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
     clock("look")
     surfaces = surfaces_of(scene)
     translucent = any(surface.bsdf().flags() & TRANSLUCENT for surface in surfaces)
-    cache, stored, note, traced = None, None, "", set()
+    cache, stored, note = None, None, ""
 
     def cache_of(make):
         cache = make(len(triangles.meshes) == len(surfaces), translucent)
@@ -122,15 +122,11 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
         cache.complete &= lost == 0  # sides that no probe met when the texture was laid out
         return cache, missing, lost + coarse
 
-    def leave_out(shapes):
-        traced.update(mesh.first for mesh in triangles.meshes if mesh.shape in shapes)
-        triangles.leave_out(shapes)
-
     if store and not anew:
         stored, note = store.load(triangles)
     if _serves(stored, digest, noise, most):
         noise, most = min(noise, stored.noise), max(most, stored.most)
-        leave_out({mesh.shape for mesh in triangles.meshes if mesh.first in stored.traced})
+        triangles.leave_out({mesh.shape for mesh in triangles.meshes if mesh.first not in stored.laid})
         cache, missing, lacking = cache_of(lambda *kind: stored.cache(triangles, *kind))
         if lacking > COARSE:
             cache = None
@@ -138,12 +134,12 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
     fresh = cache is None
     if fresh:
         texel, sides = view.reach(triangles)
-        leave_out(unfit(triangles, texel, sides))
+        triangles.leave_out(unfit(triangles, texel, sides))
         charted = stored is not None and stored.layout.serves(triangles, texel, sides)
         if charted:
             layout = stored.layout
         else:
-            layout = lay_out(triangles, traced, texel, sides, lambda done: progress(0.1 * done, "Unwrapping"))
+            layout = lay_out(triangles, texel, sides, lambda done: progress(0.1 * done, "Unwrapping"))
         cache, missing, _ = cache_of(lambda *kind: RadianceCache(Atlas(triangles, layout), *kind))
         clock("unwrap")
         solve(

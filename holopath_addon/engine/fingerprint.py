@@ -45,36 +45,6 @@ def scene_digest(scene):
     return _hashed([*sorted(digests.shapes()), digests.light()])
 
 
-def shape_digests(scene):
-    """Digest of each of ``scene.shapes()``: of its geometry, its BSDF and its area emitter.
-
-    Parameters
-    ----------
-    scene : mitsuba.Scene
-
-    Returns
-    -------
-    list of str
-        Hexadecimal.
-    """
-    return _Digests(scene).shapes()
-
-
-def light_digest(scene):
-    """Digest of the emitters that are no shapes, the environment among them.
-
-    Parameters
-    ----------
-    scene : mitsuba.Scene
-
-    Returns
-    -------
-    str
-        Hexadecimal.
-    """
-    return _Digests(scene).light()
-
-
 def settings_of(props):
     """What a plugin is told, but for nested parts, which are traversed, as text from which no bit is lost.
 

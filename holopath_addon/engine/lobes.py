@@ -108,8 +108,20 @@ def is_specular(flags):
 
 def parts_of(scene):
     """Every object of Mitsuba's that a scene is made of, once: shapes, instanced ones too, BSDFs, textures."""
+    pending, seen = [scene], {}
+    while pending:
+        part = pending.pop()
+        if part in seen:
+            continue
+        seen[part] = None
+        pending += nested_in(part)
+    return list(seen)
 
-    class Parts(mi.TraversalCallback):
+
+def nested_in(part):
+    """The objects of Mitsuba's that one of them holds, in its order."""
+
+    class Nested(mi.TraversalCallback):
         def __init__(self):
             mi.TraversalCallback.__init__(self)
             self.found = []
@@ -118,16 +130,9 @@ def parts_of(scene):
             if isinstance(value, mi.Object):
                 self.found.append(value)
 
-    pending, seen = [scene], {}
-    while pending:
-        part = pending.pop()
-        if part in seen:
-            continue
-        seen[part] = None
-        callback = Parts()
-        part.traverse(callback)
-        pending += callback.found
-    return list(seen)
+    callback = Nested()
+    part.traverse(callback)
+    return callback.found
 
 
 def _surfaces(scene):

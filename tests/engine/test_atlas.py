@@ -57,9 +57,7 @@ def laid_out(scene, texel=TEXEL):
 
     triangles = Triangles(scene, lambda shape: True)
     sides = {(owner.number, side) for owner in triangles.owners for side in (0, 1)}
-    return Atlas(
-        triangles, lay_out(triangles, set(), np.full(triangles.parts, texel), sides, lambda done: None)
-    )
+    return Atlas(triangles, lay_out(triangles, np.full(triangles.parts, texel), sides, lambda done: None))
 
 
 def hits(build, scene, count=1 << 16):

@@ -27,9 +27,7 @@ def stored(triangles):
     from holopath_addon.engine.radiance_cache import Groups, RadianceCache
 
     number = triangles.owners[0].number
-    layout = lay_out(
-        triangles, set(), np.full(triangles.parts, 0.05), {(number, 0), (number, 1)}, lambda done: None
-    )
+    layout = lay_out(triangles, np.full(triangles.parts, 0.05), {(number, 0), (number, 1)}, lambda done: None)
     cache = RadianceCache(Atlas(triangles, layout), True, False)
     texels = cache.coarse.pool[:2]
     cache.add(Groups.of(cache.atlas, texels, 1), np.array([[0.1, 0.2, 0.3, 1], [0.4, 0.5, 0.6, 1]]))
@@ -122,6 +120,7 @@ def changed(array, value, index=0):
         lambda s: {"starts": changed(s.starts, 9)},
         lambda s: {"pool": changed(s.pool, 1 << 30)},
         lambda s: {"pool": s.pool.astype(float)},
+        lambda s: {"laid": s.laid.astype(float)},
     ],
 )
 def test_what_does_not_fit_is_baked_again(store, triangles, stored, wrong):

@@ -424,24 +424,6 @@ def test_profiles_may_be_pictures(mi, digest):
     assert digest(first) != digest(other)
 
 
-def test_shapes_and_lights_apart(mi):
-    from holopath_addon.engine.fingerprint import light_digest, shape_digests
-
-    def found(**others):
-        scene = loaded(gallery() | others)
-        return dict(
-            zip([shape.id() for shape in scene.shapes()], shape_digests(scene), strict=True)
-        ), light_digest(scene)
-
-    shapes, light = found()
-    shapes_there, light_there = found(layered={"type": "sphere", "radius": 1.1})
-    assert light_there == light
-    assert {name for name, digest in shapes.items() if shapes_there[name] != digest} == {"layered"}
-    shapes_there, light_there = found(sky={"type": "constant"})
-    assert light_there != light
-    assert shapes_there == shapes
-
-
 def test_what_is_not_known_matches_nothing(mi, digest):
     class Own(mi.BSDF):
         def to_string(self):

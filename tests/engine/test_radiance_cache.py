@@ -428,6 +428,17 @@ def test_hologram_of_baked_light(build, camera, tmp_path):
         assert picture.mean() == pytest.approx(paths.mean(), rel=0.04)
 
 
+def test_materials_that_come_and_go_are_no_damage(build, camera, tmp_path):
+    """A block that is cached, then traced, then scatters nothing diffusely, then is cached again."""
+    store = engine.BakeStore(tmp_path)
+    for kind in ("diffuse", "principled", "roughconductor", "diffuse"):
+        block = build.box([-0.1, -0.1, -0.9], [0.1, 0.1, -0.8], {"bsdf": {"type": kind}})
+        scene = stage(build, block=block, bulb=lamp(build, 20.0, 0.9))
+        _, done = bake(scene, camera, store, noise=0.3)
+        assert done.reused != "all" and done.note == ""
+        assert ("block" in done.traced) == (kind == "principled")
+
+
 def test_a_plain_to_the_horizon_coarsens_nothing_else(build, camera, tmp_path):
     """It is traced, here and when the light is used again; what stands on it keeps texels of a pixel."""
     T, store = build.T(), engine.BakeStore(tmp_path)
