@@ -57,8 +57,8 @@ def default_depth_range(width, height, pitch):
     return SMALL_DEPTH_RANGE[0] * scale, SMALL_DEPTH_RANGE[1] * scale
 
 
-def default_focus(plan, camera, hologram):
-    """Three world depths spread evenly in dioptres over what is in view: near, middle and far, metres.
+def dioptres_in_view(plan, camera, hologram):
+    """Nearest and farthest depth in view, in dioptres; 0 is infinity.
 
     Parameters
     ----------
@@ -68,13 +68,28 @@ def default_focus(plan, camera, hologram):
 
     Returns
     -------
-    list of float
-        Nearest first, `math.inf` where the view reaches infinity; fewer where depths coincide.
+    (float, float)
     """
     from .engine.mapping import DepthMapping
 
     mapping = DepthMapping.of(hologram, camera, plan.near)
-    near, far = (1 / float(mapping.z_to_depth(z)) for z in (plan.z_high, plan.z_low))
+    return tuple(1 / float(mapping.z_to_depth(z)) for z in (plan.z_high, plan.z_low))
+
+
+def default_focus(plan, camera, hologram):
+    """Three world depths spread evenly in dioptres over what is in view: near, middle and far, metres.
+
+    Parameters
+    ----------
+    plan, camera, hologram
+        See `dioptres_in_view`.
+
+    Returns
+    -------
+    list of float
+        Nearest first, `math.inf` where the view reaches infinity; fewer where depths coincide.
+    """
+    near, far = dioptres_in_view(plan, camera, hologram)
     depths = []
     for dioptres in (near, (near + far) / 2, far):
         depth = float(f"{1 / dioptres:.3g}") if dioptres > 1e-6 else math.inf

@@ -27,20 +27,42 @@ def store():
     return BakeStore.default()
 
 
-def apply():
-    """Choose the backend as the preferences say; before Mitsuba is first used.
-
-    Raises
-    ------
-    engine.BackendUnavailable
-    """
+def wanted():
+    """Backend that the preferences choose, None for the best; tells the LLVM that they name to `engine.backend`."""
     preferences = _chosen()
     if preferences is None:
-        backend.activate()
-        return
+        return None
     if preferences.llvm_library:
-        os.environ["DRJIT_LIBLLVM_PATH"] = bpy.path.abspath(preferences.llvm_library)
-    backend.activate(None if preferences.backend == "AUTO" else preferences.backend)
+        os.environ["DRJIT_LIBLLVM_PATH"] = _found["llvm"] = bpy.path.abspath(preferences.llvm_library)
+    elif _found.pop("llvm", None):
+        os.environ.pop("DRJIT_LIBLLVM_PATH", None)
+    return None if preferences.backend == "AUTO" else preferences.backend
+
+
+_found = {}
+
+
+def backends():
+    """`backend.describe()`, asked once until `look_again`: it loads libraries."""
+    if "rows" not in _found:
+        _found["wanted"] = wanted()
+        _found["rows"] = backend.describe()
+    return _found["rows"]
+
+
+def look_again():
+    """Forget which backends there are."""
+    _found.pop("rows", None)
+
+
+def missing():
+    """Why nothing can compute as the preferences wish, in a sentence; empty if it can."""
+    rows = [row for row in backends() if _found["wanted"] in (None, row["name"])]
+    return "" if any(row["available"] for row in rows) else rows[-1]["detail"]
+
+
+def _changed(preferences, context):
+    look_again()
 
 
 class HoloPathPreferences(bpy.types.AddonPreferences):
@@ -51,6 +73,7 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
     backend: EnumProperty(
         name="Compute With",
         description="Processor that traces rays",
+        update=_changed,
         items=[
             ("AUTO", "Automatic", "The graphics card where Mitsuba can use it, else the processor", 0),
             (backend.CUDA, "Graphics card (CUDA)", "An NVIDIA card with OptiX", 1),
@@ -61,6 +84,7 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         name="LLVM Library",
         description="libLLVM file to use in place of the newest one found; takes effect after a restart",
         subtype="FILE_PATH",
+        update=_changed,
     )
     bake_folder: StringProperty(
         name="Baked Light",
@@ -74,19 +98,11 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         layout.prop(self, "backend")
         layout.prop(self, "llvm_library")
         layout.prop(self, "bake_folder")
-        for row in _backends():
+        column = layout.column(align=True)
+        for row in backends():
             icon = "CHECKMARK" if row["available"] else "X"
-            layout.label(text=f"{row['name']}: {row['detail']}", icon=icon)
-
-
-_described = []
-
-
-def _backends():
-    """`backend.describe()`, asked once a session: it loads libraries."""
-    if not _described:
-        _described.extend(backend.describe())
-    return _described
+            column.label(text=f"{row['name']}: {row['detail']}", icon=icon)
+        layout.operator("holopath.check")
 
 
 CLASSES = (HoloPathPreferences,)

@@ -13,6 +13,7 @@ from bpy.props import (
 )
 
 from . import engine, pipeline
+from .engine import encoding
 from .engine import hologram as choices
 
 CUSTOM = "CUSTOM"
@@ -43,6 +44,7 @@ _LABELS = {
     "curvature": ("Wavefront", "Where neighbouring rays cross: right for curved mirrors and lenses"),
     "opl": ("Path length", "At the optical path length, as published: right for flat mirrors only"),
     "fit": ("Fit scene", "Spread the scene from its near end to infinity over the depth range"),
+    "dpac": ("Double phase", "Neighbouring pixels whose mean is the complex amplitude"),
     "eyepiece": ("Eyepiece", "Place depths as an eyepiece that shows the hologram in the camera's view does"),
 }
 
@@ -105,6 +107,13 @@ def _get_dioptres(props):
 
 def _set_dioptres(props, value):
     props.focus = min(1 / max(value, 1e-9), LARGEST_FOCUS)
+
+
+def _phase_frame_changed(props, context):
+    from .operators import session
+
+    if session.current.phase is not None:
+        session.show_phase(props.phase_frame)
 
 
 class HoloPathSettings(bpy.types.PropertyGroup):
@@ -381,6 +390,19 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         step=10,
         precision=2,
         update=_focus_changed,
+    )
+    encoding: EnumProperty(
+        name="Encoding",
+        description="How complex amplitudes become the phases that an SLM shows",
+        items=_items(encoding.METHODS),
+    )
+    phase_frame: IntProperty(
+        name="Frame",
+        description="Which of the hologram's frames the picture of its phases shows, from 0",
+        default=0,
+        min=0,
+        max=255,
+        update=_phase_frame_changed,
     )
 
 

@@ -6,11 +6,12 @@ Imports no bpy, and Mitsuba only when used.
 from .bake_store import BakeStore
 from .camera import Camera
 from .displays import DISPLAYS, Display
+from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram, Settings
 from .metrics import psnr, ssim
 from .planner import Decision, Plan, plan
-from .reconstruction import Pupil, reconstruct, to_rgb
+from .reconstruction import Pupil, Refocuser, reconstruct, to_rgb
 from .reference import reference
 from .rendering import render
 from .wavefield import WaveField
@@ -25,10 +26,13 @@ __all__ = [
     "Display",
     "Hologram",
     "InvalidInput",
+    "PhaseHologram",
     "Plan",
     "Pupil",
+    "Refocuser",
     "Settings",
     "WaveField",
+    "encode",
     "plan",
     "psnr",
     "reconstruct",

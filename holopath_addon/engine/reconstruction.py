@@ -9,6 +9,10 @@ from .errors import InvalidInput
 from .hologram import channel
 from .propagation import field_of, padded_shape, spectral_u, spectrum, transfer_function
 
+MOST_BYTES = (
+    1 << 29
+)  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
+
 
 @dataclass(frozen=True)
 class Pupil:
@@ -45,6 +49,67 @@ def pupil_mask(shape, pitch, wavelength, mapping, pupil):
     return inside
 
 
+class Refocuser:
+    """A wave field ready to be focused: the spectra of its frames are kept from one focus to the next.
+
+    Refocusing is then one inverse FFT a frame and wavelength.
+
+    Parameters
+    ----------
+    field : WaveField
+    most_bytes : int
+        Spectra that do not fit into this much memory are computed anew each time.
+    """
+
+    def __init__(self, field, most_bytes=MOST_BYTES):
+        self.field = field
+        self._most_bytes = most_bytes
+        self._spectra = {}  # (wavelength, frame) -> spectrum
+        self._shapes = {}  # wavelength -> its padded shape
+
+    def __call__(self, focus, pupil=None, progress=None):
+        """Pictures at several distances, as `reconstruct`."""
+        progress = progress or (lambda done, message: None)
+        field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
+        distances = mapping.depth_to_z(list(focus))
+        frames, colours, *shape = field.data.shape
+        images = np.empty((len(distances), *shape, colours), np.float32)
+        for k, wavelength in enumerate(hologram.wavelengths):
+            sums = np.zeros((len(distances), *shape), np.float32)
+            padded = self._padded(k, float(np.abs(distances).max()))
+            transfers = [transfer_function(padded, hologram.pitch, wavelength, z) for z in distances]
+            if pupil is not None:
+                mask = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil)
+                transfers = [transfer * mask for transfer in transfers]
+            for m in range(frames):
+                waves = self._spectrum(k, m, padded)
+                for total, transfer in zip(sums, transfers, strict=True):
+                    at_focus = field_of(waves * transfer, shape)
+                    total += at_focus.real**2 + at_focus.imag**2
+                progress((k * frames + m + 1) / (frames * colours), "Refocusing")
+            images[..., k] = sums / frames
+        return images
+
+    def _padded(self, k, distance):
+        """FFT shape for a wavelength and distance: that of the kept spectra where they are large enough."""
+        hologram, shape = self.field.hologram, self.field.data.shape[-2:]
+        needed = padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance)
+        held = self._shapes.get(k, needed)
+        if held[0] < needed[0] or held[1] < needed[1]:
+            held = needed
+            self._spectra = {key: wave for key, wave in self._spectra.items() if key[0] != k}
+        self._shapes[k] = held
+        return held
+
+    def _spectrum(self, k, m, padded):
+        kept = self._spectra.get((k, m))
+        if kept is None:
+            kept = spectrum(self.field.data[m, k], padded)
+            if sum(wave.nbytes for wave in self._spectra.values()) + kept.nbytes <= self._most_bytes:
+                self._spectra[k, m] = kept
+        return kept
+
+
 def reconstruct(field, focus, pupil=None, progress=None):
     """Time-averaged intensity of a wave field, focused at world depths.
 
@@ -68,24 +133,7 @@ def reconstruct(field, focus, pupil=None, progress=None):
     InvalidInput
         If a focus is not in front of the camera or the pupil misses the light.
     """
-    progress = progress or (lambda done, message: None)
-    hologram, mapping = field.hologram, field.mapping
-    distances = mapping.depth_to_z(list(focus))
-    frames, colours, *shape = field.data.shape
-    images = np.zeros((len(distances), *shape, colours), np.float32)
-    for k, wavelength in enumerate(hologram.wavelengths):
-        padded = padded_shape(shape, hologram.pitch, wavelength, float(np.abs(distances).max()))
-        transfers = [transfer_function(padded, hologram.pitch, wavelength, z) for z in distances]
-        if pupil is not None:
-            mask = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil)
-            transfers = [transfer * mask for transfer in transfers]
-        for m in range(frames):
-            waves = spectrum(field.data[m, k], padded)
-            for image, transfer in zip(images, transfers, strict=True):
-                at_focus = field_of(waves * transfer, shape)
-                image[..., k] += at_focus.real**2 + at_focus.imag**2
-            progress((k * frames + m + 1) / (frames * colours), "Refocusing")
-    return images / frames
+    return Refocuser(field, most_bytes=0)(focus, pupil, progress)
 
 
 def to_rgb(image, wavelengths):

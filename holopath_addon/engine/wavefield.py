@@ -1,9 +1,6 @@
 """The rendered wave field: complex amplitudes at the SLM plane, and their form on disk."""
 
 import json
-import os
-import shutil
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,6 +8,7 @@ import numpy as np
 
 from .camera import Camera
 from .errors import InvalidInput
+from .folders import whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
 
@@ -60,14 +58,7 @@ class WaveField:
         OSError
             If it cannot be written; nothing is left behind.
         """
-        folder = Path(folder)
-        if folder.exists() and any(folder.iterdir()) and not (folder / "meta.json").exists():
-            raise InvalidInput(
-                f"The folder {folder} holds something other than a wave field: choose another one."
-            )
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        try:
+        with whole_folder(folder, "a wave field") as part:
             np.save(part / "field.npy", self.data)
             meta = {
                 "format_version": FORMAT_VERSION,
@@ -86,13 +77,6 @@ class WaveField:
                 "report": self.report,
             }
             (part / "meta.json").write_text(json.dumps(meta, indent=1))
-            os.chmod(part, 0o755)
-            if folder.exists():
-                shutil.rmtree(folder)
-            os.replace(part, folder)
-        except BaseException:
-            shutil.rmtree(part, ignore_errors=True)
-            raise
 
     @classmethod
     def load(cls, folder):

@@ -2,6 +2,6 @@
 
 from .cache import ExportCache
 from .notes import Note
-from .scene import Exported, export_scene, unit_scale
+from .scene import Exported, Reading, export_scene, read_scene, unit_scale
 
-__all__ = ["ExportCache", "Exported", "Note", "export_scene", "unit_scale"]
+__all__ = ["ExportCache", "Exported", "Note", "Reading", "export_scene", "read_scene", "unit_scale"]

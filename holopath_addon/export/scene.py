@@ -36,8 +36,51 @@ class Exported:
     notes: list
 
 
+@dataclass(frozen=True)
+class Reading:
+    """What was read of a Blender scene; holds nothing of bpy.
+
+    Attributes
+    ----------
+    name : str
+        The scene's.
+    parts : dict
+        For `mitsuba.load_dict`.
+    camera : Camera
+    notes : Notes
+    """
+
+    name: str
+    parts: dict
+    camera: Camera
+    notes: Notes
+
+    def build(self):
+        """Have Mitsuba build its scene, which takes longest where there are many triangles; in any thread.
+
+        Returns
+        -------
+        Exported
+        """
+        import mitsuba as mi
+
+        scene = mi.load_dict(self.parts)
+        _note_precision(scene, self.name, self.notes)
+        return Exported(scene, self.camera, list(self.notes))
+
+
 def export_scene(depsgraph, resolution, camera=None, cache=None):
-    """Export the evaluated scene.
+    """Export the evaluated scene: `read_scene` and `Reading.build` in one.
+
+    Returns
+    -------
+    Exported
+    """
+    return read_scene(depsgraph, resolution, camera, cache).build()
+
+
+def read_scene(depsgraph, resolution, camera=None, cache=None):
+    """Read the evaluated scene; on the thread that owns `depsgraph`.
 
     Parameters
     ----------
@@ -52,7 +95,7 @@ def export_scene(depsgraph, resolution, camera=None, cache=None):
 
     Returns
     -------
-    Exported
+    Reading
 
     Raises
     ------
@@ -62,16 +105,13 @@ def export_scene(depsgraph, resolution, camera=None, cache=None):
         Where Mitsuba cannot run.
     """
     activate()
-    import mitsuba as mi
-
     scene = depsgraph.scene
     notes = Notes()
     scale = unit_scale(scene)
     exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
     pixel = footprint(exported_camera, resolution, scale)
-    exported_scene = mi.load_dict(read_parts(depsgraph, scale, pixel, notes, cache))
-    _note_precision(exported_scene, scene.name, notes)
-    return Exported(exported_scene, exported_camera, list(notes))
+    parts = read_parts(depsgraph, scale, pixel, notes, cache)
+    return Reading(scene.name, parts, exported_camera, notes)
 
 
 def _note_precision(exported_scene, name, notes):
@@ -100,7 +140,7 @@ def footprint(camera, resolution, scale):
 
 
 def read_parts(depsgraph, scale, pixel, notes, cache=None):
-    """What `export_scene` reads of Blender, before Mitsuba builds its scene of it.
+    """What of Blender's scene becomes Mitsuba's.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ from bpy.props import BoolProperty
 
 from .. import preferences
 from . import session
-from .working import Working, free, present
+from .working import Working, export, free, present
 
 
 class HOLOPATH_OT_bake(Working, bpy.types.Operator):
@@ -33,13 +33,19 @@ class HOLOPATH_OT_bake(Working, bpy.types.Operator):
             else cls.__doc__
         )
 
-    def work(self, progress):
-        return self.task.bake(progress, self.anew)
+    def work(self, scene):
+        anew = self.anew
+
+        def bake(job, progress):
+            task = export(job, progress, scene)
+            return task, *task.bake(progress, anew)
+
+        return bake
 
     def finish(self, context, result):
-        session.keep_baked(self.task, *result)
+        session.keep_baked(*result)
         if self.show:
-            present(context, session.show_texture(), "Show Texture")
+            self.present(context, session.show_texture())
         return "Light taken from disk" if session.current.bake["reused"] == "all" else "Light baked"
 
 
@@ -57,7 +63,7 @@ class HOLOPATH_OT_show_texture(bpy.types.Operator):
         return free(cls)
 
     def execute(self, context):
-        present(context, session.show_texture(), self.bl_label)
+        present(context, session.show_texture())
         return {"FINISHED"}
 
 

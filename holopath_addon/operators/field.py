@@ -1,5 +1,7 @@
 """What can be done with a rendered wave field without rendering again."""
 
+import math
+import time
 from pathlib import Path
 
 import bpy
@@ -8,6 +10,7 @@ from bpy.props import StringProperty
 from .. import engine, properties
 from ..export import unit_scale
 from . import session
+from .working import free
 
 
 class HOLOPATH_OT_refocus(bpy.types.Operator):
@@ -91,4 +94,55 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (HOLOPATH_OT_refocus, HOLOPATH_OT_save_field, HOLOPATH_OT_focus_from_selected)
+class HOLOPATH_OT_sweep(bpy.types.Operator):
+    """Move the focus to and fro between the nearest and the farthest thing in view; again, or Esc, stops it"""
+
+    bl_idname = "holopath.sweep"
+    bl_label = "Play"
+
+    PERIOD = 8.0  # seconds there and back
+
+    @classmethod
+    def poll(cls, context):
+        if session.current.field is None:
+            cls.poll_message_set("Render a hologram first")
+            return False
+        return free(cls)
+
+    def invoke(self, context, event):
+        """Begin, or stop what plays."""
+        if session.current.sweep is not None:
+            session.stop_sweep()
+            return {"FINISHED"}
+        self._near, self._far = session.dioptres_in_view()
+        self._scene, self._started = context.scene.name, time.monotonic()
+        self._sweep = session.current.sweep = context.window_manager.event_timer_add(
+            0.05, window=context.window
+        )
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """The next focus, as soon as the last one is shown."""
+        stopped = event.type == "ESC" and event.value == "PRESS"
+        scene = bpy.data.scenes.get(self._scene)
+        if stopped or scene is None or session.current.field is None or session.running():
+            session.stop_sweep(self._sweep)
+        if session.current.sweep is not self._sweep:
+            return {"FINISHED", "PASS_THROUGH"}
+        if event.type == "TIMER" and not session.refocusing():
+            turn = 2 * math.pi * (time.monotonic() - self._started) / self.PERIOD
+            share = 0.5 + 0.5 * math.cos(turn)
+            dioptres = self._far + (self._near - self._far) * share
+            properties.note_focus(scene.holopath, 1 / max(dioptres, 1e-9))
+            session.request_refocus(
+                properties.focus_of(scene.holopath), properties.pupil_or_none(scene.holopath)
+            )
+        return {"PASS_THROUGH"}
+
+    def cancel(self, context):
+        """The window closes or another file is opened."""
+        session.stop_sweep(self._sweep)
+
+
+CLASSES = (HOLOPATH_OT_refocus, HOLOPATH_OT_sweep, HOLOPATH_OT_save_field, HOLOPATH_OT_focus_from_selected)

@@ -1,6 +1,9 @@
 """Work in a thread that reports progress and can be cancelled, and work that only the main thread may do."""
 
+import os
+import sys
 import threading
+import time
 
 import bpy
 
@@ -8,6 +11,7 @@ from .. import engine
 
 # The main thread may be busy with a dialog, or wait for this very thread.
 PATIENCE = 10.0  # seconds
+NICE = 10  # of 19: how readily work in a thread gives way
 
 
 def on_main_thread(work):
@@ -66,6 +70,9 @@ class Job:
         self._work = work
         self._cancel = threading.Event()
         self._thread = None
+        self._question = None
+        self._picture = None
+        self._started = time.monotonic()
         self.done = 0.0
         self.message = ""
         self.result = None
@@ -81,9 +88,17 @@ class Job:
         """Whether `cancel` was called."""
         return self._cancel.is_set()
 
+    @property
+    def remaining(self):
+        """Seconds left, as the work so far tells; None while that is too little."""
+        elapsed = time.monotonic() - self._started
+        if elapsed < 1 or self.done < 0.05:
+            return None
+        return elapsed * (1 - self.done) / self.done
+
     def start(self):
-        """Run in a thread of its own."""
-        self._thread = threading.Thread(target=self.run, name="HoloPath", daemon=True)
+        """Run in a thread of its own, which leaves the processor to the window where that needs it."""
+        self._thread = threading.Thread(target=self._give_way, name="HoloPath", daemon=True)
         self._thread.start()
 
     def run(self):
@@ -102,6 +117,47 @@ class Job:
         if self._thread is not None:
             self._thread.join(seconds)
         return not self.running
+
+    def ask(self, question):
+        """Called by the work: have `question()` answered where `serve` is called; what it returns or raises.
+
+        Raises
+        ------
+        engine.Cancelled
+            If the job is cancelled meanwhile.
+        """
+        if threading.current_thread() is threading.main_thread():
+            return question()
+        answer, answered = Job(lambda progress: question()), threading.Event()
+        self._question = answer, answered
+        while not answered.wait(0.05):
+            if self.cancelling:
+                raise engine.Cancelled
+        if answer.error is not None:
+            raise answer.error
+        return answer.result
+
+    def serve(self):
+        """Answer what the work asks, if it does; on the main thread."""
+        question, self._question = self._question, None
+        if question is not None:
+            answer, answered = question
+            answer.run()
+            answered.set()
+
+    def offer(self, picture):
+        """Called by the work: something to look at until there is a result."""
+        self._picture = picture
+
+    def take(self):
+        """What was offered since the last time, or None."""
+        picture, self._picture = self._picture, None
+        return picture
+
+    def _give_way(self):
+        if sys.platform == "linux":  # where threads have a priority each; those that compute inherit it
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+        self.run()
 
     def _progress(self, done, message):
         if self._cancel.is_set():

@@ -2,9 +2,9 @@
 
 import bpy
 
-from .. import engine, properties
+from .. import preferences, properties
 from . import session
-from .working import Working, free, present
+from .working import Working, export, free
 
 
 class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
@@ -14,15 +14,25 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
     bl_label = "Render Hologram"
     doing = "rendering"
 
-    def work(self, progress):
-        return self.task.compute(progress)
+    def work(self, scene):
+        def render(job, progress):
+            task = export(job, progress, scene)
+            return task, task.compute(progress, job.offer)
+
+        return render
+
+    def glimpse(self, context, picture):
+        self.present(context, session.show_rgb(picture))
 
     def finish(self, context, result):
-        session.keep(self.task, result)
-        if self.task.focus is None:
-            properties.note_focus(context.scene.holopath, result.focus[0])
-        image = session.show(result.images[0], self.task.hologram.wavelengths)
-        present(context, image, self.bl_label)
+        task, result = result
+        session.keep(task, result)
+        props = self.scene_settings()
+        if task.focus is None and props is not None:
+            properties.note_focus(props, result.focus[0])
+        self.present(context, session.show(result.images[0], task.hologram.wavelengths))
+        if not bpy.app.background:
+            bpy.ops.ed.undo_push(message=self.bl_label)
         return "Hologram rendered"
 
 
@@ -54,9 +64,7 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
     def execute(self, context):
         try:
             task = session.prepare(context.evaluated_depsgraph_get(), context.scene.holopath)
-            session.current.plan = engine.plan(
-                task.scene, task.camera, task.hologram, task.settings, task.store
-            )
+            session.current.plan = task.plan()
         except Exception as error:
             self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
@@ -67,4 +75,23 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (HOLOPATH_OT_render_hologram, HOLOPATH_OT_cancel, HOLOPATH_OT_plan)
+class HOLOPATH_OT_check(bpy.types.Operator):
+    """Look again for what Mitsuba computes with: a graphics card, or LLVM for the processor"""
+
+    bl_idname = "holopath.check"
+    bl_label = "Check Again"
+
+    def execute(self, context):
+        preferences.look_again()
+        problem = preferences.missing()
+        session.current.error = ""
+        session.redraw()
+        if problem:
+            self.report({"WARNING"}, problem)
+        else:
+            used = next(row for row in preferences.backends() if row["available"])
+            self.report({"INFO"}, f"HoloPath computes with {used['name']}: {used['detail']}.")
+        return {"FINISHED"}
+
+
+CLASSES = (HOLOPATH_OT_render_hologram, HOLOPATH_OT_cancel, HOLOPATH_OT_plan, HOLOPATH_OT_check)

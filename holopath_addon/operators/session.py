@@ -1,18 +1,21 @@
 """What this Blender session holds: the job at work, the last wave field, and what is known of it."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import bpy
 import numpy as np
 
 from .. import engine, failures, pipeline, preferences, properties
-from ..engine import rendering
-from ..export import ExportCache, export_scene
+from ..engine import backend, rendering
+from ..export import ExportCache, Reading, read_scene
 from .jobs import Job
 
 IMAGE = "HoloPath Reconstruction"
 TEXTURE = "HoloPath Baked Light"
+PHASE = "HoloPath Phase"
 
 
 @dataclass
@@ -23,8 +26,10 @@ class Session:
     ----------
     job : Job or None
         The hologram being rendered, or the light being baked.
-    field : engine.WaveField or None
-        The last one rendered; its picture can be refocused.
+    refocuser : engine.Refocuser or None
+        Holds the last wave field rendered; its picture can be refocused.
+    phase : engine.PhaseHologram or None
+        The field's, once it is encoded.
     plan : engine.Plan or None
     notes : list of str
         What the exporter approximated or left out.
@@ -36,10 +41,15 @@ class Session:
         Last failure in one sentence; empty if there was none.
     leave : callable or None
         Takes back what the running operator changed in the window, see `leave`.
+    refocus : Job or None
+        The picture in work, and in `wanted` the focus and pupil of the next one.
+    sweep : bpy.types.Timer or None
+        Of the focus that plays.
     """
 
     job: Job | None = None
-    field: engine.WaveField | None = None
+    refocuser: engine.Refocuser | None = None
+    phase: engine.PhaseHologram | None = None
     plan: engine.Plan | None = None
     notes: list = dataclasses.field(default_factory=list)
     bake: dict | None = None
@@ -48,6 +58,12 @@ class Session:
     leave: object = None
     refocus: Job | None = None
     wanted: tuple | None = None
+    sweep: object = None
+
+    @property
+    def field(self):
+        """The last `engine.WaveField` rendered, or None."""
+        return self.refocuser and self.refocuser.field
 
 
 current = Session()
@@ -57,34 +73,51 @@ cache = ExportCache()
 
 @dataclass(frozen=True)
 class Task:
-    """An exported scene and how to render it; holds nothing of bpy, so a thread may work on it."""
+    """What was read of a scene and how to render it; holds nothing of bpy, so a thread may work on it."""
 
-    scene: object
-    camera: engine.Camera
+    reading: Reading
     hologram: engine.Hologram
     settings: engine.Settings
     focus: float | None  # metres; None finds it
     pupil: engine.Pupil | None
-    notes: list
     store: engine.BakeStore
 
-    def compute(self, progress):
-        """`pipeline.Result` of the task."""
+    @cached_property
+    def exported(self):
+        """`export.Exported`, with the scene that Mitsuba builds when this is first asked for."""
+        return self.reading.build()
+
+    @property
+    def notes(self):
+        """What the exporter approximated or left out, a line each."""
+        return [str(note) for note in self.exported.notes]
+
+    def plan(self):
+        """`engine.Plan` of the task."""
+        scene, camera = self.exported.scene, self.exported.camera
+        return engine.plan(scene, camera, self.hologram, self.settings, self.store)
+
+    def compute(self, progress, offer=None):
+        """`pipeline.Result` of the task; `offer` is called with pictures to look at meanwhile."""
+        progress(0.0, "Building the scene")
+        scene, camera = self.exported.scene, self.exported.camera
         focus = "centre" if self.focus is None else [self.focus]
         return pipeline.compute(
-            self.scene, self.camera, self.hologram, self.settings, focus, self.pupil, progress, self.store
+            scene, camera, self.hologram, self.settings, focus, self.pupil, progress, self.store
         )
 
     def bake(self, progress, anew=False):
         """Picture of the baked light and its `engine.baking.Bake`; `anew` takes nothing from the store."""
+        progress(0.0, "Building the scene")
+        scene, camera = self.exported.scene, self.exported.camera
         progress(0.0, "Planning")
         return rendering.baked_picture(
-            self.scene, self.camera, self.hologram, self.settings, self.store, progress, anew
+            scene, camera, self.hologram, self.settings, self.store, progress, anew
         )
 
 
 def prepare(depsgraph, props, resolution=None):
-    """Export the scene; on the thread that owns `depsgraph`.
+    """Read the scene; on the thread that owns `depsgraph`.
 
     Parameters
     ----------
@@ -102,23 +135,21 @@ def prepare(depsgraph, props, resolution=None):
     engine.InvalidInput, engine.BackendUnavailable
     """
     hologram, settings = properties.hologram_of(props, resolution), properties.settings_of(props)
-    preferences.apply()
-    exported = export_scene(depsgraph, (hologram.width, hologram.height), cache=cache)
+    backend.activate(preferences.wanted())
     return Task(
-        exported.scene,
-        exported.camera,
+        read_scene(depsgraph, (hologram.width, hologram.height), cache=cache),
         hologram,
         settings,
         None if props.focus_auto else properties.focus_of(props),
         properties.pupil_or_none(props),
-        [str(note) for note in exported.notes],
         preferences.store(),
     )
 
 
 def keep(task, result):
     """Remember a finished render."""
-    current.field, current.plan, current.notes, current.error = result.field, result.plan, task.notes, ""
+    current.refocuser, current.phase = engine.Refocuser(result.field), None
+    current.plan, current.notes, current.error = result.plan, task.notes, ""
     if "bake" in result.field.report:
         current.bake, current.texture = result.field.report["bake"], None
 
@@ -187,13 +218,25 @@ def show(image, wavelengths):
     return _shown(IMAGE, picture(image, wavelengths))
 
 
+def show_rgb(rgb):
+    """Put a picture, array [y, x, 3], in the reconstruction's place, see `show`."""
+    return _shown(IMAGE, _rgba(rgb))
+
+
+def show_phase(frame):
+    """Put a frame of the encoded hologram into an image datablock of its own: a turn is white, see `show`."""
+    phase = current.phase
+    levels = np.moveaxis(phase.data[min(frame, len(phase.data) - 1)], 0, -1) / (2 * math.pi)
+    return _shown(PHASE, _rgba(engine.to_rgb(levels, phase.hologram.wavelengths)), light=False)
+
+
 def show_texture():
     """Put the picture of the baked light into an image datablock of its own, see `show`."""
     return _shown(TEXTURE, _rgba(current.texture))
 
 
-def _shown(name, pixels):
-    """The image datablock of a name, with these rows of RGBA."""
+def _shown(name, pixels, light=True):
+    """The image datablock of a name, with these rows of RGBA: light, or plain numbers."""
     height, width = pixels.shape[:2]
     block = bpy.data.images.get(name)
     if block is not None and (block.source != "GENERATED" or not block.is_float):
@@ -201,8 +244,8 @@ def _shown(name, pixels):
         block = None
     if block is None:
         block = bpy.data.images.new(name, width, height, alpha=False, float_buffer=True)
-        block.colorspace_settings.name = "Linear Rec.709"
-        block.use_view_as_render = True
+        block.colorspace_settings.name = "Linear Rec.709" if light else "Non-Color"
+        block.use_view_as_render = light
     elif tuple(block.size) != (width, height):
         block.scale(width, height)
     block.pixels.foreach_set(pixels.ravel())
@@ -246,17 +289,16 @@ def refocus(focus, pupil):
     engine.InvalidInput
         If there is no field yet or the pupil misses its light.
     """
-    stored = current.field
-    if stored is None:
+    if current.refocuser is None:
         raise engine.InvalidInput("There is no wave field yet: press Render Hologram first.")
-    image = engine.reconstruct(stored, [focus], pupil)[0]
+    image = current.refocuser([focus], pupil)[0]
     current.error = ""
-    return show(image, stored.hologram.wavelengths)
+    return show(image, current.field.hologram.wavelengths)
 
 
 def request_refocus(focus, pupil):
     """Refocus the stored field soon, in a thread; requests made meanwhile replace each other."""
-    if current.field is None:
+    if current.refocuser is None:
         return
     if bpy.app.background:
         try:
@@ -265,33 +307,67 @@ def request_refocus(focus, pupil):
             fail(error)
         return
     current.wanted = (focus, pupil)
+    _start_refocus()
     if not bpy.app.timers.is_registered(_poll_refocus):
         bpy.app.timers.register(_poll_refocus, first_interval=0.01)
 
 
+def refocusing():
+    """Whether a picture that was requested is not shown yet."""
+    return current.refocus is not None or current.wanted is not None
+
+
+def dioptres_in_view():
+    """Nearest and farthest thing in view of the stored field, dioptres."""
+    stored = current.field
+    return pipeline.dioptres_in_view(current.plan, stored.camera, stored.hologram)
+
+
+def stop_sweep(timer=None):
+    """End the focus that plays; with a timer, only if it is the one of that timer."""
+    playing = current.sweep
+    if playing is not None and timer in (None, playing):
+        current.sweep = None
+        bpy.context.window_manager.event_timer_remove(playing)
+
+
+def _start_refocus():
+    """Begin with what is wanted, unless another picture is still in work."""
+    if current.refocus is not None or current.wanted is None or current.refocuser is None:
+        return
+    (focus, pupil), current.wanted, refocuser = current.wanted, None, current.refocuser
+    wavelengths = refocuser.field.hologram.wavelengths
+    current.refocus = Job(lambda progress: picture(refocuser([focus], pupil, progress)[0], wavelengths))
+    current.refocus.start()
+
+
 def _poll_refocus():
-    job, stored = current.refocus, current.field
+    job = current.refocus
     if job is not None:
         if job.running:
-            return 0.02
+            return 0.01
         current.refocus = None
         if job.error is not None:
             fail(job.error)
         else:
             current.error = ""
-            show(*job.result)
-        redraw()
-    if current.wanted is None or stored is None:
-        return None
-    (focus, pupil), current.wanted = current.wanted, None
-    current.refocus = Job(
-        lambda progress: (
-            engine.reconstruct(stored, [focus], pupil, progress)[0],
-            stored.hologram.wavelengths,
-        )
-    )
-    current.refocus.start()
-    return 0.02
+            _shown(IMAGE, job.result)
+        redraw(images=False)  # the picture's own change has it drawn
+    _start_refocus()
+    return None if current.refocus is None else 0.01
+
+
+def show_again():
+    """Show the stored field's picture in place of what a cancelled render left; nothing where there is none."""
+    scene = bpy.context.scene
+    if current.refocuser is not None and IMAGE in bpy.data.images and scene is not None:
+        request_refocus(properties.focus_of(scene.holopath), properties.pupil_or_none(scene.holopath))
+
+
+def progress_text(job):
+    """How far a job is, in a few words: ``42 % Wave tracing, 12 s left``."""
+    left = job.remaining
+    return f"{job.done:.0%} {job.message}" + ("" if left is None else f", {math.ceil(left)} s left")
 
 
 @bpy.app.handlers.persistent
@@ -302,6 +378,7 @@ def _forget(*_):
             job.cancel()
             job.wait(5.0)
     leave()
+    stop_sweep()
     current.__dict__.update(vars(Session()))
 
 

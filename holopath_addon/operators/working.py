@@ -4,15 +4,17 @@ import time
 
 import bpy
 
-from .. import engine
+from .. import engine, failures, preferences
+from ..engine import backend
 from . import session
 from .jobs import Job
 
+POLL = 0.05  # seconds
 REDRAW = 0.25  # seconds between two displays of progress: drawing takes time from the work
 
 
 class Working:
-    """Operator that works on the exported scene, in a thread where it is invoked; Esc cancels.
+    """Operator that takes long: in a thread where it is invoked, while the window stays usable; Esc cancels.
 
     A subclass brings `work`, `finish` and `doing`.
     """
@@ -20,16 +22,21 @@ class Working:
     doing = "working"
 
     _job = None
+    _scene = ""
     _started = 0.0
     _told = ""
     _told_at = 0.0
+    _presented = False
 
     @classmethod
     def poll(cls, context):
         return context.scene is not None and free(cls)
 
-    def work(self, progress):
-        """Do it with `self.task`, in any thread: the result."""
+    def work(self, scene):
+        """What to do for the scene of that name: a function of a job and its progress that returns the result.
+
+        It runs in a thread, so it must not touch the operator; what needs Blender's data it asks of the job.
+        """
         raise NotImplementedError
 
     def finish(self, context, result):
@@ -38,24 +45,17 @@ class Working:
 
     def execute(self, context):
         """Work and wait for the end."""
-        job = self._begin(context)
-        if job is None:
-            return {"CANCELLED"}
-        job.run()
+        self._begin(context).run()
         return self._end(context)
 
     def invoke(self, context, event):
         """Work in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
-        job = self._begin(context)
-        if job is None:
-            return {"CANCELLED"}
-        job.start()
-        timer = context.window_manager.event_timer_add(0.1, window=context.window)
+        self._begin(context).start()
+        timer = context.window_manager.event_timer_add(POLL, window=context.window)
         session.current.leave = lambda: _leave(timer)
         context.window_manager.modal_handler_add(self)
-        context.workspace.status_text_set(f"HoloPath: {self.doing}, Esc cancels")
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
@@ -63,11 +63,16 @@ class Working:
         job = self._job
         if event.type == "ESC" and event.value == "PRESS" and job.running:
             job.cancel()
+            self._tell(context)
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
             if not job.running:
                 session.leave()
                 return self._end(context)
+            job.serve()
+            picture = job.take()
+            if picture is not None:
+                self.glimpse(context, picture)
             self._tell(context)
         return {"PASS_THROUGH"}
 
@@ -77,10 +82,24 @@ class Working:
             self._job.cancel()
         session.leave()
 
+    def glimpse(self, context, picture):
+        """Show what the work offers before its end."""
+
+    def scene_settings(self):
+        """HoloPath's settings of the scene that was chosen, or None if it has been deleted since."""
+        scene = bpy.data.scenes.get(self._scene)
+        return scene and scene.holopath
+
+    def present(self, context, image):
+        """`present` an image, the first time; later it is only changed."""
+        if not self._presented:
+            self._presented = True
+            present(context, image)
+
     def _tell(self, context):
         """Show progress where there is news, now and then."""
         job, now = self._job, time.monotonic()
-        text = "cancelling" if job.cancelling else f"{job.done:.0%} {job.message}, Esc cancels"
+        text = "cancelling" if job.cancelling else f"{session.progress_text(job)}, Esc cancels"
         if text == self._told or now - self._told_at < REDRAW:
             return
         self._told, self._told_at = text, now
@@ -89,17 +108,13 @@ class Working:
         session.redraw(images=False)
 
     def _begin(self, context):
-        """The job, or None where the scene cannot be rendered."""
-        self._started = time.monotonic()
-        try:
-            self.task = session.prepare(context.evaluated_depsgraph_get(), context.scene.holopath)
-        except Exception as error:
-            self.report({"ERROR"}, session.fail(error))
-            session.redraw()
-            return None
+        """The job."""
+        self._started, self._scene = time.monotonic(), context.scene.name
         session.current.error = ""
-        self._job = session.current.job = Job(self.work)
-        return self._job
+        work = self.work(self._scene)
+        job = Job(lambda progress: work(job, progress))
+        self._job = session.current.job = job
+        return job
 
     def _end(self, context):
         job = self._job
@@ -109,16 +124,42 @@ class Working:
             if job.error is not None:
                 raise job.error
             told = self.finish(context, job.result)
-        except engine.Cancelled:
-            self.report({"INFO"}, "HoloPath: cancelled.")
-            return {"CANCELLED"}
         except BaseException as error:
-            self.report({"ERROR"}, session.fail(error))
+            session.show_again()
+            if failures.cancelled(error):
+                self.report({"INFO"}, "HoloPath: cancelled.")
+            else:
+                self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
         finally:
             session.redraw()
         self.report({"INFO"}, f"{told} in {time.monotonic() - self._started:.1f} s.")
         return {"FINISHED"}
+
+
+def export(job, progress, scene):
+    """Have the scene of that name read on the main thread, once Mitsuba has started in this one.
+
+    Returns
+    -------
+    session.Task
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
+    """
+
+    def read():
+        if bpy.context.scene is None or bpy.context.scene.name != scene:
+            raise engine.InvalidInput(
+                f"The scene '{scene}' was left or deleted before it was read: press the button again."
+            )
+        return session.prepare(bpy.context.evaluated_depsgraph_get(), bpy.context.scene.holopath)
+
+    progress(0.0, "Starting Mitsuba")
+    backend.activate(job.ask(preferences.wanted))
+    progress(0.0, "Reading the scene")
+    return job.ask(read)
 
 
 def free(operator):
@@ -136,19 +177,16 @@ def _leave(timer):
         workspace.status_text_set(None)
 
 
-def present(context, image, step):
+def present(context, image):
     """Show a new image where the user sees it: an open Image Editor, else as Blender shows renders.
 
     Parameters
     ----------
     context : bpy.types.Context
     image : bpy.types.Image
-    step : str
-        Name of the step that undo takes back.
     """
     if bpy.app.background:
         return
-    bpy.ops.ed.undo_push(message=step)
     space = _image_editor(context.window_manager, image)
     if space is None:
         bpy.ops.render.view_show("INVOKE_DEFAULT")

@@ -4,14 +4,16 @@ import bpy
 
 from . import sections
 
-# name, label, sections, closed at first
+# In the order of work: name, label (none: no header), sections, closed at first
 _SUBPANELS = (
-    ("display", "Display", sections.display, False),
+    ("display", "Display", sections.display, True),
     ("depth", "Depth", sections.depth, True),
     ("quality", "Quality", sections.quality, True),
+    ("estimate", "Estimate", sections.estimate, True),
     ("baked_light", "Baked Light", sections.baked_light, True),
+    ("render", "", sections.render, False),
     ("reconstruct", "Reconstruct", sections.reconstruct, False),
-    ("estimate", "Estimate", sections.estimate, False),
+    ("hologram", "Hologram", sections.hologram, False),
     ("notes", "Export Notes", sections.notes, True),
 )
 
@@ -49,8 +51,7 @@ class HOLOPATH_PT_view3d(_View3D, bpy.types.Panel):
     bl_label = "HoloPath"
 
     def draw(self, context):
-        sections.render(self.layout, context)
-        sections.f12(self.layout, context)
+        sections.summary(self.layout, context)
 
 
 class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
@@ -59,8 +60,7 @@ class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
     bl_label = "HoloPath"
 
     def draw(self, context):
-        sections.render(self.layout, context)
-        sections.f12(self.layout, context)
+        sections.summary(self.layout, context)
 
 
 class HOLOPATH_PT_image(_Section, bpy.types.Panel):
@@ -104,7 +104,8 @@ def _subpanels(parent, place):
                 "bl_idname": identifier,
                 "bl_label": label,
                 "bl_parent_id": parent.__name__,
-                "bl_options": {"DEFAULT_CLOSED"} if closed else set(),
+                "bl_options": ({"DEFAULT_CLOSED"} if closed else set())
+                | (set() if label else {"HIDE_HEADER"}),
                 "section": staticmethod(section),
             },
         )

@@ -7,6 +7,18 @@ from ..operators import session
 from ..properties import CUSTOM
 
 
+def summary(layout, context):
+    """What will be rendered, in a line; and what F12 renders."""
+    props = context.scene.holopath
+    _text(
+        layout,
+        context,
+        f"{props.resolution_x} × {props.resolution_y} pixels of {props.pitch_um:g} µm, "
+        f"{_count(props.frames, 'frame')}, {'three colours' if props.colours == 'RGB' else 'one colour'}",
+    )
+    f12(layout, context)
+
+
 def display(layout, context):
     """Resolution, pitch and wavelengths."""
     props = context.scene.holopath
@@ -118,13 +130,22 @@ def material(layout, context):
 
 
 def render(layout, context):
-    """The button, or progress while it is at work."""
+    """The button, or progress while it is at work; what to install where nothing can compute."""
     job = session.current.job
     layout.use_property_split = False
+    missing = preferences.missing()
+    if missing:
+        box = layout.box().column()
+        box.alert = True
+        _text(box, context, missing, icon="ERROR")
+        row = layout.row(align=True)
+        row.operator("holopath.check", icon="FILE_REFRESH")
+        show = row.operator("preferences.addon_show", text="Preferences", icon="PREFERENCES")
+        show.module = preferences.ADDON
     column = layout.column()
     column.scale_y = 1.5
     if session.running():
-        text = "Cancelling" if job.cancelling else f"{job.done:.0%}  {job.message}"
+        text = "Cancelling" if job.cancelling else session.progress_text(job)
         column.progress(factor=job.done, text=text)
         layout.operator("holopath.cancel", icon="CANCEL")
     else:
@@ -185,7 +206,11 @@ def reconstruct(layout, context):
         return
     row = layout.row(align=True)
     row.operator("holopath.refocus", icon="FILE_REFRESH")
-    row.operator("holopath.save_field", text="Save Field", icon="FILE_TICK")
+    playing = session.current.sweep is not None
+    row.operator(
+        "holopath.sweep", text="Stop" if playing else "Play Focus", icon="PAUSE" if playing else "PLAY"
+    )
+    layout.operator("holopath.save_field", icon="FILE_TICK")
     hologram = field.hologram
     _text(
         layout,
@@ -193,6 +218,21 @@ def reconstruct(layout, context):
         f"Stored: {hologram.width} × {hologram.height} pixels, "
         f"{_count(len(hologram.wavelengths), 'wavelength')}, {_count(len(field.data), 'frame')}",
     )
+
+
+def hologram(layout, context):
+    """The phases that an SLM shows."""
+    props = context.scene.holopath
+    layout.prop(props, "encoding")
+    layout.operator("holopath.encode", icon="IMAGE_ALPHA")
+    phase = session.current.phase
+    if phase is None:
+        text = "Render a hologram to encode it." if session.current.field is None else "Not encoded yet."
+        _text(layout, context, text, icon="INFO")
+        return
+    if len(phase.data) > 1:
+        layout.prop(props, "phase_frame", text=f"Frame (0 to {len(phase.data) - 1})")
+    layout.operator("holopath.save_hologram", icon="FILE_TICK")
 
 
 def estimate(layout, context):

@@ -280,3 +280,68 @@ def test_where_baked_light_is_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(preferences, "_chosen", lambda: None)
     monkeypatch.setenv("HOLOPATH_CACHE", str(tmp_path))
     assert preferences.store().folder == tmp_path
+
+
+def test_a_scene_that_is_left_is_not_read(scene):
+    """What is rendered is the scene whose button was pressed, or nothing."""
+    from holopath_addon.operators.working import export
+
+    job = Job(lambda progress: export(job, progress, "Another"))
+    job.run()
+    assert isinstance(job.error, engine.InvalidInput) and "'Another' was left or deleted" in str(job.error)
+
+
+def test_cancelled_render_keeps_the_last_one(scene, monkeypatch):
+    bpy.ops.holopath.render_hologram()
+    field, before = session.current.field, picture()
+    session.show_rgb(np.ones((64, 64, 3), np.float32))  # a glimpse of the next
+
+    def stop(*_, **__):
+        raise engine.Cancelled
+
+    monkeypatch.setattr(engine, "render", stop)
+    assert bpy.ops.holopath.render_hologram() == {"CANCELLED"}
+    assert session.current.field is field and session.current.error == ""
+    np.testing.assert_allclose(picture(), before, rtol=1e-4, atol=1e-5)
+
+
+def test_encode_and_save(scene, tmp_path):
+    assert not bpy.ops.holopath.encode.poll() and not bpy.ops.holopath.save_hologram.poll()
+    bpy.ops.holopath.render_hologram()
+    assert bpy.ops.holopath.encode() == {"FINISHED"}
+    phase = session.current.phase
+    assert phase.data.shape == session.current.field.data.shape
+    image = bpy.data.images[session.PHASE]
+    shown = np.array(image.pixels[:]).reshape(64, 64, 4)[::-1, :, :3]
+    np.testing.assert_allclose(shown, np.moveaxis(phase.data[0], 0, -1) / (2 * np.pi), atol=1e-6)
+    scene.holopath.phase_frame = 3
+    shown = np.array(image.pixels[:]).reshape(64, 64, 4)[::-1, :, :3]
+    np.testing.assert_allclose(shown, np.moveaxis(phase.data[3], 0, -1) / (2 * np.pi), atol=1e-6)
+    scene.holopath.phase_frame = 200  # there are four: the last is shown
+
+    assert bpy.ops.holopath.save_hologram(directory=str(tmp_path)) == {"FINISHED"}
+    np.testing.assert_array_equal(engine.PhaseHologram.load(tmp_path / "hologram").data, phase.data)
+    with pytest.raises(RuntimeError, match="No folder"):
+        bpy.ops.holopath.save_hologram()
+    bpy.ops.holopath.render_hologram()
+    assert session.current.phase is None  # of the field before
+
+
+def test_without_a_backend(scene, monkeypatch):
+    """The panel says what to install; once it is there, a press of Check Again finds it."""
+    monkeypatch.setattr(engine.backend, "_candidates", lambda: [])
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH")
+    with monkeypatch.context() as patch:
+        patch.setattr(engine.backend, "_cuda_device", lambda: (False, "no card"))
+        bpy.ops.holopath.check()
+        assert "install LLVM" in preferences.missing()
+    monkeypatch.undo()
+    assert "install LLVM" in preferences.missing()  # asked once, as panels are drawn often
+    bpy.ops.holopath.check()
+    assert preferences.missing() == ""
+
+
+def test_dioptres_in_view(scene):
+    bpy.ops.holopath.render_hologram()
+    near, far = session.dioptres_in_view()
+    assert near == pytest.approx(2, rel=0.02) and far == pytest.approx(0.5, rel=0.02)

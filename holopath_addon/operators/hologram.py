@@ -1,0 +1,88 @@
+"""Encode the stored wave field for an SLM, look at the phases and save them."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+
+from .. import engine
+from . import session
+from .working import Working
+
+
+class HOLOPATH_OT_encode(Working, bpy.types.Operator):
+    """Turn the stored wave field into the phases that an SLM shows, and show them"""
+
+    bl_idname = "holopath.encode"
+    bl_label = "Encode"
+    doing = "encoding"
+
+    @classmethod
+    def poll(cls, context):
+        if session.current.field is None:
+            cls.poll_message_set("Render a hologram first")
+            return False
+        return super().poll(context)
+
+    def work(self, scene):
+        field, method = session.current.field, bpy.data.scenes[scene].holopath.encoding
+        return lambda job, progress: engine.encode(field, method, progress)
+
+    def finish(self, context, result):
+        session.current.phase = result
+        props = self.scene_settings()
+        self.present(context, session.show_phase(props.phase_frame if props else 0))
+        return "Hologram encoded"
+
+
+class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
+    """Write the phases to a folder: phase.npy, and for each frame and colour a picture of 8 bits as an SLM takes it"""
+
+    bl_idname = "holopath.save_hologram"
+    bl_label = "Save Hologram"
+    doing = "saving"
+
+    directory: StringProperty(
+        name="Folder", description="Where to save", subtype="DIR_PATH", options={"SKIP_SAVE"}
+    )
+
+    _browsing = False
+
+    @classmethod
+    def poll(cls, context):
+        if session.current.phase is None:
+            cls.poll_message_set("Encode a hologram first")
+            return False
+        return super().poll(context)
+
+    def invoke(self, context, event):
+        """Ask for a folder, unless one is given."""
+        if self.directory:
+            return super().invoke(context, event)
+        self._browsing = True
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        """Save; after the file browser in a thread, of another operator: Blender ends this one."""
+        if self._browsing:
+            return bpy.ops.holopath.save_hologram("INVOKE_DEFAULT", directory=self.directory)
+        return super().execute(context)
+
+    def work(self, scene):
+        directory, phase = bpy.path.abspath(self.directory), session.current.phase
+
+        def save(job, progress):
+            if not directory:
+                raise engine.InvalidInput("No folder is given: choose one to save the hologram in.")
+            folder = Path(directory) / "hologram"
+            phase.save(folder, progress)
+            return folder
+
+        return save
+
+    def finish(self, context, result):
+        return f"Hologram saved in {result}"
+
+
+CLASSES = (HOLOPATH_OT_encode, HOLOPATH_OT_save_hologram)
