@@ -15,6 +15,10 @@ DEMOS = {
 FIELD_OF_VIEW = math.radians(38)
 
 
+# Where things stand, metres from the camera.
+FOCUS = {"planes": (0.5, 2.0), "suzanne": (0.5, 1.0, 4.0), "box": (0.7, 1.35, 1.8)}
+
+
 def build(name):
     """Replace the contents of the current Blender file by a demo scene.
 
@@ -28,52 +32,92 @@ def build(name):
     InvalidInput
         If there is no such demo.
     """
-    if name not in DEMOS:
-        raise InvalidInput(f"There is no demo scene '{name}': choose one of {', '.join(DEMOS)}.")
+    _check(name)
     _clear()
-    _camera()
-    {"planes": _planes, "suzanne": _suzanne, "box": _box}[name]()
     import bpy
 
-    bpy.context.view_layer.update()
+    _fill(bpy.context.scene, name)
+
+
+def add(name):
+    """Add a demo scene to the current Blender file, whose own scenes and data stay as they are.
+
+    Parameters
+    ----------
+    name : str
+        One of `DEMOS`.
+
+    Returns
+    -------
+    bpy.types.Scene
+        It is not yet the one that any window shows.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such demo.
+    """
+    _check(name)
+    import bpy
+
+    scene = bpy.data.scenes.new(f"HoloPath {name.title()}")
+    _fill(scene, name)
+    return scene
+
+
+def _check(name):
+    if name not in DEMOS:
+        raise InvalidInput(f"There is no demo scene '{name}': choose one of {', '.join(DEMOS)}.")
+
+
+def _fill(scene, name):
+    """Build a demo in an empty scene; everything is made without operators, so what is selected does not matter."""
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
+    scene.render.resolution_x = scene.render.resolution_y = 512
+    scene.view_settings.view_transform = "Standard"
+    _camera(scene)
+    {"planes": _planes, "suzanne": _suzanne, "box": _box}[name](scene)
+    scene.view_layers[0].update()
 
 
 # -- the scenes. The camera is at the origin, looks along +y, z is up; lengths in metres.
 
 
-def _planes():
+def _planes(scene):
     """The near plane hides the left part of the far one."""
-    _world((0.0, 0.0, 0.0))
+    _world(scene, (0.0, 0.0, 0.0))
     near = _shining("near", _star_chart(1024, 32, (0.02, 0.02, 0.05), (1.0, 0.75, 0.25)))
     far = _shining("far", _checker_chart(1024, 32, (0.05, 0.15, 0.6), (0.7, 0.9, 1.0)))
-    _upright("Near plane", near, (-0.075, 0.5, 0.0), 0.15, 0.24)
-    _upright("Far plane", far, (0.0, 2.0, 0.0), 1.6, 1.6)
+    _upright(scene, "Near plane", near, (-0.075, 0.5, 0.0), 0.15, 0.24)
+    _upright(scene, "Far plane", far, (0.0, 2.0, 0.0), 1.6, 1.6)
 
 
-def _suzanne():
-    _world((0.10, 0.13, 0.18))
-    _lamp("Key lamp", 30.0, (-0.9, -0.2, 1.3), (0.05, 0.9, -0.1), 0.4, (1.0, 0.93, 0.82))
-    _lamp("Wall lamp", 90.0, (1.6, 2.2, 2.2), (0.0, 4.0, 0.4), 0.6, (0.85, 0.92, 1.0))
+def _suzanne(scene):
+    _world(scene, (0.10, 0.13, 0.18))
+    _lamp(scene, "Key lamp", 30.0, (-0.9, -0.2, 1.3), (0.05, 0.9, -0.1), 0.4, (1.0, 0.93, 0.82))
+    _lamp(scene, "Wall lamp", 90.0, (1.6, 2.2, 2.2), (0.0, 4.0, 0.4), 0.6, (0.85, 0.92, 1.0))
 
     floor = -0.22
     tiles = _surface("floor", _checker_chart(2048, 64, (0.10, 0.07, 0.05), (0.75, 0.66, 0.52)), 0.7)
-    _level("Floor", tiles, (0.0, 2.3, floor), 5.0, 3.6)
+    _level(scene, "Floor", tiles, (0.0, 2.3, floor), 5.0, 3.6)
     wall = _surface("wall", _wall_chart(1024), 0.9)
-    _upright("Wall, 4 m", wall, (0.0, 4.0, 0.3), 4.0, 4.0)
+    _upright(scene, "Wall, 4 m", wall, (0.0, 4.0, 0.3), 4.0, 4.0)
 
-    _suzanne_on_pedestal(floor)
+    _suzanne_on_pedestal(scene, floor)
     stripes = _surface("stripes", _stripes(1024, 24, (0.85, 0.10, 0.06), (0.95, 0.92, 0.85)), 0.35)
-    _sphere("Ball, 1 m", stripes, (0.215, 1.0, floor + 0.11), 0.11)
+    _sphere(scene, "Ball, 1 m", stripes, (0.215, 1.0, floor + 0.11), 0.11)
     dice = _surface("dice", _star_chart(512, 12, (0.03, 0.16, 0.06), (0.45, 0.95, 0.35)), 0.6)
-    _cube("Cube, 1.1 m", dice, (-0.26, 1.1, floor + 0.1), 0.2, 0.5)
-    _ring("Ring, 1.4 m", _surface("ring", _stripes(1024, 40, (0.95, 0.62, 0.05), (0.12, 0.05, 0.3)), 0.5))
-    _text("Sign, 1 m", "1 m", (0.052, 0.9, floor), 0.05)
-    _text("Sign, 2 m", "2 m", (0.115, 2.0, floor), 0.11)
+    _cube(scene, "Cube, 1.1 m", dice, (-0.26, 1.1, floor + 0.1), 0.2, 0.5)
+    _ring(
+        scene, "Ring, 1.4 m", _surface("ring", _stripes(1024, 40, (0.95, 0.62, 0.05), (0.12, 0.05, 0.3)), 0.5)
+    )
+    _text(scene, "Sign, 1 m", "1 m", (0.052, 0.9, floor), 0.05)
+    _text(scene, "Sign, 2 m", "2 m", (0.115, 2.0, floor), 0.11)
 
 
-def _box():
+def _box(scene):
     """A room around the camera, 0.9 m wide; its lamp faces the ceiling, so that most light is indirect."""
-    _world((0.0, 0.0, 0.0))
+    _world(scene, (0.0, 0.0, 0.0))
     half, back, front = 0.45, -0.3, 1.8
     depth, middle = front - back, (front + back) / 2
     white = (0.75, 0.75, 0.75)
@@ -81,60 +125,59 @@ def _box():
     green = _surface("green", _checker_chart(512, 28, (0.03, 0.22, 0.04), (0.08, 0.60, 0.12)))
     checked = _surface("checked", _checker_chart(512, 14, (0.35, 0.35, 0.35), white))
     plain = _surface("plain", np.broadcast_to(np.array(white), (4, 4, 3)))
-    _level("Floor", checked, (0, middle, -half), 2 * half, depth)
-    _level("Ceiling", plain, (0, middle, half), 2 * half, depth)
-    _upright("Back", checked, (0, front, 0), 2 * half, 2 * half)
-    _upright("Front", plain, (0, back, 0), 2 * half, 2 * half)
+    _level(scene, "Floor", checked, (0, middle, -half), 2 * half, depth)
+    _level(scene, "Ceiling", plain, (0, middle, half), 2 * half, depth)
+    _upright(scene, "Back", checked, (0, front, 0), 2 * half, 2 * half)
+    _upright(scene, "Front", plain, (0, back, 0), 2 * half, 2 * half)
     for name, material, x in (("Left", red, -half), ("Right", green, half)):
-        side = _upright(name, material, (x, middle, 0), depth, 2 * half)
+        side = _upright(scene, name, material, (x, middle, 0), depth, 2 * half)
         side.rotation_euler = (math.pi / 2, 0, math.pi / 2)
-    _lamp("Lamp", 12.0, (0, 1.0, 0.15), (0, 1.0, 1.0), 0.25, (1, 0.95, 0.85))
+    _lamp(scene, "Lamp", 12.0, (0, 1.0, 0.15), (0, 1.0, 1.0), 0.25, (1, 0.95, 0.85))
     chart = _surface("chart", _star_chart(512, 16, (0.05, 0.05, 0.08), (0.9, 0.85, 0.3)))
     blue = _surface("blue", _stripes(512, 16, (0.05, 0.12, 0.7), white), 0.5)
     for name, material, x, y, top, turn in (
         ("Near", chart, -0.12, 0.7, -0.08, 0.5),
         ("Far", checked, 0.2, 1.35, -0.02, -0.3),
     ):
-        block = _cube(f"{name} block", material, (x, y, (top - half) / 2), 0.2, turn)
+        block = _cube(scene, f"{name} block", material, (x, y, (top - half) / 2), 0.2, turn)
         block.scale = (1, 1, (top + half) / 0.2)
-        _sphere(f"{name} ball", blue, (x, y, top + 0.08), 0.08)
+        _sphere(scene, f"{name} ball", blue, (x, y, top + 0.08), 0.08)
 
 
-def _suzanne_on_pedestal(floor):
-    import bpy
+def _suzanne_on_pedestal(scene, floor):
+    import bmesh
+    from mathutils import Matrix
 
-    bpy.ops.mesh.primitive_monkey_add(size=0.15, location=(-0.045, 0.5, -0.005), rotation=(-0.1, 0.0, 0.45))
-    monkey = bpy.context.object
-    monkey.name = "Suzanne, 0.5 m"
+    skin = _surface("suzanne", _harlequin(1024, 20), 0.4)
+    half = Matrix.Scale(0.075, 4)
+    monkey = _primitive(scene, "Suzanne, 0.5 m", skin, bmesh.ops.create_monkey, matrix=half)
+    monkey.location, monkey.rotation_euler = (-0.045, 0.5, -0.005), (-0.1, 0.0, 0.45)
     monkey.data.shade_smooth()
     levels = monkey.modifiers.new("Subdivision", "SUBSURF")
     levels.levels = levels.render_levels = 2
-    skin = _surface("suzanne", _harlequin(1024, 20), 0.4)
-    monkey.data.materials.append(skin)
     rings = _surface(
         "pedestal", _stripes(512, 26, (0.04, 0.05, 0.08), (0.8, 0.8, 0.85), horizontal=True), 0.5
     )
-    bpy.ops.mesh.primitive_cylinder_add(
-        vertices=96, radius=0.045, depth=0.3, location=(-0.045, 0.5, -0.082 - 0.15)
-    )
-    pedestal = bpy.context.object
-    pedestal.name = "Pedestal, 0.5 m"
-    pedestal.data.materials.append(rings)
+    pedestal = _primitive(
+        scene, "Pedestal, 0.5 m", rings, bmesh.ops.create_cone,
+        cap_ends=True, segments=96, radius1=0.045, radius2=0.045, depth=0.3,
+    )  # fmt: skip
+    pedestal.location = (-0.045, 0.5, -0.082 - 0.15)
 
 
 # -- things
 
 
-def _upright(name, material, centre, width, height):
+def _upright(scene, name, material, centre, width, height):
     """A rectangle that faces the camera (-y)."""
-    return _rectangle(name, material, centre, width, height, (math.pi / 2, 0, 0))
+    return _rectangle(scene, name, material, centre, width, height, (math.pi / 2, 0, 0))
 
 
-def _level(name, material, centre, width, length):
-    return _rectangle(name, material, centre, width, length, (0, 0, 0))
+def _level(scene, name, material, centre, width, length):
+    return _rectangle(scene, name, material, centre, width, length, (0, 0, 0))
 
 
-def _rectangle(name, material, centre, width, height, rotation):
+def _rectangle(scene, name, material, centre, width, height, rotation):
     import bpy
 
     x, y = width / 2, height / 2
@@ -143,12 +186,12 @@ def _rectangle(name, material, centre, width, height, rotation):
     uv = 0.5 + np.array([(-x, -y), (x, -y), (x, y), (-x, y)]) / max(width, height)
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv.astype(np.float32).ravel())
     mesh.materials.append(material)
-    rectangle = _link(bpy.data.objects.new(name, mesh))
+    rectangle = _link(scene, bpy.data.objects.new(name, mesh))
     rectangle.location, rectangle.rotation_euler = centre, rotation
     return rectangle
 
 
-def _sphere(name, material, centre, radius):
+def _sphere(scene, name, material, centre, radius):
     """A ball. Blender's own has its vertices in another order each time: light baked on it were never found again."""
     import bpy
 
@@ -180,83 +223,103 @@ def _sphere(name, material, centre, radius):
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", np.array(uv, np.float32).ravel())
     mesh.shade_smooth()
     mesh.materials.append(material)
-    ball = _link(bpy.data.objects.new(name, mesh))
+    ball = _link(scene, bpy.data.objects.new(name, mesh))
     ball.location, ball.rotation_euler = centre, (0.5, 0.4, 0)
     return ball
 
 
-def _cube(name, material, centre, size, turn):
-    import bpy
+def _cube(scene, name, material, centre, size, turn):
+    import bmesh
 
-    bpy.ops.mesh.primitive_cube_add(size=size, location=centre, rotation=(0, 0, turn))
-    cube = _finish(name, material)
+    cube = _primitive(scene, name, material, bmesh.ops.create_cube, size=size)
+    cube.location, cube.rotation_euler = centre, (0, 0, turn)
     faces = np.tile(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32), (6, 1))
     cube.data.uv_layers.active.uv.foreach_set("vector", faces.ravel())
     return cube
 
 
-def _ring(name, material):
+def _primitive(scene, name, material, make, **form):
+    """An object of one of Blender's own shapes: `make` is the operation of bmesh, `form` its arguments."""
+    import bmesh
     import bpy
 
-    bpy.ops.mesh.primitive_torus_add(
-        major_radius=0.1, minor_radius=0.032, major_segments=96, minor_segments=32,
-        location=(-0.02, 1.4, 0.12), rotation=(1.2, 0.3, 0),
-    )  # fmt: skip
-    return _finish(name, material, smooth=True)
+    shape = bmesh.new()
+    shape.loops.layers.uv.new("UVMap")
+    make(shape, calc_uvs=True, **form)
+    mesh = bpy.data.meshes.new(name)
+    shape.to_mesh(mesh)
+    shape.free()
+    mesh.materials.append(material)
+    return _link(scene, bpy.data.objects.new(name, mesh))
 
 
-def _text(name, text, location, size):
+def _ring(scene, name, material):
+    """A torus about its z axis; `around` goes with the long way, `across` with the short one."""
+    import bpy
+
+    long, short, around, across = 0.1, 0.032, 96, 32
+    turn, tilt = np.meshgrid(*(2 * math.pi * np.arange(n) / n for n in (around, across)), indexing="ij")
+    radius = long + short * np.cos(tilt)
+    corners = np.stack([radius * np.cos(turn), radius * np.sin(turn), short * np.sin(tilt)], -1)
+    places = [(i, j) for i in range(around) for j in range(across)]
+    faces = [[(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)] for i, j in places]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(
+        corners.reshape(-1, 3).tolist(),
+        [],
+        [[i % around * across + j % across for i, j in face] for face in faces],
+    )
+    uv = 0.5 + np.array(faces).reshape(-1, 2) / (around, across)
+    uv -= uv.reshape(-1, 4, 2).min(1).repeat(4, axis=0).astype(int)  # each face as a whole into the picture
+    mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv.astype(np.float32).ravel())
+    mesh.shade_smooth()
+    mesh.materials.append(material)
+    ring = _link(scene, bpy.data.objects.new(name, mesh))
+    ring.location, ring.rotation_euler = (-0.02, 1.4, 0.12), (1.2, 0.3, 0)
+    return ring
+
+
+def _text(scene, name, text, location, size):
     import bpy
 
     curve = bpy.data.curves.new(name, "FONT")
     curve.body, curve.size, curve.extrude = text, size, 0.06 * size
     curve.align_x = "CENTER"
     curve.materials.append(_surface(name, np.broadcast_to(np.array((0.95, 0.95, 0.9)), (4, 4, 3)), 0.6))
-    sign = _link(bpy.data.objects.new(name, curve))
+    sign = _link(scene, bpy.data.objects.new(name, curve))
     sign.location, sign.rotation_euler = location, (math.pi / 2, 0, 0)
     return sign
 
 
-def _finish(name, material, smooth=False):
-    import bpy
-
-    obj = bpy.context.object
-    obj.name = name
-    obj.data.materials.append(material)
-    if smooth:
-        obj.data.shade_smooth()
-    return obj
-
-
-def _camera():
+def _camera(scene):
     import bpy
 
     data = bpy.data.cameras.new("Hologram camera")
     data.lens = 0.5 * data.sensor_width / math.tan(FIELD_OF_VIEW / 2)
-    data.clip_start = 0.01
-    camera = _link(bpy.data.objects.new("Hologram camera", data))
+    data.clip_start, data.display_size = 0.01, 0.1
+    camera = _link(scene, bpy.data.objects.new("Hologram camera", data))
     camera.rotation_euler = (math.pi / 2, 0, 0)
-    bpy.context.scene.camera = camera
+    scene.camera = camera
 
 
-def _lamp(name, power, location, target, size, colour):
+def _lamp(scene, name, power, location, target, size, colour):
     """A square area lamp at `location` that faces `target`."""
     import bpy
     from mathutils import Vector
 
     data = bpy.data.lights.new(name, "AREA")
     data.energy, data.size, data.color = power, size, colour
-    lamp = _link(bpy.data.objects.new(name, data))
+    lamp = _link(scene, bpy.data.objects.new(name, data))
     lamp.location = location
     direction = Vector(target) - Vector(location)
     lamp.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
 
 
-def _world(colour):
+def _world(scene, colour):
     import bpy
 
     world = bpy.data.worlds.new("World")
-    bpy.context.scene.world = world
+    scene.world = world
     world.color = colour
     if world.node_tree is None:
         world.use_nodes = True
@@ -264,10 +327,8 @@ def _world(colour):
     background.inputs["Color"].default_value = (*colour, 1.0)
 
 
-def _link(obj):
-    import bpy
-
-    bpy.context.scene.collection.objects.link(obj)
+def _link(scene, obj):
+    scene.collection.objects.link(obj)
     return obj
 
 
@@ -284,11 +345,7 @@ def _clear():
     ):  # fmt: skip
         for block in list(blocks):
             blocks.remove(block)
-    scene = bpy.context.scene
-    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
-    scene.cursor.location = (0, 0, 0)
-    scene.render.resolution_x = scene.render.resolution_y = 512
-    scene.view_settings.view_transform = "Standard"
+    bpy.context.scene.cursor.location = (0, 0, 0)
 
 
 # -- materials

@@ -5,6 +5,7 @@ import math
 import bpy
 from bpy.props import (
     BoolProperty,
+    CollectionProperty,
     EnumProperty,
     FloatProperty,
     FloatVectorProperty,
@@ -52,22 +53,35 @@ _LABELS = {
 _METHOD_LABELS = _LABELS | {"full": ("Full", "Trace all light for this view alone")}
 
 
+# A .blend holds these numbers, as it holds the places of `_items`: a display keeps its own for ever.
+_DISPLAY_NUMBERS = {
+    CUSTOM: 0,
+    "pluto-2": 1,
+    "leto-3": 2,
+    "gaea-2": 3,
+    "meadowlark-1920": 4,
+    "santec-slm-210": 5,
+    "ti-plm-067": 6,
+}
+
+
 def _items(names, labels=_LABELS):
     return [(name, *labels[name], index) for index, name in enumerate(names)]
 
 
 def _display_items():
-    items = [(CUSTOM, "Custom", "Resolution and pixel pitch as set below", 0)]
-    for index, display in enumerate(engine.DISPLAYS.values(), 1):
-        size = f"{display.width} × {display.height} pixels of {display.pitch * 1e6:g} µm"
-        items.append((display.name, display.label, size, index))
+    items = [(CUSTOM, "Custom", "Resolution, pixel pitch and bits as set below", _DISPLAY_NUMBERS[CUSTOM])]
+    for display in engine.DISPLAYS.values():
+        size = f"{display.width} × {display.height} pixels of {display.pitch * 1e6:g} µm, {display.bits} bits"
+        items.append((display.name, display.label, size, _DISPLAY_NUMBERS[display.name]))
     return items
 
 
 def _display_changed(props, context):
-    if props.display == CUSTOM:
+    display = display_of(props)
+    if display is None:
         return
-    display = engine.DISPLAYS[props.display]
+    props.bits = display.bits
     props.resolution_x, props.resolution_y, props.pitch_um = (
         display.width,
         display.height,
@@ -116,12 +130,50 @@ def _phase_frame_changed(props, context):
         session.show_phase(props.phase_frame)
 
 
+def _focus_chosen(props, context):
+    """A distance of the list is clicked: look there."""
+    if props.focus_index < len(props.focus_list):
+        focus = props.focus_list[props.focus_index].focus
+        if focus != props.focus:
+            props.focus = focus
+
+
+class HoloPathFocus(bpy.types.PropertyGroup):
+    """A distance of the focus list; its properties are named as those of `HoloPathSettings`."""
+
+    focus: FloatProperty(
+        name="Focus (m)",
+        description="Distance from the camera, in metres",
+        default=1.0,
+        min=1e-3,
+        max=LARGEST_FOCUS,
+        soft_min=0.05,
+        soft_max=100.0,
+        step=5,
+        precision=3,
+    )
+    focus_infinity: BoolProperty(
+        name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
+    )
+    focus_dioptres: FloatProperty(
+        name="Focus (dioptres)",
+        description="The same distance in dioptres, one over metres; 0 is infinity",
+        get=_get_dioptres,
+        set=_set_dioptres,
+        min=0.0,
+        max=1e3,
+        soft_max=5.0,
+        step=5,
+        precision=2,
+    )
+
+
 class HoloPathSettings(bpy.types.PropertyGroup):
     """What `Scene.holopath` holds."""
 
     display: EnumProperty(
         name="Display",
-        description="Spatial light modulator that will show the hologram; sets pixels, pitch and depth range",
+        description="Spatial light modulator that will show the hologram; sets pixels, pitch, bits and depth range",
         items=_display_items(),
         update=_display_changed,
     )
@@ -151,6 +203,13 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         soft_max=40.0,
         step=10,
         precision=2,
+    )
+    bits: IntProperty(
+        name="Bits",
+        description="Bits of phase that a pixel of the display takes: two to that power are the levels it shows",
+        default=8,
+        min=1,
+        max=16,
     )
     colours: EnumProperty(
         name="Colours",
@@ -364,6 +423,24 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         step=5,
         precision=2,
     )
+    focus_list: CollectionProperty(
+        type=HoloPathFocus,
+        name="Focus List",
+        description="Distances that focal stacks are made of; empty: the focus distance alone",
+    )
+    focus_index: IntProperty(
+        name="Chosen Distance",
+        description="Distance of the focus list that is looked at",
+        update=_focus_chosen,
+    )
+    show_overlay: BoolProperty(
+        name="Show in Viewport",
+        description=(
+            "Draw the focus distances, the near end and the pupil at the camera, while the sidebar's HoloPath tab is "
+            "open or HoloPath is the render engine"
+        ),
+        default=True,
+    )
     use_pupil: BoolProperty(
         name="Pupil",
         description="Look through a part of the light's cone only; off: the whole cone",
@@ -455,6 +532,11 @@ def hologram_of(props, resolution=None):
     )
 
 
+def display_of(props):
+    """The `engine.Display` chosen; None where it is custom."""
+    return engine.DISPLAYS.get(props.display)
+
+
 def settings_of(props):
     """Engine's settings, see `hologram_of`."""
     return engine.Settings(
@@ -479,6 +561,14 @@ def settings_of(props):
 def focus_of(props):
     """Focus distance in metres, infinity included."""
     return math.inf if props.focus_infinity else _tidy(props.focus)
+
+
+def focus_list_of(props):
+    """Distances of the focus list in metres, infinity included; the focus alone where the list is empty.
+
+    In the list's order, each once.
+    """
+    return list(dict.fromkeys(focus_of(item) for item in props.focus_list)) or [focus_of(props)]
 
 
 def pupil_or_none(props):
@@ -507,7 +597,7 @@ def _tidy(value):
     return float(f"{value:.6g}")
 
 
-CLASSES = (HoloPathSettings, HoloPathMaterial)
+CLASSES = (HoloPathFocus, HoloPathSettings, HoloPathMaterial)
 
 
 def register():
@@ -517,13 +607,25 @@ def register():
     attach()
 
 
+@bpy.app.handlers.persistent
+def _settle(*_):
+    """Choices that only a later version of HoloPath knows are at their defaults in this one."""
+    for scene in bpy.data.scenes:
+        props = scene.holopath
+        for prop in props.bl_rna.properties:
+            if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
+                props.property_unset(prop.identifier)
+
+
 def attach():
     """Add the settings to scenes and materials."""
     bpy.types.Scene.holopath = PointerProperty(type=HoloPathSettings)
     bpy.types.Material.holopath = PointerProperty(type=HoloPathMaterial)
+    bpy.app.handlers.load_post.append(_settle)
 
 
 def detach():
     """Take the settings from scenes and materials."""
+    bpy.app.handlers.load_post.remove(_settle)
     del bpy.types.Material.holopath
     del bpy.types.Scene.holopath

@@ -25,6 +25,10 @@ def register():
         _undo.append(properties.detach)
         ui.share_panels()
         _undo.append(ui.unshare_panels)
+        ui.add_to_menus()
+        _undo.append(ui.remove_from_menus)
+        ui.show_overlay()
+        _undo.append(ui.hide_overlay)
         session.attach()
         _undo.append(session.detach)
         if hasattr(bpy.utils, "register_cli_command"):

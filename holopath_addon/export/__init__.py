@@ -1,7 +1,19 @@
 """From Blender's evaluated scene to a Mitsuba scene and the engine's camera."""
 
 from .cache import ExportCache
+from .camera import depth_of, find_camera, view_of
 from .notes import Note
 from .scene import Exported, Reading, export_scene, read_scene, unit_scale
 
-__all__ = ["ExportCache", "Exported", "Note", "Reading", "export_scene", "read_scene", "unit_scale"]
+__all__ = [
+    "ExportCache",
+    "Exported",
+    "Note",
+    "Reading",
+    "depth_of",
+    "export_scene",
+    "find_camera",
+    "read_scene",
+    "unit_scale",
+    "view_of",
+]

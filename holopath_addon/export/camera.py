@@ -1,5 +1,6 @@
 """Blender's camera to the engine's."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -60,7 +61,33 @@ def export_camera(depsgraph, camera, resolution, scale, notes):
         If the camera is not a perspective one, or its transform is degenerate.
     """
     evaluated = camera.evaluated_get(depsgraph)
-    data = evaluated.data
+    view = view_of(evaluated, resolution, scale)
+    _note_differences(depsgraph.scene, evaluated, notes)
+    return dataclasses.replace(view, sees_sky=not depsgraph.scene.render.film_transparent)
+
+
+def view_of(camera, resolution, scale):
+    """The engine's camera of a Blender camera as it stands, for square hologram pixels.
+
+    Parameters
+    ----------
+    camera : bpy.types.Object
+        A camera object, evaluated, or the original as its last evaluation left it.
+    resolution : tuple of int
+        Hologram width and height, pixels.
+    scale : float
+        Metres a Blender unit.
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    InvalidInput
+        If the camera is not a perspective one, or its transform is degenerate.
+    """
+    data = camera.data
     if data.type != "PERSP":
         kind = {"ORTHO": "orthographic", "PANO": "panoramic"}.get(data.type, data.type.lower())
         raise InvalidInput(
@@ -72,20 +99,24 @@ def export_camera(depsgraph, camera, resolution, scale, notes):
     sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
     fitted = width if horizontal else height  # the side, in pixels, that the sensor size spans
     tan_half_x = 0.5 * sensor / data.lens * width / fitted
-
-    _note_differences(depsgraph.scene, camera, data, notes)
     return Camera(
-        to_world=_rigid(np.array(evaluated.matrix_world, dtype=np.float64), scale, camera.name, notes),
+        to_world=_rigid(np.array(camera.matrix_world, dtype=np.float64), scale, camera.name),
         fov_x=2 * math.atan(tan_half_x),
         shift_x=data.shift_x * fitted / width,
         shift_y=data.shift_y * fitted / width,
         clip_start=data.clip_start * scale,
         clip_end=data.clip_end * scale,
-        sees_sky=not depsgraph.scene.render.film_transparent,
     )
 
 
-def _rigid(matrix, scale, name, notes):
+def depth_of(camera, thing, scale):
+    """Depth of an object's origin along a camera object's axis, metres; negative behind the camera."""
+    eye = camera.matrix_world
+    offset = thing.matrix_world.translation - eye.translation
+    return -offset.dot(eye.to_3x3().col[2].normalized()) * scale
+
+
+def _rigid(matrix, scale, name):
     """Drop scale, as Blender does, and shear, which a hologram's camera cannot have; keep mirroring."""
     axes = matrix[:3, :3]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(axes)) < 1e-30:
@@ -96,19 +127,22 @@ def _rigid(matrix, scale, name, notes):
     right = np.cross(up, back)
     if right @ axes[:, 0] < 0:
         right = -right  # a negative scale mirrors the view
-    unit = axes / np.linalg.norm(axes, axis=0)
-    if abs(unit.T @ unit - np.eye(3)).max() > 1e-3:
-        notes.add(
-            name, "Sheared camera (rotated in an unequally scaled parent)", "rendered without the shear"
-        )
     rigid = np.eye(4)
     rigid[:3, :3] = np.stack([right, up, back], axis=1)
     rigid[:3, 3] = matrix[:3, 3] * scale
     return rigid
 
 
-def _note_differences(scene, camera, data, notes):
-    if data.dof.use_dof:
+def _note_differences(scene, camera, notes):
+    axes = np.array(camera.matrix_world.to_3x3(), dtype=np.float64)
+    axes /= np.linalg.norm(axes, axis=0)
+    if abs(axes.T @ axes - np.eye(3)).max() > 1e-3:
+        notes.add(
+            camera.name,
+            "Sheared camera (rotated in an unequally scaled parent)",
+            "rendered without the shear",
+        )
+    if camera.data.dof.use_dof:
         notes.add(camera.name, "Depth of Field", "ignored: a hologram is focused when it is viewed")
     if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
         notes.add(camera.name, "Pixel aspect", "ignored: the pixels of a hologram are square")

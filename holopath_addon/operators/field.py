@@ -8,7 +8,7 @@ import bpy
 from bpy.props import StringProperty
 
 from .. import engine, properties
-from ..export import unit_scale
+from ..export import depth_of, unit_scale
 from . import session
 from .working import free
 
@@ -83,9 +83,7 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
         return context.active_object is not context.scene.camera
 
     def execute(self, context):
-        camera = context.scene.camera.matrix_world
-        offset = context.active_object.matrix_world.translation - camera.translation
-        depth = -offset.dot(camera.to_3x3().col[2].normalized()) * unit_scale(context.scene)
+        depth = depth_of(context.scene.camera, context.active_object, unit_scale(context.scene))
         if depth <= 0:
             name = context.active_object.name
             self.report({"ERROR"}, f"'{name}' is behind the camera: select another object.")

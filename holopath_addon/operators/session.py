@@ -254,12 +254,12 @@ def _shown(name, pixels, light=True):
 
 
 def redraw(images=True):
-    """Redraw the panels of every window, and the pictures of Image Editors.
+    """Redraw the panels of every window, the pictures of Image Editors and the overlay of 3D Views.
 
     Parameters
     ----------
     images : bool
-        Whether the pictures may have changed.
+        Whether the pictures, the plan or the focus may have changed: else panels alone.
     """
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
@@ -267,7 +267,7 @@ def redraw(images=True):
                 area.tag_redraw()
             elif area.type in {"VIEW_3D", "IMAGE_EDITOR"}:
                 for region in area.regions:
-                    if region.type == "UI" or (images and area.type == "IMAGE_EDITOR"):
+                    if images or region.type == "UI":
                         region.tag_redraw()
 
 

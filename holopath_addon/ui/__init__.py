@@ -1,6 +1,18 @@
-"""Panels of the 3D View, the Render properties and the Image Editor."""
+"""Panels of the 3D View, the Render properties and the Image Editor; menu entries; what the viewport shows."""
 
-from .panels import CLASSES
+from . import display_presets, focus_list, menus, panels
+from .menus import add_to_menus, remove_from_menus
+from .overlay import hide_overlay, show_overlay
 from .shared_panels import share_panels, unshare_panels
 
-__all__ = ["CLASSES", "share_panels", "unshare_panels"]
+CLASSES = (*display_presets.CLASSES, *focus_list.CLASSES, *menus.CLASSES, *panels.CLASSES)
+
+__all__ = [
+    "CLASSES",
+    "add_to_menus",
+    "hide_overlay",
+    "remove_from_menus",
+    "share_panels",
+    "show_overlay",
+    "unshare_panels",
+]

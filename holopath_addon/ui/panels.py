@@ -3,12 +3,14 @@
 import bpy
 
 from . import sections
+from .display_presets import HOLOPATH_PT_display_presets
 
 # In the order of work: name, label (none: no header), sections, closed at first
 _SUBPANELS = (
     ("display", "Display", sections.display, True),
     ("depth", "Depth", sections.depth, True),
     ("quality", "Quality", sections.quality, True),
+    ("advanced", "Advanced", sections.advanced, True),
     ("estimate", "Estimate", sections.estimate, True),
     ("baked_light", "Baked Light", sections.baked_light, True),
     ("render", "", sections.render, False),
@@ -93,6 +95,13 @@ class HOLOPATH_PT_material(_Section, bpy.types.Panel):
         return context.material is not None and not context.material.is_grease_pencil
 
 
+def _display_presets(self, context):
+    HOLOPATH_PT_display_presets.draw_panel_header(self.layout)
+
+
+_HEADERS = {"display": {"draw_header_preset": _display_presets}}
+
+
 def _subpanels(parent, place):
     for name, label, section, closed in _SUBPANELS:
         identifier = f"{parent.__name__}_{name}"
@@ -107,7 +116,8 @@ def _subpanels(parent, place):
                 "bl_options": ({"DEFAULT_CLOSED"} if closed else set())
                 | (set() if label else {"HIDE_HEADER"}),
                 "section": staticmethod(section),
-            },
+            }
+            | _HEADERS.get(name, {}),
         )
 
 

@@ -4,7 +4,8 @@ import textwrap
 
 from .. import pipeline, preferences
 from ..operators import session
-from ..properties import CUSTOM
+from ..properties import display_of
+from .focus_list import HOLOPATH_UL_focus
 
 
 def summary(layout, context):
@@ -20,18 +21,23 @@ def summary(layout, context):
 
 
 def display(layout, context):
-    """Resolution, pitch and wavelengths."""
+    """Resolution, pitch, bits and wavelengths."""
     props = context.scene.holopath
-    column = layout.column()
-    column.prop(props, "display")
-    fixed = props.display != CUSTOM
-    column = layout.column(align=True)
-    column.enabled = not fixed
-    column.prop(props, "resolution_x", text="Pixels X")
-    column.prop(props, "resolution_y", text="Y")
-    column = layout.column()
-    column.enabled = not fixed
-    column.prop(props, "pitch_um")
+    layout.prop(props, "display")
+    if display_of(props) is None:
+        column = layout.column(align=True)
+        column.prop(props, "resolution_x", text="Pixels X")
+        column.prop(props, "resolution_y", text="Y")
+        layout.prop(props, "pitch_um")
+        layout.prop(props, "bits")
+        facts = ""
+    else:  # nothing to set: Custom has these
+        facts = (
+            f"{props.resolution_x} × {props.resolution_y} pixels of {props.pitch_um:.4g} µm, "
+            f"{_count(props.bits, 'bit')} of phase. "
+        )
+    width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
+    _text(layout, context, f"{facts}Size: {width:.3g} × {height:.3g} mm")
     column = layout.column()
     column.row().prop(props, "colours", expand=True)
     if props.colours == "RGB":
@@ -39,57 +45,76 @@ def display(layout, context):
             column.prop(props, "wavelengths_nm", index=index, text=f"{colour} (nm)")
     else:
         column.prop(props, "wavelength_nm")
-    width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
-    _text(layout, context, f"Size: {width:.3g} × {height:.3g} mm")
 
 
 def depth(layout, context):
-    """How the scene's depth fills the hologram's volume."""
+    """How the scene's depth fills the hologram's volume, and the distances to look at."""
     props = context.scene.holopath
     layout.prop(props, "depth_mapping")
     column = layout.column(align=True)
     column.prop(props, "depth_far_mm")
     column.prop(props, "depth_near_mm")
-    column = layout.column()
-    column.enabled = props.depth_mapping == "fit"
-    column.prop(props, "near_auto")
-    row = column.row()
-    row.enabled = not props.near_auto
-    row.prop(props, "near")
+    if props.depth_mapping == "eyepiece":
+        _text(layout, context, "The eyepiece says which distance is the near end.", icon="INFO")
+    else:
+        layout.prop(props, "near_auto")
+        plan = session.current.plan
+        if not props.near_auto:
+            layout.prop(props, "near")
+        elif plan is None:
+            _text(layout, context, "Estimate, or render, finds the nearest surface.", icon="INFO")
+        else:
+            _text(layout, context, f"Near: {plan.near:.3g} m when last looked")
+    layout.use_property_split = False
+    layout.label(text="Focus list (metres, dioptres)")
+    row = layout.row()
+    row.template_list(
+        HOLOPATH_UL_focus.__name__, "", props, "focus_list", props, "focus_index", rows=3, maxrows=6
+    )
+    column = row.column(align=True)
+    column.operator("holopath.focus_list_add", text="", icon="ADD")
+    column.operator("holopath.focus_list_remove", text="", icon="REMOVE")
+    column.separator()
+    column.operator("holopath.focus_list_from_selected", text="", icon="OBJECT_DATA")
+    column.operator("holopath.focus_list_sort", text="", icon="SORTSIZE")
+    layout.prop(props, "show_overlay")
 
 
 def quality(layout, context):
-    """Frames, rays and estimator."""
+    """How good, how many frames, and where light comes from."""
     props = context.scene.holopath
-    layout.prop(props, "frames")
-    layout.prop(props, "phase_field")
-    layout.prop(props, "despeckle")
     layout.prop(props, "quality")
+    layout.prop(props, "frames")
     layout.prop(props, "method")
+    layout.prop(props, "despeckle")
+    layout.prop(props, "max_depth")
+    layout.prop(props, "seed")
+
+
+def advanced(layout, context):
+    """Parts of the method, each with the paper's."""
+    props = context.scene.holopath
+    layout.prop(props, "phase_field")
     row = layout.row(heading="Limit Rays")
     row.prop(props, "limit_rays", text="")
-    value = row.row()
-    value.enabled = props.limit_rays
-    value.prop(props, "spp", text="")
-    row = layout.row()
-    row.enabled = props.method != "direct"
-    row.prop(props, "estimator")
+    if props.limit_rays:
+        row.prop(props, "spp", text="")
+    if props.method == "direct":
+        _text(layout, context, "The method Direct has the paper's estimator.", icon="INFO")
+    else:
+        layout.prop(props, "estimator")
     layout.prop(props, "radiance")
-    row = layout.row()
-    row.enabled = props.radiance == "ray"
-    row.prop(props, "paths")
-    layout.prop(props, "max_depth")
+    if props.radiance == "ray":
+        layout.prop(props, "paths")
     layout.prop(props, "most_hits")
-    row = layout.row()
-    row.enabled = props.most_hits > 0
-    row.prop(props, "virtual_image")
+    if props.most_hits > 0:
+        layout.prop(props, "virtual_image")
     row = layout.row(heading="Recording Plane")
     row.prop(props, "wrp_auto", text="Automatic")
     if props.wrp_auto:
         layout.prop(props, "planes")
     else:
         layout.prop(props, "wrp_mm", text="Plane (mm)")
-    layout.prop(props, "seed")
 
 
 def baked_light(layout, context):

@@ -29,6 +29,7 @@ def test_displays(settings, name):
     assert (hologram.width, hologram.height) == (display.width, display.height)
     assert hologram.pitch == pytest.approx(display.pitch, rel=1e-5)
     assert (hologram.depth_far, hologram.depth_near) == (80e-3, 85e-3)
+    assert settings.bits == display.bits
 
 
 def test_all_settings(settings):
@@ -93,7 +94,8 @@ def test_pupil(settings):
 
 
 def test_every_setting_says_what_it_is(settings):
-    for prop in settings.bl_rna.properties:
+    item = properties.HoloPathFocus.bl_rna.properties
+    for prop in (*settings.bl_rna.properties, *item):
         if prop.identifier in ("rna_type", "name"):
             continue
         assert prop.description, prop.identifier
@@ -108,3 +110,105 @@ def test_every_setting_says_what_it_is(settings):
             "": "",
         }
         assert word[unit] in prop.description, prop.identifier
+
+
+# What .blend files hold: none of these may ever change; new ones come at the end.
+NUMBERS = {
+    "display": "CUSTOM pluto-2 leto-3 gaea-2 meadowlark-1920 santec-slm-210 ti-plm-067",
+    "colours": "RGB MONO",
+    "depth_mapping": "fit eyepiece",
+    "phase_field": "designed random",
+    "quality": "preview balanced full",
+    "method": "auto full fast direct",
+    "estimator": "lattice paper",
+    "radiance": "grain ray",
+    "virtual_image": "curvature opl",
+    "encoding": "dpac",
+}
+
+
+def test_numbers_in_files_stay(settings):
+    enums = {p.identifier: p for p in settings.bl_rna.properties if p.type == "ENUM"}
+    for name, words in NUMBERS.items():
+        held = {item.identifier: item.value for item in enums.pop(name).enum_items}
+        assert held == {word: number for number, word in enumerate(words.split())}, name
+    assert not enums, "a new enum: pin its numbers here"
+
+
+def other(settings, prop):
+    """A value that is not the property's default."""
+    if prop.type == "ENUM":
+        names = [item.identifier for item in prop.enum_items]
+        return next((name for name in names if name != prop.default), prop.default)
+    if prop.type == "BOOLEAN":
+        return not prop.default
+    value = getattr(settings, prop.identifier)
+    return tuple(v * 1.5 + 1 for v in value) if prop.is_array else type(value)(value * 1.5 + 1)
+
+
+def held(settings):
+    """Every setting's value."""
+    names = [p.identifier for p in settings.bl_rna.properties if p.identifier not in ("rna_type", "name")]
+    values = {name: getattr(settings, name) for name in names if name != "focus_list"}
+    values["focus_list"] = [item.focus for item in settings.focus_list]
+    return {name: tuple(v) if hasattr(v, "foreach_get") else v for name, v in values.items()}
+
+
+def test_settings_survive_a_file(settings, tmp_path):
+    before = held(settings)
+    for prop in settings.bl_rna.properties:
+        if prop.identifier in ("rna_type", "name", "focus_list", "focus_infinity", "focus_dioptres"):
+            continue
+        setattr(settings, prop.identifier, other(settings, prop))
+    for metres in (0.5, properties.LARGEST_FOCUS):
+        settings.focus_list.add().focus = metres
+    values = held(settings)
+    same = {name for name in values if values[name] == before[name]}
+    assert same <= {"focus_infinity", "encoding"}, "not tried"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "settings.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert held(bpy.context.scene.holopath) == before
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "settings.blend"))
+    assert held(bpy.context.scene.holopath) == values
+
+
+def raw(scene):
+    """The settings as the file holds them, by name."""
+    group = scene.bl_system_properties_get() if hasattr(scene, "bl_system_properties_get") else scene
+    return group["holopath"]
+
+
+def test_files_of_other_versions(settings, tmp_path):
+    """Choices that this version does not know are at their defaults, and so is what a file lacks."""
+    settings.frames = 3
+    settings.bits = 10
+    enums = [p.identifier for p in settings.bl_rna.properties if p.type == "ENUM"]
+    for name in enums:
+        setattr(settings, name, other(settings, settings.bl_rna.properties[name]))
+        raw(bpy.context.scene)[name] = 99
+    settings.resolution_x, settings.resolution_y = 100, 50
+    del raw(bpy.context.scene)["bits"]
+    raw(bpy.context.scene)["of_a_later_version"] = 1.0
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "other.blend"))
+    settings = bpy.context.scene.holopath
+    assert settings.frames == 3 and settings.bits == 8
+    for name in enums:
+        assert getattr(settings, name) == settings.bl_rna.properties[name].default
+    assert properties.settings_of(settings) == engine.Settings(frames=3)
+    hologram = properties.hologram_of(settings)
+    assert (hologram.width, hologram.height, hologram.depth_mapping) == (100, 50, "fit")
+
+
+def test_focus_list(settings):
+    assert properties.focus_list_of(settings) == [1.0]
+    for metres in (2.0, math.inf, 0.5, 2.0):
+        properties.set_focus(settings.focus_list.add(), metres)
+    assert properties.focus_list_of(settings) == [2.0, math.inf, 0.5]
+    item = settings.focus_list[0]
+    item.focus_dioptres = 4.0
+    assert item.focus == pytest.approx(0.25) and not item.focus_infinity
+    item.focus_infinity = True
+    assert properties.focus_list_of(settings) == [math.inf, 0.5, 2.0]
+    settings.focus_index = 2  # clicked
+    assert settings.focus == 0.5 and not settings.focus_auto

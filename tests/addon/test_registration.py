@@ -8,7 +8,7 @@ import pytest
 
 import holopath_addon
 
-HANDLERS = ("load_pre", "render_complete", "render_cancel")
+HANDLERS = ("load_pre", "load_post", "render_complete", "render_cancel")
 
 
 def traces():
@@ -22,7 +22,8 @@ def traces():
     }
     handlers = [len(getattr(bpy.app.handlers, name)) for name in HANDLERS]
     held = hasattr(bpy.types.Scene, "holopath") or hasattr(bpy.types.Material, "holopath")
-    return names, engines, handlers, held, hasattr(bpy.ops.holopath, "plan")
+    menu = len(getattr(bpy.types.VIEW3D_MT_add.draw, "_draw_funcs", ()))
+    return names, engines, handlers, held, hasattr(bpy.ops.holopath, "plan"), menu
 
 
 def test_cycles(addon):

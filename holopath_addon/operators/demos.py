@@ -1,0 +1,47 @@
+"""Add > HoloPath Demo: example scenes, each in a new scene of the file."""
+
+import bpy
+from bpy.props import EnumProperty
+
+from .. import demo, properties
+from . import focus_list
+
+
+class HOLOPATH_OT_add_demo(bpy.types.Operator):
+    """Add an example scene to the file, ready for Render Hologram, and show it; other scenes stay as they are"""
+
+    bl_idname = "holopath.add_demo"
+    bl_label = "Add HoloPath Demo"
+    bl_options = {"UNDO"}
+
+    name: EnumProperty(
+        name="Demo",
+        description="Example scene to add",
+        items=[
+            (name, name.title(), text[:1].upper() + text[1:], number)
+            for number, (name, text) in enumerate(demo.DEMOS.items())
+        ],
+    )
+
+    @classmethod
+    def poll(cls, context):
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Change to Object Mode first")
+            return False
+        return True
+
+    def execute(self, context):
+        scene = demo.add(self.name)
+        scene.render.engine = "HOLOPATH"
+        distances = demo.FOCUS[self.name]
+        properties.note_focus(scene.holopath, distances[0])
+        for metres in distances:
+            focus_list.add(scene.holopath, metres)
+        if context.window is not None:
+            context.window.scene = scene
+        if context.area is not None and context.area.type == "VIEW_3D":
+            context.space_data.region_3d.view_perspective = "CAMERA"
+        return {"FINISHED"}
+
+
+CLASSES = (HOLOPATH_OT_add_demo,)

@@ -1,0 +1,118 @@
+"""The focus list: distances that focal stacks are made of."""
+
+import bpy
+
+from .. import properties
+from ..export import depth_of, unit_scale
+from . import session
+
+
+class _Filled:
+    """For operators that need a distance in the list."""
+
+    @classmethod
+    def poll(cls, context):
+        if not context.scene.holopath.focus_list:
+            cls.poll_message_set("The focus list is empty")
+            return False
+        return True
+
+
+class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
+    """Add the focus distance to the list"""
+
+    bl_idname = "holopath.focus_list_add"
+    bl_label = "Add Distance"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        props = context.scene.holopath
+        add(props, properties.focus_of(props))
+        props.focus_index = len(props.focus_list) - 1
+        session.redraw()
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_focus_list_remove(_Filled, bpy.types.Operator):
+    """Remove the chosen distance from the list"""
+
+    bl_idname = "holopath.focus_list_remove"
+    bl_label = "Remove Distance"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        props = context.scene.holopath
+        props.focus_list.remove(min(props.focus_index, len(props.focus_list) - 1))
+        props.focus_index = max(0, min(props.focus_index, len(props.focus_list) - 1))
+        session.redraw()
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_focus_list_sort(_Filled, bpy.types.Operator):
+    """Sort the list, nearest first, and drop repeated distances"""
+
+    bl_idname = "holopath.focus_list_sort"
+    bl_label = "Sort Distances"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        props = context.scene.holopath
+        distances = sorted(properties.focus_list_of(props))
+        chosen = properties.focus_of(props.focus_list[min(props.focus_index, len(props.focus_list) - 1)])
+        props.focus_list.clear()
+        for metres in distances:
+            add(props, metres)
+        props.focus_index = distances.index(chosen)
+        session.redraw()
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
+    """Add the distances of the selected objects from the camera, nearest first"""
+
+    bl_idname = "holopath.focus_list_from_selected"
+    bl_label = "Add Selected Objects"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        camera = context.scene.camera
+        if camera is None or not any(thing != camera for thing in context.selected_objects):
+            cls.poll_message_set("Select objects, and give the scene a camera")
+            return False
+        return True
+
+    def execute(self, context):
+        scene, props = context.scene, context.scene.holopath
+        depths = {
+            thing.name: depth_of(scene.camera, thing, unit_scale(scene))
+            for thing in context.selected_objects
+            if thing != scene.camera
+        }
+        behind = ", ".join(name for name, depth in depths.items() if depth <= 0)
+        seen = sorted(depth for depth in depths.values() if depth > 0)
+        if not seen:
+            self.report({"ERROR"}, f"Behind the camera: {behind}. Select objects in front of it.")
+            return {"CANCELLED"}
+        for depth in seen:
+            add(props, depth)
+        if behind:
+            self.report({"WARNING"}, f"Left out, as behind the camera: {behind}.")
+        session.redraw()
+        return {"FINISHED"}
+
+
+def add(props, metres):
+    """Add a distance to the end of the list, infinity included, unless it is there."""
+    properties.set_focus(props.focus_list.add(), metres)
+    held = [properties.focus_of(item) for item in props.focus_list]
+    if held[-1] in held[:-1]:
+        props.focus_list.remove(len(held) - 1)
+
+
+CLASSES = (
+    HOLOPATH_OT_focus_list_add,
+    HOLOPATH_OT_focus_list_remove,
+    HOLOPATH_OT_focus_list_sort,
+    HOLOPATH_OT_focus_list_from_selected,
+)

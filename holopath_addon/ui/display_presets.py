@@ -1,0 +1,41 @@
+"""The user's own displays, kept as Blender keeps presets."""
+
+import bpy
+from bl_operators.presets import AddPresetBase
+from bl_ui.utils import PresetPanel
+
+
+class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
+    """Keep these display settings, depth range and wavelengths as a preset, or remove one"""
+
+    bl_idname = "holopath.display_preset_add"
+    bl_label = "Add Display Preset"
+    preset_menu = "HOLOPATH_PT_display_presets"
+    preset_subdir = "holopath/display"
+    preset_values = [
+        f"bpy.context.scene.holopath.{name}"
+        for name in (
+            "display",  # first: it sets others
+            "resolution_x",
+            "resolution_y",
+            "pitch_um",
+            "bits",
+            "colours",
+            "wavelengths_nm",
+            "wavelength_nm",
+            "depth_far_mm",
+            "depth_near_mm",
+        )
+    ]
+
+
+class HOLOPATH_PT_display_presets(PresetPanel, bpy.types.Panel):
+    """List of presets in the header of the section Display."""
+
+    bl_label = "Display Presets"
+    preset_subdir = HOLOPATH_OT_display_preset_add.preset_subdir
+    preset_operator = "script.execute_preset"
+    preset_add_operator = HOLOPATH_OT_display_preset_add.bl_idname
+
+
+CLASSES = (HOLOPATH_OT_display_preset_add, HOLOPATH_PT_display_presets)

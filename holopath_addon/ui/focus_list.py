@@ -1,0 +1,21 @@
+"""The focus list as a section of the panels shows it."""
+
+import bpy
+
+
+class HOLOPATH_UL_focus(bpy.types.UIList):
+    """A row for each distance: metres, dioptres, infinity."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        row = layout.row(align=True)
+        if item.focus_infinity:
+            row.label(text="Infinity")
+        else:
+            row.prop(item, "focus", text="", emboss=False)
+            row.prop(item, "focus_dioptres", text="", emboss=False)
+        end = row.row(align=True)
+        end.ui_units_x = 1.2
+        end.prop(item, "focus_infinity", text="∞", toggle=True)
+
+
+CLASSES = (HOLOPATH_UL_focus,)

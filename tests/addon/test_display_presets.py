@@ -1,0 +1,42 @@
+"""The user's own displays, as Blender keeps presets."""
+
+import bpy
+import pytest
+
+
+def test_kept_and_taken(scene):
+    props = scene.holopath
+    props.display = "leto-3"
+    props.display = "CUSTOM"
+    props.resolution_x, props.pitch_um, props.bits = 1234, 4.25, 10
+    props.colours, props.wavelength_nm = "MONO", 532.0
+    props.wavelengths_nm = (630.0, 520.0, 460.0)
+    props.depth_far_mm, props.depth_near_mm = 33.0, 44.0
+    frames = props.frames
+    names = [
+        "display", "resolution_x", "resolution_y", "pitch_um", "bits", "colours", "wavelength_nm",
+        "depth_far_mm", "depth_near_mm",
+    ]  # fmt: skip
+    kept = {name: getattr(props, name) for name in names} | {"wavelengths": tuple(props.wavelengths_nm)}
+    assert bpy.ops.holopath.display_preset_add(name="My SLM") == {"FINISHED"}
+    path = bpy.utils.preset_find("My_SLM", "holopath/display")
+    assert path is not None
+
+    props.display = "gaea-2"
+    props.colours, props.wavelengths_nm, props.frames = "RGB", (640, 516, 455), frames + 1
+    assert bpy.ops.script.execute_preset(filepath=path, menu_idname="HOLOPATH_PT_display_presets") == {
+        "FINISHED"
+    }
+    assert {name: getattr(props, name) for name in names} | {
+        "wavelengths": tuple(props.wavelengths_nm)
+    } == kept
+    assert props.frames == frames + 1
+    assert bpy.ops.holopath.display_preset_add(remove_name=True, name="My_SLM") == {"FINISHED"}
+    assert bpy.utils.preset_find("My_SLM", "holopath/display") is None
+
+
+@pytest.mark.parametrize("place", ["view3d", "render"])
+def test_in_the_panels_header(addon, place):
+    panel = getattr(bpy.types, f"HOLOPATH_PT_{place}_display")
+    assert hasattr(panel, "draw_header_preset")
+    assert not hasattr(getattr(bpy.types, f"HOLOPATH_PT_{place}_depth"), "draw_header_preset")
