@@ -60,10 +60,10 @@ def test_depth(scene):
         ("estimator", {"method": "direct"}),
     ],
 )
-def test_quality_shows_what_counts(scene, hidden, change):
-    before = hidden in drawn(sections.quality, scene)[0]
+def test_advanced_shows_what_counts(scene, hidden, change):
+    before = hidden in drawn(sections.advanced, scene)[0]
     for name, value in change.items():
         setattr(scene.holopath, name, value)
-    names, words = drawn(sections.quality, scene)
+    names, words = drawn(sections.advanced, scene)
     assert (hidden in names) is not before
     assert hidden != "estimator" or "Direct" in words
