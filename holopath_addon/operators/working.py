@@ -27,6 +27,7 @@ class Working:
     _told = ""
     _told_at = 0.0
     _presented = False
+    _over = False
 
     @classmethod
     def poll(cls, context):
@@ -66,7 +67,10 @@ class Working:
             self._tell(context)
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
+            if self._over:  # opening a window for the picture handles events
+                return {"PASS_THROUGH"}
             if not job.running:
+                self._over = True
                 session.leave()
                 return self._end(context)
             job.serve()

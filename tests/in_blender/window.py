@@ -1,6 +1,7 @@
-"""Runs inside a Blender window: presses Render Hologram, refocuses the picture, then renders with F12.
+"""Runs inside a Blender window and does what a user does there: press Render Hologram, refocus, play, encode,
+cancel, undo, delete the scene or open another file meanwhile, F12.
 
-    blender --python window.py -- RESULT.json
+    blender --enable-event-simulate --python window.py -- RESULT.json
 
 Whatever happens, RESULT.json says how far it got, and Blender ends: by itself, or after LIMIT seconds.
 """
@@ -15,7 +16,7 @@ import traceback
 import bpy
 import numpy as np
 
-LIMIT = 240.0  # seconds
+LIMIT = 280.0  # seconds
 SIZE = 256  # pixels
 NAME = "HoloPath Reconstruction"
 target = sys.argv[sys.argv.index("--") + 1]
@@ -41,6 +42,34 @@ watchdog.daemon = True
 watchdog.start()
 
 
+class Ticks:
+    """How regularly a timer of the window fires, and how long drawing keeps it."""
+
+    STEP = 0.01  # seconds
+
+    def __init__(self):
+        self.gaps = []
+        self._timer = self._tick  # the very object that Blender knows
+        self._last = time.monotonic()
+        bpy.app.timers.register(self._timer)
+
+    def _tick(self):
+        now = time.monotonic()
+        self.gaps.append(now - self._last)
+        self._last = now
+        return self.STEP
+
+    def stop(self):
+        """The longest gaps, seconds, longest first."""
+        bpy.app.timers.unregister(self._timer)
+        return [round(gap, 3) for gap in sorted(self.gaps, reverse=True)[:10]]
+
+
+def session():
+    """The add-on's session module, whatever Blender calls its package."""
+    return next(m for name, m in sys.modules.items() if name.endswith("holopath.operators.session"))
+
+
 def prepare():
     """Blender's own cube with a noise on it, camera and lamp, against black, at a size that takes a second or two."""
     bpy.context.preferences.view.show_splash = False
@@ -50,6 +79,11 @@ def prepare():
     tree = bpy.data.objects["Cube"].active_material.node_tree
     noise, principled = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes["Principled BSDF"]
     tree.links.new(noise.outputs["Color"], principled.inputs["Base Color"])
+    configure(scene)
+
+
+def configure(scene):
+    """Settings that take a second or two."""
     props = scene.holopath
     props.resolution_x = props.resolution_y = SIZE
     props.depth_far_mm, props.depth_near_mm = 4.0, 6.0
@@ -58,13 +92,20 @@ def prepare():
     props.focus = 5.0
 
 
-def press(operator):
+def press(operator, **settings):
     """Invoke an operator as its button in the 3D View would."""
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
     region = next(region for region in area.regions if region.type == "WINDOW")
     with bpy.context.temp_override(window=window, area=area, region=region):
-        return operator("INVOKE_DEFAULT")
+        return operator("INVOKE_DEFAULT", **settings)
+
+
+def over():
+    """Until what is at work has ended and its operator too."""
+    while session().current.job is not None:
+        yield 0.02
+    yield 0.1
 
 
 def picture():
@@ -88,28 +129,135 @@ def describe(colour):
 
 def baked():
     """Notes on what was baked for the last render."""
-    session = next(m for name, m in sys.modules.items() if name.endswith("operators.session"))
-    return [note for note in session.current.notes if "baked" in note]
+    return [note for note in session().current.notes if "baked" in note]
 
 
 def steps():
     """The user's actions; every `yield` gives Blender time to work and redraw."""
-    yield
+    yield 0.5
     prepare()
-    yield
+    yield 0.5
+    yield from rendering()
+    yield from refocusing()
+    yield from encoding()
+    yield from cancelling()
+    yield from disturbing()
+    yield from f12()
+    yield from without_a_camera()
+
+
+def rendering():
+    """The button; the window lives meanwhile, and a second press is refused."""
+    ticks = Ticks()
     result["pressed"] = sorted(press(bpy.ops.holopath.render_hologram))
-    result["steps"].append("pressed")
-    while (near := picture()) is None:
-        yield
-    result.update(describe(near))
-    result["steps"].append("pictured")
+    result["twice"] = bpy.ops.holopath.render_hologram.poll()
+    yield from over()
+    result["gaps"] = ticks.stop()
+    result.update(describe(picture()))
     result["baked"] = [baked()]
-    yield
+    result["steps"].append("rendered")
+    ticks = Ticks()  # once more, now that Blender has drawn all of its widgets once
+    press(bpy.ops.holopath.render_hologram)
+    yield from over()
+    result["gaps_again"] = ticks.stop()
+
+
+def refocusing():
+    """The slider, then Play and Stop."""
+    near = picture()
+    begin = time.monotonic()
     bpy.context.scene.holopath.focus = 0.5
-    while (far := picture()) is None or np.array_equal(far, near):
-        yield
+    while np.array_equal(picture(), near):
+        yield 0.01
+    result["refocus"] = time.monotonic() - begin
+    far = picture()
+    press(bpy.ops.holopath.sweep)
+    seen, end = set(), time.monotonic() + 4
+    while time.monotonic() < end:
+        seen.add(picture().tobytes())
+        yield 0.05
+    press(bpy.ops.holopath.sweep)
+    while session().refocusing():
+        yield 0.05
+    still = picture()
+    yield 0.5
+    result["played"] = len(seen)
+    result["stopped"] = bool(np.array_equal(still, picture())) and session().current.sweep is None
+    assert not np.array_equal(near, far)
     result["steps"].append("refocused")
-    yield
+
+
+def encoding():
+    """Encode, and look at another frame."""
+    press(bpy.ops.holopath.encode)
+    yield from over()
+    image = bpy.data.images["HoloPath Phase"]
+    first = image.pixels[:]
+    bpy.context.scene.holopath.phase_frame = 2
+    yield 0.1
+    result["phases"] = [len(session().current.phase.data), first != image.pixels[:], 0 <= min(first)]
+    result["steps"].append("encoded")
+
+
+def cancelling():
+    """Esc, on a render that would take long; the last picture comes back."""
+    props = bpy.context.scene.holopath
+    before, field = picture(), session().current.field
+    props.resolution_x = props.resolution_y = 1024
+    props.quality = "full"
+    press(bpy.ops.holopath.render_hologram)
+    while session().current.job is not None and session().current.job.done < 0.1:
+        yield 0.02
+    window, begin = bpy.context.window_manager.windows[0], time.monotonic()
+    window.event_simulate(type="ESC", value="PRESS", x=400, y=400)
+    window.event_simulate(type="ESC", value="RELEASE", x=400, y=400)
+    yield from over()
+    result["cancelled"] = time.monotonic() - begin
+    yield 1.0
+    after = picture()
+    result["kept"] = session().current.field is field and before.shape == after.shape
+    result["steps"].append("cancelled")
+    configure(bpy.context.scene)
+
+
+def disturbing():
+    """Undo, another scene in the window, the scene deleted, another file: all while a hologram is rendered."""
+    bpy.ops.ed.undo_push(message="before")
+    bpy.data.objects["Cube"].location.x += 0.1
+    bpy.ops.ed.undo_push(message="moved")
+    press(bpy.ops.holopath.render_hologram)
+    yield 0.6
+    press(bpy.ops.ed.undo)
+    yield from over()
+    result["undone"] = session().current.error
+    result["steps"].append("undone")
+
+    window = bpy.context.window_manager.windows[0]
+    other = bpy.data.scenes.new("Other")
+    press(bpy.ops.holopath.render_hologram)
+    while session().current.job.done == 0:
+        yield 0.05
+    rendered, window.scene = window.scene, other
+    yield 0.1
+    bpy.data.scenes.remove(rendered)
+    yield from over()
+    result["deleted"] = [session().current.error, session().current.field is not None]
+    result["steps"].append("deleted")
+
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    yield 0.5
+    prepare()
+    press(bpy.ops.holopath.render_hologram)
+    yield 0.6
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    yield 0.5
+    result["reopened"] = [session().current.job is None, session().current.field is None]
+    result["steps"].append("reopened")
+    prepare()
+    yield 0.5
+
+
+def f12():
     done = []
     bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
     bpy.app.handlers.render_cancel.append(lambda *_: done.append(False))
@@ -117,27 +265,30 @@ def steps():
     bpy.context.scene.render.resolution_x = bpy.context.scene.render.resolution_y = 96
     press(bpy.ops.render.render)
     while not done:
-        yield
-    result["rendered"] = done[0]
+        yield 0.1
+    result["f12"] = done[0]
     result["baked"].append(baked())
     result["scenes"] = len(bpy.data.scenes)
-    result["steps"].append("rendered")
+    result["steps"].append("f12")
+
+
+def without_a_camera():
     bpy.data.objects.remove(bpy.context.scene.camera)
-    try:
-        result["without_camera"] = sorted(press(bpy.ops.holopath.render_hologram))
-    except RuntimeError as error:
-        result["without_camera"] = str(error)
+    press(bpy.ops.holopath.render_hologram)
+    yield from over()
+    result["without_camera"] = session().current.error
     for _ in range(5):
-        yield
+        yield 0.2
     result["steps"].append("alive")
 
 
 run = steps()
 
 
+@bpy.app.handlers.persistent
 def tick():
     try:
-        next(run)
+        return next(run)
     except StopIteration:
         write()
         bpy.ops.wm.quit_blender()
@@ -145,7 +296,6 @@ def tick():
     except BaseException:
         write(error=traceback.format_exc())
         os._exit(1)
-    return 0.2
 
 
-bpy.app.timers.register(tick, first_interval=1.0)
+bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
