@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from . import engine, failures, lengths, output, pipeline, sources
+from . import engine, failures, lengths, output, pipeline, sources, stills
 from .engine import backend, displays
 from .engine import hologram as choices
 
@@ -150,6 +150,12 @@ def _parser(store):
     _add_scene(render, store)
     render.add_argument(
         "--out", required=True, metavar="DIR", help="results: a new or empty folder, or HoloPath's own"
+    )
+    render.add_argument(
+        "--animation",
+        action="store_true",
+        help="every frame of the .blend's frame range, into DIR/frame_0001 and so on; frames that are there, made of "
+        "the same scene with the same settings, are skipped",
     )
     _add_focus(render, "three depths spread over the visible range")
     render.add_argument("--encode", choices=("none",), default="none", help="phase encoding (default none)")
@@ -310,100 +316,115 @@ def _pupil_of(args):
     return engine.Pupil(*(v * 1e-3 for v in args.pupil))
 
 
-def _open(args, progress):
-    """Scene, hologram and settings that the words ask for."""
-    progress(0.0, "Opening the scene")
-    source = sources.open_source(args.scene)
+def _load(args, source):
+    """Scene in its current frame, hologram and settings that the words ask for."""
     hologram, settings = _hologram_of(args, source.hologram), _settings_of(args, source.settings)
-    progress(0.5, "Exporting the scene")
     with sources.native_output_to_stderr():
         loaded = source.load(hologram.width, hologram.height, args.camera)
     return loaded, hologram, settings
 
 
+def _still(args, source, pupil):
+    """The `Still` that the words ask for, of the scene in its current frame."""
+    loaded, hologram, settings = _load(args, source)
+    return stills.Still(
+        args.scene,
+        loaded.scene,
+        loaded.camera,
+        hologram,
+        settings,
+        args.focus,
+        pupil,
+        args.store,
+        loaded.notes,
+        args.compare_reference,
+    )
+
+
 def _render(args):
     progress = Progress(quiet=args.quiet)
     pupil = _pupil_of(args)
+    if args.animation:
+        _animate(args, pupil, progress)
+        return
     start = time.perf_counter()
     with output.output_folder(args.out) as folder:
-        loaded, hologram, settings = _open(args, pipeline.stage(progress, 0.0, 0.05))
-        seconds = {"export": time.perf_counter() - start}
-        end = 0.7 if args.compare_reference else 0.97
-        result = pipeline.compute(
-            loaded.scene,
-            loaded.camera,
-            hologram,
-            settings,
-            args.focus,
-            pupil,
-            progress=pipeline.stage(progress, 0.05, end),
-            store=args.store,
-        )
-        rgb = engine.to_rgb(result.images, hologram.wavelengths)
-        white = output.exposure(rgb)
-        progress(end, "Writing")
-        result.field.save(folder / "wavefield")
-        output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
-        bake = result.field.report.get("bake")
-        report = {
-            "scene": args.scene,
-            "camera": loaded.camera.to_dict(),
-            "hologram": hologram.to_dict(),
-            "settings": asdict(settings),
-            "plan": result.plan.to_dict(),
-            "focus_m": result.focus,
-            "pupil_m": asdict(pupil) if pupil else None,
-            "exposure_white": white,
-            "rays": result.field.report.get("rays", {}),
-            "spp": result.plan.rays_per_pixel,
-            "variant": result.field.report.get("variant"),
-            "bake": bake,
-            "warnings": [*result.plan.warnings, *pipeline.bake_notes(bake)],
-            "export_notes": loaded.notes,
-        }
-        if args.compare_reference:
-            truth = engine.reference(
-                loaded.scene,
-                loaded.camera,
-                hologram,
-                result.focus,
-                pupil,
-                near=result.field.near,
-                max_depth=settings.max_depth,
-                progress=pipeline.stage(progress, end, 0.97),
-            )
-            truth_rgb = engine.to_rgb(truth, hologram.wavelengths)
-            output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
-            report["comparison"] = _compare(result, truth)
-        seconds.update(result.field.report.get("seconds", {}), total=time.perf_counter() - start)
-        output.write_report(folder, {**report, "seconds": seconds, "versions": output.versions()})
-    progress(1.0, f"Done in {seconds['total']:.1f} s: {args.out}")
-    for line in [*report["warnings"], *map(note_text, loaded.notes)]:
-        progress.say(f"note: {line}")
+        progress(0.0, "Opening the scene")
+        source = sources.open_source(args.scene)
+        progress(0.03, "Exporting the scene")
+        still = _still(args, source, pupil)
+        spent = time.perf_counter() - start
+        _, report = stills.write(folder, still, pipeline.stage(progress, 0.05, 1.0), spent)
+    progress(1.0, f"Done in {report['seconds']['total']:.1f} s: {args.out}")
+    for line in _remarks(report):
+        progress.say(line)
+
+
+def _animate(args, pupil, progress):
+    """Every frame of a .blend's frame range, but those that are done."""
+    if Path(args.scene).suffix.lower() != ".blend":
+        raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out --animation.")
+    if Path(args.out).exists() and not Path(args.out).is_dir():
+        raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
+    progress(0.0, "Opening the scene")
+    source = sources.open_source(args.scene)
+    numbers, start, made, told = source.frames, time.perf_counter(), 0, set()
+    try:
+        for index, number in enumerate(numbers):
+            folder = output.frame_folder(args.out, number)
+            at = _frame_progress(progress, index, number, numbers)
+            with _naming(number):
+                began = time.perf_counter()
+                at(0.0, "Exporting the scene")
+                source.go_to(number)
+                still = _still(args, source, pupil)
+                spent = time.perf_counter() - began
+                result, report = stills.update(
+                    folder,
+                    still,
+                    pipeline.stage(at, 0.05, 1.0),
+                    spent,
+                    lambda text, name=folder.name: progress.say(f"{name}: {text}"),
+                )
+            if result is not None:
+                made += 1
+                for line in [line for line in _remarks(report) if line not in told]:
+                    progress.say(f"{folder.name}: {line}")
+                    told.add(line)
+    except (Exception, KeyboardInterrupt) as error:
+        if not failures.cancelled(error):
+            raise
+        raise engine.Cancelled(
+            f"Cancelled: the frames that are done are in {args.out}, and the same command goes on after them."
+        ) from error
+    seconds = time.perf_counter() - start
+    before = f", {len(numbers) - made} done before" if made < len(numbers) else ""
+    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
+
+
+def _frame_progress(progress, index, number, numbers):
+    """Progress of one of the frames."""
+    part = pipeline.stage(progress, index / len(numbers), (index + 1) / len(numbers))
+    return lambda done, message: part(min(done, 0.999), f"Frame {number}: {message}")
+
+
+@contextmanager
+def _naming(number):
+    """Errors of bad input name the frame."""
+    try:
+        yield
+    except engine.InvalidInput as error:
+        raise engine.InvalidInput(f"Frame {number}: {error}") from error
+
+
+def _remarks(report):
+    """Lines on what is to be known of a result."""
+    lines = [f"note: {text}" for text in [*report["warnings"], *map(note_text, report["export_notes"])]]
     for row in report.get("comparison", []):
         depth = row["focus_m"]
         where = "infinity" if math.isinf(depth) else f"{lengths.format_distance(depth)} m"
-        progress.say(f"focus {where}: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}")
-
-
-def _compare(result, truth):
-    """PSNR and SSIM of every picture, leaving out the border that light from outside the view reaches."""
-    hologram, plan = result.field.hologram, result.plan
-    slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
-    rows = []
-    for depth, image, reference in zip(result.focus, result.images, truth, strict=True):
-        z = float(result.field.mapping.depth_to_z(depth))
-        border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / hologram.pitch)
-        border = min(border, (min(hologram.width, hologram.height) - 12) // 2)
-        rows.append(
-            {
-                "focus_m": depth,
-                "psnr_db": engine.psnr(image, reference, border),
-                "ssim": engine.ssim(image, reference, border),
-                "border_pixels": border,
-            }
-        )
-    return rows
+        lines.append(f"focus {where}: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}")
+    return lines
 
 
 def note_text(note):
@@ -414,7 +435,7 @@ def note_text(note):
 
 
 def _plan(args):
-    loaded, hologram, settings = _open(args, Progress(quiet=True))
+    loaded, hologram, settings = _load(args, sources.open_source(args.scene))
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     if args.json:
         print(

@@ -19,7 +19,8 @@ def sentence(error):
     if isinstance(error, (InvalidInput, BackendUnavailable)):
         return _one_line(error)
     if cancelled(error):
-        return "Cancelled: nothing was written."
+        told = _one_line(error) if isinstance(error, Cancelled) and str(error) else ""
+        return told or "Cancelled: nothing was written."
     if isinstance(error, MemoryError):
         return "Not enough memory: use fewer pixels, frames or wavelengths, or a lower quality."
     if isinstance(error, OSError):

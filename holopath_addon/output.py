@@ -68,6 +68,11 @@ def _encode(pixels, file_format):
     return stream.raw_buffer()
 
 
+def frame_folder(folder, number):
+    """Output folder of a frame of an animation that is kept in `folder`."""
+    return Path(folder) / f"frame_{number:04d}"
+
+
 def picture_name(focus):
     """Stem of the file of a picture focused at `focus` metres."""
     return f"focus_{format_distance(focus)}m"
@@ -140,15 +145,15 @@ def write_report(folder, report):
     OSError
     """
     header = {"format": FORMAT, "format_version": FORMAT_VERSION}
-    (Path(folder) / "report.json").write_text(json.dumps(_plain({**header, **report}), indent=1) + "\n")
+    (Path(folder) / "report.json").write_text(json.dumps(plain({**header, **report}), indent=1) + "\n")
 
 
-def _plain(value):
+def plain(value):
     """JSON-able copy: numpy numbers as Python's, infinities and NaN as text."""
     if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not np.isfinite(value):

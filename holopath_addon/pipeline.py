@@ -1,17 +1,22 @@
 """From a scene to refocused pictures in one call: what the command line and Blender share. Imports no bpy."""
 
 import math
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from . import engine
+from .engine.hologram import channel
+from .engine.mapping import DepthMapping
 
 LARGE_DISPLAY = 6e-3  # metres of the shorter side from which on the engine's own depth range suits
 SMALL_DISPLAY = 4.096e-3  # 512 pixels of 8 µm
 SMALL_DEPTH_RANGE = (10e-3, 15e-3)
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
+SOON = 2.0  # seconds within which no preview is needed
+PREVIEW_SHARE = 0.1  # of the planned time
 
 
 @dataclass
@@ -70,8 +75,6 @@ def dioptres_in_view(plan, camera, hologram):
     -------
     (float, float)
     """
-    from .engine.mapping import DepthMapping
-
     mapping = DepthMapping.of(hologram, camera, plan.near)
     return tuple(1 / float(mapping.z_to_depth(z)) for z in (plan.z_high, plan.z_low))
 
@@ -111,20 +114,16 @@ def centre_depth(scene, camera):
     float or None
         World depth in metres: the median over the middle tenth of the view; None where nothing is.
     """
-    import mitsuba as mi
+    from .engine.depth import depths_along
 
     tangent = math.tan(camera.fov_x / 2)
     offsets = np.linspace(-0.1, 0.1, 15) * tangent
     across, upward = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
-    right, up, forward = camera.axes
-    across, upward = across + 2 * tangent * camera.shift_x, upward + 2 * tangent * camera.shift_y
-    directions = forward[:, None] + right[:, None] * across + up[:, None] * upward
-    origins = camera.position[:, None] + camera.clip_start * directions
-    rays = mi.Ray3f(mi.Point3f(origins.astype(np.float32)), mi.Vector3f(directions.astype(np.float32)))
-    distances = np.asarray(scene.ray_intersect_preliminary(rays).t)
-    depths = camera.clip_start + distances
-    depths = depths[depths < camera.clip_end]
-    return float(f"{np.median(depths):.3g}") if len(depths) >= len(distances) / 10 else None
+    depths = depths_along(
+        scene, camera, across + 2 * tangent * camera.shift_x, upward + 2 * tangent * camera.shift_y
+    )
+    found = depths[np.isfinite(depths)]
+    return float(f"{np.median(found):.3g}") if len(found) >= len(depths) / 10 else None
 
 
 def bake_notes(bake):
@@ -162,7 +161,6 @@ def stage(progress, start, end):
 
 def _check_view(plan, camera, hologram, focus, pupil):
     """Refuse what `engine.reconstruct` would, before the long work."""
-    from .engine.mapping import DepthMapping
     from .engine.reconstruction import pupil_mask
 
     mapping = DepthMapping.of(hologram, camera, plan.near)
@@ -172,7 +170,34 @@ def _check_view(plan, camera, hologram, focus, pupil):
             pupil_mask((hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil)
 
 
-def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, progress=None, store=None):
+def _preview(scene, camera, hologram, settings, plan, focus, pupil, progress, offer):
+    """Offer pictures through a thin lens, ever finer, for a small part of the time that the hologram takes."""
+    if plan.seconds < SOON:
+        return
+    end = time.monotonic() + PREVIEW_SHARE * plan.seconds
+    mapping = DepthMapping.of(hologram, camera, plan.near)
+    aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
+    channels = [channel(w) for w in hologram.wavelengths]
+    picture = engine.Preview(
+        scene, camera, hologram.width, hologram.height, focus, aperture, settings.max_depth, pupil=pupil
+    )
+    while time.monotonic() < end:
+        light = picture.refine(progress=lambda done, message: progress(0.02, message))
+        offer(engine.to_rgb(light[..., channels], hologram.wavelengths))
+
+
+def compute(
+    scene,
+    camera,
+    hologram,
+    settings=None,
+    focus=None,
+    pupil=None,
+    progress=None,
+    store=None,
+    field=None,
+    offer=None,
+):
     """Plan, render and refocus.
 
     Parameters
@@ -182,12 +207,17 @@ def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, prog
     hologram : engine.Hologram
     settings : engine.Settings, optional
     focus : sequence of float or 'centre', optional
-        World depths, metres; `centre_depth`, else the nearest surface. Default: `default_focus`.
+        World depths, metres; 'centre', alone or among them, is `centre_depth`, else the nearest surface. Those that
+        coincide give one picture. Default: `default_focus`.
     pupil : engine.Pupil, optional
     progress : callable, optional
         ``progress(done, message)``, may raise `engine.Cancelled`.
     store : engine.BakeStore, optional
         Where baked light is kept.
+    field : engine.WaveField, optional
+        Of the same scene and settings, to be refocused instead of rendering it again.
+    offer : callable, optional
+        ``offer(picture)`` with pictures, array [y, x, 3], to look at meanwhile.
 
     Returns
     -------
@@ -201,10 +231,15 @@ def compute(scene, camera, hologram, settings=None, focus=None, pupil=None, prog
     settings = settings or engine.Settings()
     progress(0.0, "Planning")
     plan = engine.plan(scene, camera, hologram, settings, store)
-    if focus == "centre":
-        focus = [centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]]
-    focus = list(focus) if focus else default_focus(plan, camera, hologram)
+    focus = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
+    if "centre" in focus:
+        centre = centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]
+        focus = [centre if depth == "centre" else depth for depth in focus]
+    focus = list(dict.fromkeys(focus))
     _check_view(plan, camera, hologram, focus, pupil)
-    field = engine.render(scene, camera, hologram, settings, plan, stage(progress, 0.02, 0.85), store)
+    if field is None:
+        if offer is not None:
+            _preview(scene, camera, hologram, settings, plan, focus[0], pupil, progress, offer)
+        field = engine.render(scene, camera, hologram, settings, plan, stage(progress, 0.02, 0.85), store)
     images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.85, 1.0))
     return Result(plan, field, focus, images)

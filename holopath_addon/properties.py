@@ -11,6 +11,7 @@ from bpy.props import (
     FloatVectorProperty,
     IntProperty,
     PointerProperty,
+    StringProperty,
 )
 
 from . import engine, pipeline
@@ -19,6 +20,9 @@ from .engine import hologram as choices
 
 CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
+# Options of a path that may start at the .blend; older Blenders let any path do so.
+_KNOWS_RELATIVE = "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
+_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if _KNOWS_RELATIVE else set()
 
 _LABELS = {
     "auto": ("Auto", "Bake diffuse light where that takes less time than tracing it for this view"),
@@ -392,6 +396,22 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         soft_max=16,
     )
     seed: IntProperty(name="Seed", description="Seed of all random numbers", default=0, min=0)
+    keep_fields: BoolProperty(
+        name="Keep Wave Fields",
+        description=(
+            "Animation renders write each frame's wave field and pictures into a folder of its own, and take frames "
+            "from there that were made of the same scene with the same settings"
+        ),
+        default=False,
+        options=set(),
+    )
+    animation_folder: StringProperty(
+        name="Wave Fields",
+        description="Folder in which an animation render makes frame_0001 and so on",
+        default="//holopath",
+        subtype="DIR_PATH",
+        options=_RELATIVE,
+    )
     focus_auto: BoolProperty(
         name="Auto",
         description="Every render focuses on the middle of the view; off once a focus is chosen",
@@ -501,6 +521,31 @@ class HoloPathMaterial(bpy.types.PropertyGroup):
     )
 
 
+class HoloPathViewLayer(bpy.types.PropertyGroup):
+    """What `ViewLayer.holopath` holds: the passes of F12."""
+
+    use_pass_focus: BoolProperty(
+        name="Focus",
+        description="Deliver a picture for each distance of the focus list, if it is empty for the focus distance",
+        default=False,
+    )
+    use_pass_phase: BoolProperty(
+        name="Phase",
+        description="Deliver the phase of the wave field at the SLM in radians from 0 to 2π, of the first frame shown",
+        default=False,
+    )
+    use_pass_amplitude: BoolProperty(
+        name="Amplitude",
+        description="Deliver the amplitude of the wave field at the SLM, of the first frame shown",
+        default=False,
+    )
+    use_pass_depth: BoolProperty(
+        name="Depth",
+        description="Deliver the distance of the first surface along the camera's axis, in scene units",
+        default=False,
+    )
+
+
 def hologram_of(props, resolution=None):
     """Engine's hologram of the settings.
 
@@ -597,7 +642,7 @@ def _tidy(value):
     return float(f"{value:.6g}")
 
 
-CLASSES = (HoloPathFocus, HoloPathSettings, HoloPathMaterial)
+CLASSES = (HoloPathFocus, HoloPathSettings, HoloPathMaterial, HoloPathViewLayer)
 
 
 def register():
@@ -618,14 +663,16 @@ def _settle(*_):
 
 
 def attach():
-    """Add the settings to scenes and materials."""
+    """Add the settings to scenes, view layers and materials."""
     bpy.types.Scene.holopath = PointerProperty(type=HoloPathSettings)
     bpy.types.Material.holopath = PointerProperty(type=HoloPathMaterial)
+    bpy.types.ViewLayer.holopath = PointerProperty(type=HoloPathViewLayer)
     bpy.app.handlers.load_post.append(_settle)
 
 
 def detach():
-    """Take the settings from scenes and materials."""
+    """Take the settings from scenes, view layers and materials."""
     bpy.app.handlers.load_post.remove(_settle)
+    del bpy.types.ViewLayer.holopath
     del bpy.types.Material.holopath
     del bpy.types.Scene.holopath

@@ -1,10 +1,18 @@
 """F12: the render engine HOLOPATH, a thin delegate of `operators.session`."""
 
-import bpy
+import math
+import time
+from pathlib import Path
 
-from . import engine
+import bpy
+import numpy as np
+
+from . import engine, output, properties, stills
+from .export import unit_scale
 from .operators import session
 from .operators.jobs import on_main_thread
+
+NOTHING = 1e10  # depth where there is no surface, as Cycles writes it
 
 
 class HoloPathEngine(bpy.types.RenderEngine):
@@ -18,27 +26,42 @@ class HoloPathEngine(bpy.types.RenderEngine):
     bl_use_preview = False
     bl_use_eevee_viewport = True
 
+    def update_render_passes(self, scene=None, renderlayer=None):
+        """Called by Blender to learn which passes a view layer has, for a render and for the compositor."""
+        for name, channels in _passes(scene.holopath, renderlayer):
+            kind = "VALUE" if len(channels) == 1 else "COLOR"
+            self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
+
     def render(self, depsgraph):
-        """Called by Blender for every frame; in a window on a thread of its own. Raises nothing.
+        """Called by Blender for every view layer of a frame; in a window on a thread of its own. Raises nothing.
 
         Blender gets a result in any case: writing a multilayer EXR without one crashes it.
         """
-        settings = depsgraph.scene.render
+        settings, layer = depsgraph.scene.render, depsgraph.view_layer_eval
         scale = settings.resolution_percentage / 100
         size = [max(1, int(n * scale)) for n in (settings.resolution_x, settings.resolution_y)]
-        pixels, failure = None, ""
+        pixels, failure = {}, ""
         try:
             self.update_stats("", "HoloPath: exporting the scene")
+            start = time.perf_counter()
             task = on_main_thread(lambda: session.prepare(depsgraph, depsgraph.scene.holopath, size))
-            result = task.compute(self._progress)
+            spent = time.perf_counter() - start
+            keep = self.is_animation and depsgraph.scene.holopath.keep_fields
+            listed = keep or layer.holopath.use_pass_focus
+            still = task.still(properties.focus_list_of(depsgraph.scene.holopath) if listed else ())
+            if keep:
+                result = self._kept(still, _folder(depsgraph), spent)
+            else:
+                result = still.compute(self._progress)
             session.keep(task, result)
-            pixels = session.picture(result.images[0], task.hologram.wavelengths)
+            pixels = _pixels(still, result, depsgraph)
         except BaseException as error:
             failure = session.fail(error)
-        target = self.begin_result(0, 0, *size)
+        target = self.begin_result(0, 0, *size, layer=layer.name)
         try:
-            if pixels is not None:
-                target.layers[0].passes["Combined"].rect.foreach_set(pixels.ravel())
+            for part in target.layers[0].passes:
+                if part.name in pixels:
+                    part.rect.foreach_set(pixels[part.name][::-1].ravel())
         except BaseException as error:
             failure = session.fail(error)
         finally:
@@ -46,11 +69,82 @@ class HoloPathEngine(bpy.types.RenderEngine):
         if failure:
             self.report({"ERROR"}, failure)
 
+    def _kept(self, still, folder, export_seconds):
+        """The render of a still, made and put into its folder, or taken from there."""
+
+        def say(text):
+            self.report({"INFO"}, f"{folder.name}: {text}")
+
+        result, _ = stills.update(folder, still, self._progress, export_seconds, say)
+        return result or still.compute(self._progress, stills.kept(folder))
+
     def _progress(self, done, message):
         if self.test_break():
             raise engine.Cancelled
         self.update_progress(done)
         self.update_stats("", f"HoloPath: {message}")
+
+
+def _folder(depsgraph):
+    """Output folder of the current frame of an animation; where several view layers are rendered, of this one's."""
+    scene, layer = depsgraph.scene, depsgraph.view_layer
+    path = scene.holopath.animation_folder
+    if not path or (path.startswith("//") and not bpy.data.filepath):
+        raise engine.InvalidInput(
+            "The animation's wave fields have no folder: save the .blend, or choose a folder in the Output properties."
+        )
+    folder = Path(bpy.path.abspath(path))
+    if sum(each.use for each in scene.view_layers) > 1:
+        folder /= bpy.path.clean_name(layer.name)
+    return output.frame_folder(folder, scene.frame_current)
+
+
+def _focus_pass(metres):
+    """Name of the pass of a focus distance, in millimetres: in a multilayer EXR a dot would end the name."""
+    if math.isinf(metres):
+        return "Focus inf"
+    return f"Focus {f'{metres * 1e3:.3f}'.rstrip('0').rstrip('.').replace('.', '_')} mm"
+
+
+def _passes(props, layer):
+    """Names and channels of a view layer's passes."""
+    colours = "RGB" if props.colours == "RGB" else "X"
+    found = [("Combined", "RGBA")]
+    if layer.holopath.use_pass_focus:
+        names = map(_focus_pass, properties.focus_list_of(props))
+        found += [(name, "RGB") for name in dict.fromkeys(names)]
+    if layer.holopath.use_pass_phase:
+        found.append(("Phase", colours))
+    if layer.holopath.use_pass_amplitude:
+        found.append(("Amplitude", colours))
+    if layer.holopath.use_pass_depth:
+        found.append(("Depth", "Z"))
+    return found
+
+
+def _pixels(still, result, depsgraph):
+    """Arrays [y, x, channel] of the passes by their names, row 0 at the top.
+
+    Phase and amplitude are those of the first of the frames that are shown one after the other, a channel a
+    wavelength.
+    """
+    layer = depsgraph.view_layer_eval
+    wavelengths = result.field.hologram.wavelengths
+    pictures = engine.to_rgb(result.images, wavelengths)
+    alpha = np.ones_like(pictures[0, ..., :1])
+    found = {"Combined": np.concatenate([pictures[0], alpha], axis=-1)}
+    for depth, picture in zip(result.focus, pictures, strict=True):
+        found[_focus_pass(depth)] = picture
+    wave = np.moveaxis(result.field.data[0], 0, -1)
+    if layer.holopath.use_pass_phase:
+        phase = np.angle(wave) % np.float32(2 * np.pi)
+        found["Phase"] = np.where(phase < np.float32(2 * np.pi), phase, 0)
+    if layer.holopath.use_pass_amplitude:
+        found["Amplitude"] = np.abs(wave)
+    if layer.holopath.use_pass_depth or layer.use_pass_z:
+        depth = engine.depth_map(still.scene, still.camera, wave.shape[1], wave.shape[0])
+        found["Depth"] = np.minimum(depth / unit_scale(depsgraph.scene), NOTHING)
+    return {name: np.ascontiguousarray(array, np.float32) for name, array in found.items()}
 
 
 CLASSES = (HoloPathEngine,)

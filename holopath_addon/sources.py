@@ -38,15 +38,42 @@ class BlenderSource:
     """The file that is open in bpy. Its HoloPath settings are the defaults."""
 
     def __init__(self):
+        from .export import ExportCache
+
+        self._cache = ExportCache()  # frames of an animation differ little
+
+    @property
+    def hologram(self):
+        """`engine.Hologram` of the settings in the current frame."""
         import bpy
 
         from . import properties
-        from .export import ExportCache
 
-        props = bpy.context.scene.holopath
-        self.hologram = properties.hologram_of(props)
-        self.settings = properties.settings_of(props)
-        self._cache = ExportCache()  # frames of an animation differ little
+        return properties.hologram_of(bpy.context.scene.holopath)
+
+    @property
+    def settings(self):
+        """`engine.Settings` in the current frame."""
+        import bpy
+
+        from . import properties
+
+        return properties.settings_of(bpy.context.scene.holopath)
+
+    @property
+    def frames(self):
+        """Numbers of the frames of the animation."""
+        import bpy
+
+        scene = bpy.context.scene
+        return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+
+    def go_to(self, frame):
+        """Make a frame the current one."""
+        import bpy
+
+        with native_output_to_stderr():
+            bpy.context.scene.frame_set(frame)
 
     def load(self, width, height, camera=None):
         """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""

@@ -5,6 +5,7 @@ Imports no bpy, and Mitsuba only when used.
 
 from .bake_store import BakeStore
 from .camera import Camera
+from .depth import depth_map
 from .displays import DISPLAYS, Display
 from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
@@ -32,6 +33,7 @@ __all__ = [
     "Refocuser",
     "Settings",
     "WaveField",
+    "depth_map",
     "encode",
     "plan",
     "psnr",

@@ -15,9 +15,11 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
     doing = "rendering"
 
     def work(self, scene):
+        watched = not bpy.app.background
+
         def render(job, progress):
             task = export(job, progress, scene)
-            return task, task.compute(progress, job.offer)
+            return task, task.compute(progress, job.offer if watched else None)
 
         return render
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import bpy
 import numpy as np
 
-from .. import engine, failures, pipeline, preferences, properties
+from .. import engine, failures, pipeline, preferences, properties, stills
 from ..engine import backend, rendering
 from ..export import ExportCache, Reading, read_scene
 from .jobs import Job
@@ -75,6 +75,7 @@ cache = ExportCache()
 class Task:
     """What was read of a scene and how to render it; holds nothing of bpy, so a thread may work on it."""
 
+    name: str  # of the file, or the scene
     reading: Reading
     hologram: engine.Hologram
     settings: engine.Settings
@@ -97,14 +98,25 @@ class Task:
         scene, camera = self.exported.scene, self.exported.camera
         return engine.plan(scene, camera, self.hologram, self.settings, self.store)
 
+    def still(self, more=()):
+        """`stills.Still` of the task: a picture at its own focus, and at `more` distances."""
+        exported = self.exported
+        return stills.Still(
+            self.name,
+            exported.scene,
+            exported.camera,
+            self.hologram,
+            self.settings,
+            ["centre" if self.focus is None else self.focus, *more],
+            self.pupil,
+            self.store,
+            [note.to_dict() for note in exported.notes],
+        )
+
     def compute(self, progress, offer=None):
         """`pipeline.Result` of the task; `offer` is called with pictures to look at meanwhile."""
         progress(0.0, "Building the scene")
-        scene, camera = self.exported.scene, self.exported.camera
-        focus = "centre" if self.focus is None else [self.focus]
-        return pipeline.compute(
-            scene, camera, self.hologram, self.settings, focus, self.pupil, progress, self.store
-        )
+        return self.still().compute(progress, offer=offer)
 
     def bake(self, progress, anew=False):
         """Picture of the baked light and its `engine.baking.Bake`; `anew` takes nothing from the store."""
@@ -137,6 +149,7 @@ def prepare(depsgraph, props, resolution=None):
     hologram, settings = properties.hologram_of(props, resolution), properties.settings_of(props)
     backend.activate(preferences.wanted())
     return Task(
+        bpy.data.filepath or depsgraph.scene.name,
         read_scene(depsgraph, (hologram.width, hologram.height), cache=cache),
         hologram,
         settings,

@@ -1,11 +1,17 @@
-"""Panels of the 3D View, the Render properties and the Image Editor; menu entries; what the viewport shows."""
+"""Panels of the 3D View, the properties and the Image Editor; menu entries; what the viewport shows."""
 
-from . import display_presets, focus_list, menus, panels
+from . import display_presets, engine_panels, focus_list, menus, panels
 from .menus import add_to_menus, remove_from_menus
 from .overlay import hide_overlay, show_overlay
 from .shared_panels import share_panels, unshare_panels
 
-CLASSES = (*display_presets.CLASSES, *focus_list.CLASSES, *menus.CLASSES, *panels.CLASSES)
+CLASSES = (
+    *display_presets.CLASSES,
+    *focus_list.CLASSES,
+    *menus.CLASSES,
+    *panels.CLASSES,
+    *engine_panels.CLASSES,
+)
 
 __all__ = [
     "CLASSES",

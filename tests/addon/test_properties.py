@@ -143,6 +143,8 @@ def other(settings, prop):
     if prop.type == "BOOLEAN":
         return not prop.default
     value = getattr(settings, prop.identifier)
+    if prop.type == "STRING":
+        return value + "x"
     return tuple(v * 1.5 + 1 for v in value) if prop.is_array else type(value)(value * 1.5 + 1)
 
 

@@ -51,6 +51,21 @@ def test_mirrors_are_named(build, camera, small):
     assert plan.chain > 0 and any("mirror" in d.reason for d in plan.decisions)
 
 
+def test_packets_are_chosen_by_the_scene(build, camera):
+    """Not by measured speeds, which now and then would give another field."""
+    display = engine.Hologram(64, 64, 8e-6, (516.5e-9,), 1e-3, 1.5e-3)
+    for cells, coherent in ((4, True), (400, False)):
+        x, y = np.meshgrid(np.linspace(-0.3, 0.3, cells + 1), np.linspace(-0.3, 0.3, cells + 1))
+        wall = build.mesh(np.stack([x, y, -1 - 0 * x], axis=-1), {"bsdf": {"type": "diffuse"}})
+        scene = build.scene(wall=wall, sky={"type": "constant"})
+        plans = [engine.plan(scene, camera, display).to_dict() for _ in range(2)]
+        for plan in plans:
+            assert plan["coherent"] is coherent
+            for name in ("seconds", "decisions"):  # as measured
+                del plan[name]
+        assert plans[0] == plans[1]
+
+
 def test_nothing_in_view(build, camera, small):
     behind = build.scene(plane=build.plane(-1.0, build.emissive(build.grey(1.0))))
     with pytest.raises(engine.InvalidInput, match="Nothing is in the camera's view"):

@@ -12,6 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -96,6 +97,89 @@ def test_command_line(blender):
     status, output = blender("--command", "holopath", "cache")
     assert status == 0, output
     assert blender.environment["BLENDER_USER_RESOURCES"] in output, output
+
+
+# A lit mesh on a textured plane, with settings under which nothing depends on how fast this machine is.
+MAKE = """
+import bpy, sys
+path, texture = sys.argv[-2:]
+scene = bpy.context.scene
+bpy.data.objects.remove(bpy.data.objects["Cube"])
+scene.camera.location, scene.camera.rotation_euler = (0, 0, 2), (0, 0, 0)
+bpy.data.objects["Light"].location, bpy.data.objects["Light"].data.energy = (0.5, 0.6, 2), 40
+bpy.ops.mesh.primitive_monkey_add(size=0.5, location=(0, 0, 1.2))
+bpy.ops.mesh.primitive_plane_add(size=3)
+material = bpy.data.materials.new("Grid")
+if bpy.app.version < (5, 0, 0):
+    material.use_nodes = True
+tree = material.node_tree
+principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+picture = tree.nodes.new(texture)
+if texture == "ShaderNodeTexImage":
+    picture.image = bpy.data.images.new("Grid", 64, 64)
+    picture.image.generated_type = "COLOR_GRID"
+tree.links.new(picture.outputs["Color"], principled.inputs["Base Color"])
+bpy.context.object.data.materials.append(material)
+props = scene.holopath
+props.resolution_x = props.resolution_y = 96
+props.depth_far_mm, props.depth_near_mm = 1.25, 1.875
+props.frames, props.quality, props.method, props.seed = 2, "preview", "full", 3
+bpy.ops.wm.save_as_mainfile(filepath=path)
+"""
+
+
+def difference(folder, other):
+    """Largest difference of two stored wave fields, in parts of the largest amplitude; 0: every bit is the same."""
+    first, second = (np.load(Path(f) / "wavefield" / "field.npy") for f in (folder, other))
+    assert first.shape == second.shape and abs(first).max() > 0
+    return float(abs(first - second).max() / abs(first).max())
+
+
+@pytest.mark.parametrize("texture", ["ShaderNodeTexImage", "ShaderNodeTexNoise"])
+def test_the_same_field_without_a_window(blender, tmp_path, texture):
+    """From --background, --command and the button; and from the bpy module, but for what is baked.
+
+    There the atlas differs: its charts come from another build of xatlas, or from none.
+    """
+    scene = tmp_path / "scene.blend"
+    (tmp_path / "make.py").write_text(MAKE)
+    status, output = blender(
+        "--background", "--python-exit-code", "3", "--python", tmp_path / "make.py", "--", scene, texture
+    )
+    assert status == 0, output
+    words = ["render", scene, "--focus", "1m", "--quiet", "--out"]
+    status, output = blender("--command", "holopath", *words, tmp_path / "command")
+    assert status == 0, output
+    package = Path(blender.environment["BLENDER_USER_EXTENSIONS"]) / "user_default" / "holopath"
+    for name, main in (("tree", ROOT / "holopath_addon"), ("installed", package)):
+        main = main / "__main__.py"
+        status, output = blender("--background", scene, "--python", main, "--", *words, tmp_path / name)
+        assert status == 0, output
+        assert difference(tmp_path / "command", tmp_path / name) == 0
+    press = f"bpy.ops.holopath.render_hologram(); bpy.ops.holopath.save_field(directory={str(tmp_path / 'button')!r})"
+    status, output = blender(
+        "--background", scene, "--python-exit-code", "3", "--python-expr", f"import bpy; {press}"
+    )
+    assert status == 0, output
+    assert difference(tmp_path / "command", tmp_path / "button") == 0
+    if texture == "ShaderNodeTexImage":
+        command = [sys.executable, "-m", "holopath_addon", *map(str, words), str(tmp_path / "module")]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+        assert difference(tmp_path / "command", tmp_path / "module") == 0
+
+
+def test_bad_input_without_a_window(blender, tmp_path):
+    words = ["render", tmp_path / "missing.blend", "--out", tmp_path / "out"]
+    script = ["--python", ROOT / "holopath_addon" / "__main__.py", "--", *words]
+    for way in (
+        ["--background", *script],
+        ["--background", "--python-exit-code", "5", *script],
+        ["--command", "holopath", *words],
+    ):
+        status, output = blender(*way)
+        assert status == 2, output
+        assert "holopath: The scene" in output and "Traceback" not in output
 
 
 def test_renders_in_the_background(blender, tmp_path):

@@ -1,0 +1,247 @@
+"""A still and its output folder: the command line writes one, an animation one a frame. Imports no bpy."""
+
+import dataclasses
+import math
+import time
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from . import engine, output, pipeline
+
+# Of what a still is asked: what the wave field does not depend on, and names for the user.
+_VIEW = {"focus_asked", "pupil_m", "compared"}
+_NAMES = {
+    "scene_digest": "scene",
+    "focus_asked": "focus",
+    "pupil_m": "pupil",
+    "compared": "comparison with the reference",
+    "settings": "setting",
+}
+
+
+@dataclass(frozen=True)
+class Still:
+    """An exported scene and all that is asked of its render.
+
+    Attributes
+    ----------
+    name : str
+        Of the scene, for the report.
+    scene : mitsuba.Scene
+    camera : engine.Camera
+    hologram : engine.Hologram
+    settings : engine.Settings
+    focus : list or None
+        Of the pictures, see `pipeline.compute`.
+    pupil : engine.Pupil or None
+    store : engine.BakeStore or None
+    notes : list of dict
+        What the exporter approximated or left out, see `export.Note`.
+    compare : bool
+        Whether to render every picture with a thin-lens camera, too.
+    """
+
+    name: str
+    scene: object
+    camera: engine.Camera
+    hologram: engine.Hologram
+    settings: engine.Settings
+    focus: list | None = None
+    pupil: engine.Pupil | None = None
+    store: engine.BakeStore | None = None
+    notes: list = dataclasses.field(default_factory=list)
+    compare: bool = False
+
+    @cached_property
+    def asked(self):
+        """All that decides the result, as the report holds it."""
+        from .engine.fingerprint import scene_digest
+
+        return {
+            "scene_digest": scene_digest(self.scene),
+            "camera": self.camera.to_dict(),
+            "hologram": self.hologram.to_dict(),
+            "settings": asdict(self.settings),
+            "focus_asked": self.focus,
+            "pupil_m": asdict(self.pupil) if self.pupil else None,
+            "compared": self.compare,
+        }
+
+    def compute(self, progress, rendered=None, offer=None):
+        """Its `pipeline.Result`, see `pipeline.compute`; a field that was `rendered` before is only refocused."""
+        return pipeline.compute(
+            self.scene,
+            self.camera,
+            self.hologram,
+            self.settings,
+            self.focus,
+            self.pupil,
+            progress,
+            self.store,
+            rendered,
+            offer,
+        )
+
+
+def write(folder, still, progress, export_seconds, rendered=None):
+    """Render a still into a folder.
+
+    Parameters
+    ----------
+    folder : path
+        Empty, see `output.output_folder`.
+    still : Still
+    progress : callable
+        ``progress(done, message)``, may raise `engine.Cancelled`.
+    export_seconds : float
+        What its export took, for the report.
+    rendered : engine.WaveField, optional
+        Of the same scene and settings, see `Still.compute`.
+
+    Returns
+    -------
+    pipeline.Result
+    dict
+        The report, as written.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, OSError
+    """
+    start, asked = time.perf_counter(), still.asked
+    end = 0.7 if still.compare else 0.95
+    result = still.compute(pipeline.stage(progress, 0.0, end), rendered)
+    wavelengths = still.hologram.wavelengths
+    rgb = engine.to_rgb(result.images, wavelengths)
+    white = output.exposure(rgb)
+    progress(end, "Writing")
+    result.field.save(folder / "wavefield")
+    output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
+    bake = result.field.report.get("bake")
+    report = {
+        "scene": still.name,
+        **asked,
+        "plan": result.plan.to_dict(),
+        "focus_m": result.focus,
+        "exposure_white": white,
+        "rays": result.field.report.get("rays", {}),
+        "spp": result.plan.rays_per_pixel,
+        "variant": result.field.report.get("variant"),
+        "bake": bake,
+        "warnings": [*result.plan.warnings, *pipeline.bake_notes(bake)],
+        "export_notes": still.notes,
+    }
+    if still.compare:
+        truth = engine.reference(
+            still.scene,
+            still.camera,
+            still.hologram,
+            result.focus,
+            still.pupil,
+            near=result.field.near,
+            max_depth=still.settings.max_depth,
+            progress=pipeline.stage(progress, end, 0.97),
+        )
+        truth_rgb = engine.to_rgb(truth, wavelengths)
+        output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
+        report["comparison"] = _compare(result, truth)
+    report["seconds"] = {
+        "export": export_seconds,
+        **result.field.report.get("seconds", {}),
+        "total": export_seconds + time.perf_counter() - start,
+    }
+    output.write_report(folder, {**report, "versions": output.versions()})
+    return result, report
+
+
+def _compare(result, truth):
+    """PSNR and SSIM of every picture, leaving out the border that light from outside the view reaches."""
+    hologram, plan = result.field.hologram, result.plan
+    slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
+    rows = []
+    for depth, image, reference in zip(result.focus, result.images, truth, strict=True):
+        z = float(result.field.mapping.depth_to_z(depth))
+        border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / hologram.pitch)
+        border = min(border, (min(hologram.width, hologram.height) - 12) // 2)
+        rows.append(
+            {
+                "focus_m": depth,
+                "psnr_db": engine.psnr(image, reference, border),
+                "ssim": engine.ssim(image, reference, border),
+                "border_pixels": border,
+            }
+        )
+    return rows
+
+
+def update(folder, still, progress, export_seconds, say):
+    """Have a still's render in its output folder: what is there of it is not made again.
+
+    Parameters
+    ----------
+    folder : path
+        Where `write` put a still before, or anything that `output.output_folder` takes.
+    still, progress, export_seconds :
+        See `write`.
+    say : callable
+        ``say(text)`` of what was there.
+
+    Returns
+    -------
+    pipeline.Result or None
+        None where all of it was there.
+    dict
+        The report.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, OSError
+    """
+    report, rendered = output.read_report(folder), None
+    if report and _mapped(folder) is not None:
+        changed = _changes(report, output.plain(still.asked))
+        if not changed:
+            say("done before, skipped")
+            return None, report
+        if changed.keys() <= _VIEW:
+            rendered = kept(folder)
+        names = ", ".join(name for names in changed.values() for name in names)
+        say(f"{'refocused' if rendered else 'rendered anew'} (changed: {names})")
+    with output.output_folder(folder) as part:
+        return write(part, still, progress, export_seconds, rendered)
+
+
+def kept(folder):
+    """The wave field of an output folder; in memory, as Windows replaces no file that is mapped.
+
+    Returns
+    -------
+    engine.WaveField or None
+        None where there is no whole one.
+    """
+    field = _mapped(folder)
+    return field and replace(field, data=np.array(field.data))
+
+
+def _mapped(folder):
+    try:
+        return engine.WaveField.load(Path(folder) / "wavefield")
+    except engine.InvalidInput:
+        return None
+
+
+def _changes(report, asked):
+    """What was asked otherwise: entries of the report, and readable names of what differs in each."""
+    changed = {}
+    for key, value in asked.items():
+        made, name = report.get(key), _NAMES.get(key, key)
+        if made != value:
+            both = isinstance(made, dict) and isinstance(value, dict)
+            within = (
+                [f"{name} {k.replace('_', ' ')}" for k in value if made.get(k) != value[k]] if both else []
+            )
+            changed[key] = within or [name]
+    return changed

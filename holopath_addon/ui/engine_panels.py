@@ -1,0 +1,52 @@
+"""Panels of the render engine HOLOPATH alone: its passes and its animations."""
+
+import bpy
+
+
+class _Engine:
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    COMPAT_ENGINES = {"HOLOPATH"}
+
+    @classmethod
+    def poll(cls, context):
+        return context.engine in cls.COMPAT_ENGINES
+
+
+class HOLOPATH_PT_passes(_Engine, bpy.types.Panel):
+    """What F12 delivers beside the picture, in the View Layer properties."""
+
+    bl_label = "Passes"
+    bl_context = "view_layer"
+
+    def draw(self, context):
+        layout, layer = self.layout, context.view_layer.holopath
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column(heading="Pictures", align=True)
+        column.prop(layer, "use_pass_focus")
+        column = layout.column(heading="Wave Field", align=True)
+        column.prop(layer, "use_pass_phase")
+        column.prop(layer, "use_pass_amplitude")
+        column = layout.column(heading="Scene", align=True)
+        column.prop(layer, "use_pass_depth")
+
+
+class HOLOPATH_PT_animation(_Engine, bpy.types.Panel):
+    """What animation renders keep, below Blender's own output of pictures."""
+
+    bl_label = "Animation's Wave Fields"
+    bl_context = "output"
+    bl_parent_id = "RENDER_PT_output"
+
+    def draw(self, context):
+        layout, props = self.layout, context.scene.holopath
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.prop(props, "keep_fields", text="Keep")
+        row = layout.row()
+        row.active = props.keep_fields
+        row.prop(props, "animation_folder", text="Folder")
+
+
+CLASSES = (HOLOPATH_PT_passes, HOLOPATH_PT_animation)
