@@ -12,7 +12,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from . import engine, failures, lengths, output, pipeline, sources, stills
-from .engine import backend, displays
+from .engine import backend, displays, encoding
 from .engine import hologram as choices
 
 
@@ -158,7 +158,12 @@ def _parser(store):
         "the same scene with the same settings, are skipped",
     )
     _add_focus(render, "three depths spread over the visible range")
-    render.add_argument("--encode", choices=("none",), default="none", help="phase encoding (default none)")
+    render.add_argument(
+        "--encode",
+        choices=("none", *encoding.METHODS),
+        default="none",
+        help="also write phases for an SLM into DIR/hologram (default none)",
+    )
     render.add_argument(
         "--compare-reference",
         action="store_true",
@@ -173,6 +178,13 @@ def _parser(store):
     reconstruct.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
     _add_focus(reconstruct, "the depths of the stored pictures")
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
+
+    encode = command("encode", _encode, "Turn a stored wave field into phases for an SLM.")
+    encode.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
+    encode.add_argument(
+        "--method", choices=encoding.METHODS, default=encoding.METHODS[0], help="default: %(default)s"
+    )
+    encode.add_argument("--out", metavar="DIR", help="where to write (default DIR/hologram)")
 
     cache = command("cache", _cache, "Say how much baked light is kept, and where.")
     _add_cache(cache, store)
@@ -338,6 +350,7 @@ def _still(args, source, pupil):
         args.store,
         loaded.notes,
         args.compare_reference,
+        args.encode,
     )
 
 
@@ -455,15 +468,20 @@ def _plan(args):
         print(f"note: {note_text(note)}")
 
 
-def _reconstruct(args):
-    progress = Progress(quiet=args.quiet)
-    folder = Path(args.folder)
+def _stored_field(folder):
+    """The wave field of an output folder, or of one that holds nothing else."""
     if not folder.is_dir():
         raise engine.InvalidInput(
             f"The folder {folder} does not exist: give `holopath render`'s output folder."
         )
     inner = folder / "wavefield"
-    field = engine.WaveField.load(inner if inner.is_dir() else folder)
+    return engine.WaveField.load(inner if inner.is_dir() else folder)
+
+
+def _reconstruct(args):
+    progress = Progress(quiet=args.quiet)
+    folder = Path(args.folder)
+    field = _stored_field(folder)
     report = output.read_report(folder)
     focus = args.focus or [float(f) for f in report.get("focus_m", [])]
     if not focus:
@@ -473,6 +491,15 @@ def _reconstruct(args):
     white = report.get("exposure_white") or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
     output.write_pictures(target, output.picture_files(rgb, focus, white))
+    progress(1.0, f"Done: {target}")
+
+
+def _encode(args):
+    progress = Progress(quiet=args.quiet)
+    folder = Path(args.folder)
+    target = Path(args.out) if args.out else folder / "hologram"
+    phase = engine.encode(_stored_field(folder), args.method, pipeline.stage(progress, 0.0, 0.6))
+    phase.save(target, pipeline.stage(progress, 0.6, 0.99))
     progress(1.0, f"Done: {target}")
 
 

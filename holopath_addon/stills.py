@@ -12,12 +12,13 @@ import numpy as np
 from . import engine, output, pipeline
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_VIEW = {"focus_asked", "pupil_m", "compared"}
+_VIEW = {"focus_asked", "pupil_m", "compared", "encoded"}
 _NAMES = {
     "scene_digest": "scene",
     "focus_asked": "focus",
     "pupil_m": "pupil",
     "compared": "comparison with the reference",
+    "encoded": "encoding",
     "settings": "setting",
 }
 
@@ -42,6 +43,8 @@ class Still:
         What the exporter approximated or left out, see `export.Note`.
     compare : bool
         Whether to render every picture with a thin-lens camera, too.
+    encode : str
+        Of `engine.encode`, or none.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Still:
     store: engine.BakeStore | None = None
     notes: list = dataclasses.field(default_factory=list)
     compare: bool = False
+    encode: str = "none"
 
     @cached_property
     def asked(self):
@@ -68,6 +72,7 @@ class Still:
             "focus_asked": self.focus,
             "pupil_m": asdict(self.pupil) if self.pupil else None,
             "compared": self.compare,
+            "encoded": self.encode,
         }
 
     def compute(self, progress, rendered=None, offer=None):
@@ -120,6 +125,10 @@ def write(folder, still, progress, export_seconds, rendered=None):
     progress(end, "Writing")
     result.field.save(folder / "wavefield")
     output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
+    if still.encode != "none":
+        engine.encode(result.field, still.encode, lambda done, message: progress(end, message)).save(
+            folder / "hologram"
+        )
     bake = result.field.report.get("bake")
     report = {
         "scene": still.name,

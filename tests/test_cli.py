@@ -132,7 +132,7 @@ def test_bad_words(words, says, xml, tmp_path, capfd):
     assert left_over(tmp_path) == []
 
 
-@pytest.mark.parametrize("words", [[], ["render"], ["stream"], ["encode", "x"], ["reconstruct"]])
+@pytest.mark.parametrize("words", [[], ["render"], ["stream"], ["encode"], ["reconstruct"]])
 def test_bad_commands(words, capfd):
     status = cli.main(words)
     refused(status, capfd.readouterr().err, 2, "required|invalid choice")
@@ -382,6 +382,24 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
     )
     refused(cli.main(["reconstruct", str(tmp_path)]), capfd.readouterr().err, 2, "no wave field")
     refused(cli.main(["reconstruct", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
+
+
+def test_encode(rendered, xml, tmp_path, capfd):
+    """Afterwards from the stored field, or with the render: the same phases."""
+    assert cli.main(["encode", str(rendered), "--out", str(tmp_path / "phases"), "--quiet"]) == 0
+    phase = engine.PhaseHologram.load(tmp_path / "phases")
+    field = engine.WaveField.load(rendered / "wavefield")
+    np.testing.assert_array_equal(phase.data, engine.encode(field).data)
+    refused(cli.main(["encode", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
+    refused(cli.main(["encode", str(tmp_path)]), capfd.readouterr().err, 2, "no wave field")
+
+    words = ["render", str(xml), *SMALL, "--encode", "dpac", "--out", str(tmp_path / "out"), "--quiet"]
+    assert cli.main(words) == 0
+    names = os.listdir(tmp_path / "out" / "hologram")
+    assert {"phase.npy", "meta.json", "frame_000_640nm.png"} <= set(names)
+    stored = engine.PhaseHologram.load(tmp_path / "out" / "hologram").data
+    again = engine.encode(engine.WaveField.load(tmp_path / "out" / "wavefield"))
+    np.testing.assert_array_equal(stored, again.data)
 
 
 def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):
