@@ -12,6 +12,7 @@ from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram, Settings
 from .metrics import psnr, ssim
 from .planner import Decision, Plan, plan
+from .preview import Preview
 from .reconstruction import Pupil, Refocuser, reconstruct, to_rgb
 from .reference import reference
 from .rendering import render
@@ -29,6 +30,7 @@ __all__ = [
     "InvalidInput",
     "PhaseHologram",
     "Plan",
+    "Preview",
     "Pupil",
     "Refocuser",
     "Settings",

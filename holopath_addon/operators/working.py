@@ -62,13 +62,13 @@ class Working:
     def modal(self, context, event):
         """Poll the thread."""
         job = self._job
+        if self._over:  # Blender does not take FINISHED where a window was opened meanwhile, and calls again
+            return {"FINISHED"}
         if event.type == "ESC" and event.value == "PRESS" and job.running:
             job.cancel()
             self._tell(context)
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
-            if self._over:  # opening a window for the picture handles events
-                return {"PASS_THROUGH"}
             if not job.running:
                 self._over = True
                 session.leave()

@@ -43,26 +43,29 @@ watchdog.start()
 
 
 class Ticks:
-    """How regularly a timer of the window fires, and how long drawing keeps it."""
+    """How regularly a timer of the window fires while HoloPath is at work, and at what when it does not."""
 
     STEP = 0.01  # seconds
 
     def __init__(self):
-        self.gaps = []
+        self._gaps = []
+        self._doing = ""
         self._timer = self._tick  # the very object that Blender knows
         self._last = time.monotonic()
         bpy.app.timers.register(self._timer)
 
     def _tick(self):
         now = time.monotonic()
-        self.gaps.append(now - self._last)
+        self._gaps.append((round(now - self._last, 3), self._doing))
         self._last = now
+        job = session().current.job
+        self._doing = job.message if job is not None and job.running else "showing"
         return self.STEP
 
     def stop(self):
-        """The longest gaps, seconds, longest first."""
+        """The longest gaps, seconds, longest first, each with what the work was doing; and how many there were."""
         bpy.app.timers.unregister(self._timer)
-        return [round(gap, 3) for gap in sorted(self.gaps, reverse=True)[:10]]
+        return {"longest": sorted(self._gaps, reverse=True)[:12], "count": len(self._gaps)}
 
 
 def session():
@@ -156,7 +159,15 @@ def rendering():
     result.update(describe(picture()))
     result["baked"] = [baked()]
     result["steps"].append("rendered")
-    ticks = Ticks()  # once more, now that Blender has drawn all of its widgets once
+    # Once more, with a picture in the window, where a new window need not be opened for it.
+    second = bpy.context.window_manager.windows[1]
+    with bpy.context.temp_override(window=second):
+        bpy.ops.wm.window_close()
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    timeline = next(area for area in areas if area.type == "DOPESHEET_EDITOR")
+    timeline.type = timeline.ui_type = "IMAGE_EDITOR"
+    yield 0.5
+    ticks = Ticks()
     press(bpy.ops.holopath.render_hologram)
     yield from over()
     result["gaps_again"] = ticks.stop()

@@ -1,0 +1,219 @@
+"""A picture of the scene by Mitsuba's path tracer that refines: through a pinhole, a thin lens or a part of one."""
+
+import math
+
+import numpy as np
+
+from . import backend
+from .errors import InvalidInput
+
+CHUNK_PATHS = 1 << 18  # between two looks at progress and cancel; a fraction of a second on two cores
+FARTHEST = 1e30  # metres; single precision stays finite
+
+
+class Preview:
+    """The view of a camera with square pixels, the mean over all paths so far.
+
+    Cameras, sizes and lenses are data to the compiled program: another view costs no compilation, see `look`.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    width, height : int
+        Pixels.
+    focus : float, optional
+        World depth that is sharp, metres; `math.inf`, the default, allowed.
+    aperture : float
+        Radius of the lens, metres; 0 is a pinhole, to which everything is sharp.
+    max_depth : int
+        As `Settings.max_depth`.
+    seed : int
+    pupil : Pupil, optional
+        The part of the lens that is open; its diameter counts, where the lens is not smaller.
+
+    Attributes
+    ----------
+    spp : int
+        Paths a pixel so far.
+
+    Raises
+    ------
+    InvalidInput, BackendUnavailable
+    """
+
+    def __init__(
+        self, scene, camera, width, height, focus=None, aperture=0.0, max_depth=8, seed=0, pupil=None
+    ):
+        backend.activate()
+        self._scene, self._max_depth, self._seed = scene, max_depth, seed
+        self._integrators = {}
+        self.look(camera, width, height, focus, aperture, pupil)
+
+    def look(self, camera, width, height, focus=None, aperture=0.0, pupil=None):
+        """Start anew with another view of the scene; parameters as above."""
+        if width < 1 or height < 1:
+            raise InvalidInput(f"A picture of {width} x {height} pixels is empty: give it at least one.")
+        if focus is not None and not focus > 0:
+            raise InvalidInput(
+                "A focus distance must be in front of the camera: give a positive number of metres, or inf."
+            )
+        self._lens = _Lens(camera, width, height, focus or math.inf, aperture, pupil)
+        self._integrator = self._integrators.get(camera.sees_sky)
+        if self._integrator is None:
+            self._integrator = path_tracer(self._scene, camera.sees_sky, self._max_depth)
+            self._integrators[camera.sees_sky] = self._integrator
+        self._size = height, width
+        self._light = np.zeros((height * width, 3), np.float32)
+        self._weight = np.zeros((height * width, 1), np.float32)
+        self._launches = 0
+        self.spp = 0
+
+    def refine(self, spp=1, progress=None):
+        """Add paths.
+
+        Parameters
+        ----------
+        spp : int
+            Paths a pixel.
+        progress : callable, optional
+            ``progress(done, message)``, may raise `Cancelled`: the picture is then as it was.
+
+        Returns
+        -------
+        numpy.ndarray, float32, shape (y, x, 3)
+            Mean of all paths so far, linear, row 0 at the top; an array of its own.
+
+        Raises
+        ------
+        Cancelled
+        """
+        progress = progress or (lambda done, message: None)
+        light, weight = np.empty_like(self._light), np.empty_like(self._weight)
+        at_once = max(1, CHUNK_PATHS // spp)
+        for first in range(0, len(light), at_once):
+            progress(first / len(light), "Preview")
+            part = slice(first, min(first + at_once, len(light)))
+            light[part], weight[part] = self._trace(first, part.stop - first, spp)
+        self._light += light
+        self._weight += weight
+        self.spp += spp
+        return (self._light / np.maximum(self._weight, 1)).reshape(*self._size, 3)
+
+    def _trace(self, first, pixels, spp):
+        """Sums over new paths of some pixels: their light, and how many went through the lens."""
+        import drjit as dr
+        import mitsuba as mi
+
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(dr.opaque(mi.UInt32, (self._seed * 9973 + self._launches) & 0xFFFFFFFF), pixels)
+        self._launches += 1
+        index = dr.arange(mi.UInt32, pixels) + dr.opaque(mi.UInt32, first)
+        paths = dr.opaque(mi.UInt32, spp)
+
+        def body(number, light, weight, sampler):
+            ray, inside = self._lens.ray(index, sampler)
+            found, _, _ = self._integrator.sample(self._scene, sampler, ray, None, inside)
+            light += dr.select(inside & dr.isfinite(found), found, 0)
+            return number + 1, light, weight + dr.select(inside, mi.Float(1), 0), sampler
+
+        state = (mi.UInt32(0), mi.Color3f(0), mi.Float(0), sampler)
+        _, light, weight, _ = dr.while_loop(state, lambda n, *_: n < paths, body, label="preview")
+        dr.eval(light, weight)
+        return np.stack([np.asarray(c) for c in light], axis=-1), np.asarray(weight)[:, None]
+
+
+class _Lens:
+    """Rays from points of a lens through the pixels of the plane in focus, parameters as of `Preview`."""
+
+    def __init__(self, camera, width, height, focus, aperture, pupil):
+        import drjit as dr
+        import mitsuba as mi
+
+        def number(value):
+            """Data, which a compiled program may be run with again, not a part of it."""
+            return dr.opaque(mi.Float, float(value))
+
+        def vector(values):
+            return mi.Vector3f(*map(number, values))
+
+        size = 2 * math.tan(camera.fov_x / 2)  # of the picture at unit depth
+        self._width, self._pitch = dr.opaque(mi.UInt32, width), number(size / width)
+        self._left = number(size * (camera.shift_x - 0.5))
+        self._top = number(size * (camera.shift_y + 0.5 * height / width))
+        self._position = mi.Point3f(vector(camera.position))
+        self._right, self._up, self._forward = map(vector, camera.axes)
+        self._start, self._end = number(camera.clip_start), number(min(camera.clip_end, FARTHEST))
+        self._aperture, self._curvature = number(aperture), number(1 / focus)
+        x, y, diameter = (pupil.x, pupil.y, pupil.diameter) if pupil else (0.0, 0.0, 2 * aperture)
+        self._open, self._centre = number(diameter / 2), mi.Point2f(number(x), number(y))
+
+    def ray(self, index, sampler):
+        """A ray to a random point of each pixel, and whether the point of the lens that it comes from is open."""
+        import drjit as dr
+        import mitsuba as mi
+
+        jitter, point = sampler.next_2d(), sampler.next_2d()
+        row = index // self._width
+        column = index - row * self._width
+        lens = self._open * mi.warp.square_to_uniform_disk_concentric(point) + self._centre
+        inside = dr.squared_norm(lens) <= self._aperture**2
+        tan_x = self._left + (mi.Float(column) + jitter.x) * self._pitch - lens.x * self._curvature
+        tan_y = self._top - (mi.Float(row) + jitter.y) * self._pitch - lens.y * self._curvature
+        direction = self._forward + tan_x * self._right + tan_y * self._up
+        origin = self._position + lens.x * self._right + lens.y * self._up + self._start * direction
+        ray = mi.RayDifferential3f(origin, dr.normalize(direction))
+        ray.maxt = (self._end - self._start) * dr.norm(direction)
+        return ray, inside
+
+
+def path_tracer(scene, sees_sky, max_depth):
+    """Mitsuba's path tracer; with masks in view the volumetric one, as 3.9's `path` squares their opacity.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    sees_sky : bool
+        As of `Camera`.
+    max_depth : int
+
+    Returns
+    -------
+    mitsuba.SamplingIntegrator
+    """
+    import mitsuba as mi
+
+    from .lobes import SpecularLobes
+
+    kind = "volpath" if SpecularLobes(scene).passes else "path"
+    paths = mi.load_dict({"type": kind, "max_depth": max_depth, "rr_depth": max(5, max_depth)})
+    if sees_sky or scene.environment() is None:
+        return paths
+
+    class WithoutSky(mi.SamplingIntegrator):
+        """The same less what comes straight from the environment."""
+
+        def sample(self, scene, sampler, ray, medium=None, active=True):
+            light, valid, extra = paths.sample(scene, sampler, ray, medium, active)
+            return light - _sky_in_view(scene, ray, active), valid, extra
+
+    return WithoutSky(mi.Properties())
+
+
+def _sky_in_view(scene, ray, active):
+    """Radiance of the environment that reaches rays through nothing, or through masks and clear panes."""
+    import drjit as dr
+    import mitsuba as mi
+
+    def body(ray, share, active):
+        si = scene.ray_intersect(ray, active)
+        active &= si.is_valid()
+        share = dr.select(active, share * si.bsdf().eval_null_transmission(si, active), share)
+        active &= dr.max(share) > 0
+        return dr.select(active, si.spawn_ray(ray.d), ray), share, active
+
+    state = (mi.Ray3f(ray), mi.Color3f(1), mi.Bool(active))
+    ray, share, _ = dr.while_loop(state, lambda *s: s[-1], body, label="sky in view")
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+    si.wi = -ray.d
+    return dr.select(active, share * scene.environment().eval(si), 0)
