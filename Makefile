@@ -1,6 +1,6 @@
 # make demo: a hologram of a Blender scene and refocused pictures of it, in out/demo
 # make test: the tests          make env: only what both need, in .venv
-# make lint, make bench, make extension (the zip that Blender installs)
+# make lint, make bench, make extension (the zips that Blender installs)
 
 VENV := .venv
 PY := $(VENV)/bin/python

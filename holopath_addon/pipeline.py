@@ -140,7 +140,9 @@ def bake_notes(bake):
     """
     if bake is None:
         return []
-    notes = [bake["note"]] if bake["note"] else []
+    from .engine.unwrapping import LACKING
+
+    notes = [note for note in (bake["note"], LACKING) if note]
     if bake["coarser"] > COARSER:
         notes.append(
             f"The texels of the baked light are {bake['coarser']:.1f} times larger than pixels, to bound memory: "

@@ -2,7 +2,7 @@
 
 import bpy
 
-from . import operators, preferences, properties, render_engine, ui
+from . import operators, preferences, properties, render_engine, ui, viewport
 from .operators import session
 
 _CLASSES = (
@@ -31,6 +31,8 @@ def register():
         _undo.append(ui.hide_overlay)
         session.attach()
         _undo.append(session.detach)
+        viewport.attach()
+        _undo.append(viewport.detach)
         if hasattr(bpy.utils, "register_cli_command"):
             command = bpy.utils.register_cli_command("holopath", _run_command)
             _undo.append(lambda: bpy.utils.unregister_cli_command(command))
@@ -40,9 +42,13 @@ def register():
 
 
 def unregister():
-    """Undo `register`, last first."""
+    """Undo `register`, last first; if one part fails, the others go all the same."""
     while _undo:
-        _undo.pop()()
+        try:
+            _undo.pop()()
+        except BaseException:
+            unregister()
+            raise
 
 
 def _run_command(argv):

@@ -1,4 +1,4 @@
-"""F12: the render engine HOLOPATH, a thin delegate of `operators.session`."""
+"""The render engine HOLOPATH, a thin delegate: F12 of `operators.session`, RENDERED shading of `viewport`."""
 
 import math
 import time
@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from . import engine, output, properties, stills
+from . import engine, output, properties, stills, viewport
 from .export import unit_scale
 from .operators import session
 from .operators.jobs import on_main_thread
@@ -77,6 +77,14 @@ class HoloPathEngine(bpy.types.RenderEngine):
 
         result, _ = stills.update(folder, still, self._progress, export_seconds, say)
         return result or still.compute(self._progress, stills.kept(folder))
+
+    def view_update(self, context, depsgraph):
+        """Called by Blender when its scene has changed; `viewport` listens for itself."""
+
+    def view_draw(self, context, depsgraph):
+        """Called by Blender to redraw a 3D View that is shaded RENDERED."""
+        shown = viewport.of(self, context.region)
+        self.update_stats("", shown.draw(context, depsgraph, self.get_preview_pixel_size(context.scene)))
 
     def _progress(self, done, message):
         if self.test_break():

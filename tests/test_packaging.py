@@ -117,6 +117,24 @@ def test_versions_agree():
     assert manifest["license"] == [f"SPDX:{project['license']}"]
 
 
+def test_without_xatlas_meshes_are_unwrapped_triangle_by_triangle():
+    """Whose wheel is missing for some Pythons; pyserial's, which everything imports without."""
+    code = """
+import sys
+sys.modules["xatlas"] = sys.modules["serial"] = None
+import numpy as np
+from holopath_addon import cli, pipeline
+from holopath_addon.engine.unwrapping import unwrap
+uv, _ = unwrap(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]]), 64)
+a, b, c = uv[0]
+assert abs(np.cross(b - a, c - a)) > 0.1
+print(*pipeline.bake_notes({"note": "", "coarser": 1.0, "traced": ()}))
+"""
+    result = run_python(code)
+    assert result.returncode == 0, result.stderr
+    assert "xatlas" in result.stdout and "\n" not in result.stdout.strip()
+
+
 @pytest.fixture
 def build_extension():
     specification = importlib.util.spec_from_file_location("build_extension", ROOT / "build_extension.py")
@@ -125,16 +143,35 @@ def build_extension():
     return module
 
 
+def no_wheels(build_extension):
+    return dict.fromkeys(build_extension.WHEELS, [])
+
+
 def test_extension_is_valid_complete_and_reproducible(tmp_path, build_extension):
     pytest.importorskip("bpy")
-    first = build_extension.build("linux-x64", [], tmp_path / "a")
-    second = build_extension.build("linux-x64", [], tmp_path / "b")
-    assert first.read_bytes() == second.read_bytes()
+    for platform in build_extension.PIP_PLATFORMS:
+        first = build_extension.build(platform, no_wheels(build_extension), tmp_path / platform / "a")
+        second = build_extension.build(platform, no_wheels(build_extension), tmp_path / platform / "b")
+        assert first.name.endswith(f"-{platform}.zip")
+        assert first.read_bytes() == second.read_bytes()
+        assert list(first.parent.iterdir()) == [first]
     names = set(zipfile.ZipFile(first).namelist())
-    assert {"__init__.py", "blender_manifest.toml", "LICENSE"} <= names
-    assert {path.relative_to(PACKAGE).as_posix() for path in SOURCES} <= names
-    assert not [name for name in names if "__pycache__" in name or name.startswith(("tests", "/"))]
-    assert list((tmp_path / "a").iterdir()) == [first]
+    data = {path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    assert names == {path.relative_to(PACKAGE).as_posix() for path in data} | {
+        "blender_manifest.toml",
+        "LICENSE",
+    }
+
+
+def test_zip_is_the_same_wherever_it_is_built(tmp_path, build_extension, monkeypatch):
+    """Nothing of it depends on a compressor, a clock or the system."""
+    pytest.importorskip("bpy")
+    monkeypatch.setattr(sys, "platform", "win32")
+    archive = zipfile.ZipFile(build_extension.build("linux-x64", no_wheels(build_extension), tmp_path))
+    for entry in archive.infolist():
+        assert entry.compress_type == zipfile.ZIP_STORED
+        assert (entry.create_system, entry.date_time) == (3, (1980, 1, 1, 0, 0, 0))
+        assert entry.external_attr == 0o644 << 16
 
 
 def test_validator_refuses_a_bad_manifest(tmp_path, build_extension, monkeypatch):
@@ -144,16 +181,20 @@ def test_validator_refuses_a_bad_manifest(tmp_path, build_extension, monkeypatch
     bad.write_text(text.replace('tagline = "', 'tagline = "' + "x" * 60), encoding="utf-8")
     monkeypatch.setattr(build_extension, "MANIFEST", bad)
     with pytest.raises(SystemExit, match="tagline"):
-        build_extension.build("linux-x64", [], tmp_path / "bad")
+        build_extension.build("linux-x64", no_wheels(build_extension), tmp_path / "bad")
     assert not list((tmp_path / "bad").iterdir())
 
 
 def test_manifest_names_wheels_and_platform(build_extension):
-    text = build_extension.manifest_text("linux-x64", [Path("drjit-1.5.0-cp311-cp311-any.whl")])
-    manifest = tomllib.loads(text)
+    manifest = tomllib.loads(build_extension.manifest_text("linux-x64", ["drjit-1.5.0-cp311-cp311-any.whl"]))
     assert manifest["platforms"] == ["linux-x64"]
     assert manifest["wheels"] == ["./wheels/drjit-1.5.0-cp311-cp311-any.whl"]
     assert manifest["permissions"]
+
+
+def test_zip_for_some_pythons_says_so(tmp_path, build_extension):
+    pytest.importorskip("bpy")
+    assert "-python3.13.zip" in str(build_extension.build("linux-x64", {"3.13": []}, tmp_path))
 
 
 def test_wheels_agree_with_the_project(build_extension):
@@ -164,3 +205,69 @@ def test_wheels_agree_with_the_project(build_extension):
     for python, pins in build_extension.WHEELS.items():
         for name, version in (pin.split("==") for pin in pins):
             assert ranges[name].contains(version), (python, name)
+
+
+def test_the_lock_has_every_wheel(build_extension):
+    """And no other: of its Python, for its platform."""
+    systems = {
+        "linux-x64": "manylinux.*_x86_64",
+        "windows-x64": "win_amd64",
+        "macos-arm64": "macosx_1[12]_0_arm64",
+    }
+    for platform, system in systems.items():
+        for python, pins in build_extension.WHEELS.items():
+            wheels = build_extension.locked(platform, python)
+            assert len(wheels) == len(pins)
+            tag = python.replace(".", "")
+            for name, digest in wheels.items():
+                assert re.fullmatch("[0-9a-f]{64}", digest)
+                assert re.search(rf"-cp{tag}-cp{tag}-{system}\.whl$|-none-any\.whl$", name), name
+
+
+def wheel(folder, name, content):
+    """A wheel with one module."""
+    folder.mkdir(parents=True, exist_ok=True)
+    project, version = name.split("-")[:2]
+    with zipfile.ZipFile(folder / name, "w") as archive:
+        archive.writestr(f"{project}.py", content)
+        about = f"{project}-{version}.dist-info"
+        archive.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: {project}\nVersion: {version}\n")
+        archive.writestr(
+            f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: cp311-cp311-win_amd64\n"
+        )
+        archive.writestr(f"{about}/RECORD", "")
+
+
+@pytest.fixture
+def small(tmp_path, build_extension, monkeypatch):
+    """The builder with one wheel, for one platform, and a package index that is a folder."""
+    monkeypatch.setattr(build_extension, "PIP_PLATFORMS", {"windows-x64": ["win_amd64"]})
+    monkeypatch.setattr(build_extension, "WHEELS", {"3.11": ["thing==1.0"]})
+    monkeypatch.setattr(build_extension, "LOCK", tmp_path / "wheels.lock")
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "index"))
+    monkeypatch.setenv("PIP_NO_CACHE_DIR", "1")
+    wheel(tmp_path / "index", "thing-1.0-cp311-cp311-win_amd64.whl", "good = True")
+    build_extension.renew_lock(tmp_path / "renewed")
+    return build_extension
+
+
+def test_wheels_with_other_hashes_are_refused(tmp_path, small):
+    """By pip where it downloads them, by us where they lie already."""
+    (path,) = small.locked_wheels("windows-x64", "3.11", tmp_path / "wheels")
+    assert path.read_bytes() == (tmp_path / "index" / path.name).read_bytes()
+    path.write_bytes(path.read_bytes() + b"!")
+    with pytest.raises(SystemExit, match=r"thing-1\.0.*another SHA-256.*delete it") as refused:
+        small.locked_wheels("windows-x64", "3.11", tmp_path / "wheels")
+    assert "\n" not in str(refused.value)
+    wheel(tmp_path / "index", path.name, "good = False")
+    with pytest.raises(SystemExit, match="pip cannot bring.*HASHES.*--renew-lock") as refused:
+        small.locked_wheels("windows-x64", "3.11", tmp_path / "empty")
+    assert "\n" not in str(refused.value)
+    assert not list((tmp_path / "empty").rglob("*.whl"))
+
+
+def test_a_stale_lock_is_refused(small, monkeypatch):
+    monkeypatch.setattr(small, "WHEELS", {"3.11": ["thing==1.1"]})
+    with pytest.raises(SystemExit, match=r"wheels\.lock.*--renew-lock"):
+        small.locked("windows-x64", "3.11")

@@ -26,6 +26,8 @@ _VERSION_IN_FOLDER = re.compile(r"llvm[-@]?(\d+)")
 _MISSING_DEPENDENCY = re.compile(r"(lib[\w.+-]+\.so[\w.]*): cannot open shared object")
 
 _lock = threading.RLock()
+# Variants that know our plugins. Mitsuba outlives this module where Blender installs a new version of HoloPath.
+_extended = set()
 
 
 def activate(prefer=None):
@@ -78,12 +80,14 @@ def activate(prefer=None):
                 mitsuba.set_variant(wanted)
             except ImportError as error:
                 raise BackendUnavailable(f"Mitsuba cannot start {wanted}: {_one_line(error)}.") from error
+        if wanted != current or wanted not in _extended:
             from . import closures, dispersion, lamps, mixture
 
             closures.register()
             dispersion.register()
             lamps.register()
             mixture.register()
+            _extended.add(wanted)
         return wanted
 
 

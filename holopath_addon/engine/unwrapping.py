@@ -8,10 +8,17 @@ except ImportError:  # it has no wheel for Blender's newest Python
     xatlas = None
 
 # xatlas unwraps about 20 000 triangles a second; denser meshes get a cell a triangle.
-CHARTED_TRIANGLES = 20_000
+CHARTED_TRIANGLES = 20_000 if xatlas else 0
 # Texels between charts, and from the edge of a cell to its triangle: a bilinear lookup reads the next one.
 PADDING = 2
 SMALLEST_CELL = 6
+# What the user should know; empty where xatlas is there.
+LACKING = (
+    ""
+    if xatlas
+    else "This Python has no xatlas (there is none for 3.14 yet): baked light has a cell of its texture for every "
+    "triangle, which takes more memory, and is traced on meshes whose triangles differ much in size."
+)
 
 
 def unwrap(vertices, triangles, texels):

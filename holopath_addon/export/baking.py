@@ -419,8 +419,10 @@ def bake_lamp(light, width, height, frame):
         copy = studio.keep(light.original.copy())
         copy.type = "POINT"
         copy = bpy.data.lights[copy.name]
-        copy.energy, copy.color, copy.shadow_soft_size, copy.use_temperature = 100, (1, 1, 1), 0, False
-        copy.exposure = 0
+        copy.energy, copy.color, copy.shadow_soft_size = 100, (1, 1, 1), 0
+        for name, value in (("use_temperature", False), ("exposure", 0)):
+            if hasattr(copy, name):  # since Blender 4.5
+                setattr(copy, name, value)
         lamp = studio.keep(bpy.data.objects.new("HoloPath baking", copy))
         studio.scene.collection.objects.link(lamp)
         shone = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})

@@ -148,7 +148,8 @@ def _note_differences(scene, camera, notes):
         notes.add(camera.name, "Pixel aspect", "ignored: the pixels of a hologram are square")
     if scene.render.use_border:
         notes.add(camera.name, "Render Region", "ignored: the whole view is rendered")
-    if scene.render.film_transparent and scene.cycles.film_transparent_glass:
+    cycles = getattr(scene, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
+    if scene.render.film_transparent and cycles and cycles.film_transparent_glass:
         notes.add(scene.name, "Transparent Glass of the film", "ignored: the world is seen through glass")
     if scene.render.use_motion_blur:
         notes.add(camera.name, "Motion Blur", "ignored")

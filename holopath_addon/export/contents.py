@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ..engine import InvalidInput
-from ..engine.unwrapping import unwrap
+from ..engine.unwrapping import LACKING, unwrap
 from . import baking
 from .cache import Bake
 from .geometry import read_mesh, split_by_slot
@@ -246,6 +246,12 @@ class Contents:
             if wanted > 4 * MOST_TEXELS:
                 self._notes.add(
                     object.name, "Baked textures", "coarser than the picture where they are nearest"
+                )
+            if LACKING:
+                self._notes.add(
+                    object.name,
+                    "Baked textures",
+                    "as fine on all triangles, for want of xatlas in this Python",
                 )
             return unwrap(vertices, triangles, int(np.clip(wanted, LEAST_TEXELS, MOST_TEXELS)))
 

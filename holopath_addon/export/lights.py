@@ -57,13 +57,14 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
     emitter = {"POINT": _point, "SPOT": _spot, "SUN": _sun, "AREA": _area}[light.type](
         light, np.maximum(colour, 0), lengths, scale
     )
-    if emitter is None or getattr(light.cycles, "is_portal", False) or not np.any(colour > 0):
+    cycles = getattr(light, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
+    if emitter is None or getattr(cycles, "is_portal", False) or not np.any(colour > 0):
         return None
     if not light.use_shadow:
         notes.add(name, "Light without shadow", "casts shadows")
     if any(getattr(light, f"{ray}_factor", 1.0) != 1.0 for ray in ("diffuse", "specular", "transmission")):
         notes.add(name, "Diffuse, glossy or transmission factor of a light", "ignored")
-    if light.cycles.max_bounces < light.cycles.bl_rna.properties["max_bounces"].default:
+    if cycles and cycles.max_bounces < cycles.bl_rna.properties["max_bounces"].default:
         notes.add(name, "Max Bounces of a light", "ignored")
     placed = np.array(matrix, float)
     placed[:3, 3] *= scale

@@ -88,8 +88,8 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
         Evaluated; its mode decides whether viewport or render settings of modifiers count.
     resolution : tuple of int
         Hologram width and height in pixels; with the camera's sensor fit they set the field of view.
-    camera : bpy.types.Object or str, optional
-        Camera object or its name. Default: the scene's active camera.
+    camera : bpy.types.Object, str or Camera, optional
+        Camera object or its name, or a camera that is none of the scene's. Default: the scene's active camera.
     cache : ExportCache, optional
         Held by the caller from one export to the next, which then only reads what changed.
 
@@ -108,7 +108,9 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
     scene = depsgraph.scene
     notes = Notes()
     scale = unit_scale(scene)
-    exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
+    exported_camera = camera
+    if not isinstance(camera, Camera):
+        exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
     pixel = footprint(exported_camera, resolution, scale)
     parts = read_parts(depsgraph, scale, pixel, notes, cache)
     return Reading(scene.name, parts, exported_camera, notes)

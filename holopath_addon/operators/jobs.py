@@ -4,6 +4,7 @@ import os
 import sys
 import threading
 import time
+import traceback
 
 import bpy
 
@@ -106,7 +107,10 @@ class Job:
         try:
             self.result = self._work(self._progress)
         except BaseException as error:  # whatever it is belongs to whoever waits for the job
+            _let_go(error)
             self.error = error
+        finally:
+            self._work = None
 
     def cancel(self):
         """Ask the work to stop at its next report of progress."""
@@ -163,3 +167,12 @@ class Job:
         if self._cancel.is_set():
             raise engine.Cancelled
         self.done, self.message = done, message
+
+
+def _let_go(error):
+    """Free what the frames of an exception hold: the job keeps the exception, and would keep the scene with it."""
+    seen = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        traceback.clear_frames(error.__traceback__)
+        error = error.__cause__ or error.__context__

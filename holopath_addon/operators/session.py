@@ -69,6 +69,8 @@ class Session:
 current = Session()
 # What the last export read of the scene in the window.
 cache = ExportCache()
+# Called before a scene is exported, for whatever traces rays meanwhile to stop: callables.
+making_way = []
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,8 @@ def prepare(depsgraph, props, resolution=None):
     """
     hologram, settings = properties.hologram_of(props, resolution), properties.settings_of(props)
     backend.activate(preferences.wanted())
+    for stop in making_way:
+        stop()
     return Task(
         bpy.data.filepath or depsgraph.scene.name,
         read_scene(depsgraph, (hologram.width, hologram.height), cache=cache),
@@ -401,18 +405,26 @@ def _rendered(*_):
     redraw()
 
 
+def _handlers():
+    handlers = bpy.app.handlers
+    return [
+        (handlers.load_pre, _forget),
+        (handlers.render_complete, _rendered),
+        (handlers.render_cancel, _rendered),
+    ]
+
+
 def attach():
     """Begin to listen for files being opened and for the end of F12's renders."""
-    bpy.app.handlers.load_pre.append(_forget)
-    bpy.app.handlers.render_complete.append(_rendered)
-    bpy.app.handlers.render_cancel.append(_rendered)
+    for callbacks, handler in _handlers():
+        callbacks.append(handler)
 
 
 def detach():
     """Stop all work and forget everything."""
-    bpy.app.handlers.load_pre.remove(_forget)
-    bpy.app.handlers.render_complete.remove(_rendered)
-    bpy.app.handlers.render_cancel.remove(_rendered)
+    for callbacks, handler in _handlers():
+        if handler in callbacks:  # another add-on may have cleared the list
+            callbacks.remove(handler)
     if bpy.app.timers.is_registered(_poll_refocus):
         bpy.app.timers.unregister(_poll_refocus)
     leave_soon()

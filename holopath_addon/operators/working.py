@@ -27,7 +27,6 @@ class Working:
     _told = ""
     _told_at = 0.0
     _presented = False
-    _over = False
 
     @classmethod
     def poll(cls, context):
@@ -62,7 +61,7 @@ class Working:
     def modal(self, context, event):
         """Poll the thread."""
         job = self._job
-        if self._over:  # Blender does not take FINISHED where a window was opened meanwhile, and calls again
+        if job is None:  # Blender does not take FINISHED where a window was opened meanwhile, and calls again
             return {"FINISHED"}
         if event.type == "ESC" and event.value == "PRESS" and job.running:
             job.cancel()
@@ -70,7 +69,6 @@ class Working:
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
             if not job.running:
-                self._over = True
                 session.leave()
                 return self._end(context)
             job.serve()
@@ -136,6 +134,7 @@ class Working:
                 self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
         finally:
+            self._job = None  # Blender keeps its last operators, and would keep the scene and its field
             session.redraw()
         self.report({"INFO"}, f"{told} in {time.monotonic() - self._started:.1f} s.")
         return {"FINISHED"}

@@ -21,8 +21,9 @@ def test_a_question_is_answered_by_whoever_serves():
     serve_until_over(job)
     worker, server = job.result
     assert server is threading.main_thread() and worker is not server
-    job.run()  # without a thread of its own
-    assert job.result[1] is threading.main_thread()
+    job = Job(lambda progress: job.ask(threading.current_thread))  # without a thread of its own
+    job.run()
+    assert job.result is threading.main_thread()
 
 
 def test_an_error_in_the_answer_is_the_works():

@@ -7,6 +7,7 @@ import bpy
 import pytest
 
 import holopath_addon
+from holopath_addon.operators import session
 
 HANDLERS = ("load_pre", "load_post", "render_complete", "render_cancel")
 
@@ -50,6 +51,36 @@ def test_failure_leaves_nothing(addon, monkeypatch):
         patch.setattr("holopath_addon.operators.session.attach", fail)
         with pytest.raises(RuntimeError):
             addon.register()
+    assert traces() == gone
+    addon.register()
+
+
+def test_everything_goes_where_another_addon_took_a_handler(addon):
+    addon.unregister()
+    gone = traces()
+    addon.register()
+    bpy.app.handlers.load_pre.remove(session._forget)
+    addon.unregister()
+    assert traces() == gone
+    addon.register()
+
+
+def test_everything_goes_where_a_part_does_not(addon, monkeypatch):
+    addon.unregister()
+    gone = traces()
+
+    def fail():
+        raise RuntimeError("no")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("holopath_addon.ui.unshare_panels", fail)
+        addon.register()
+    with pytest.raises(RuntimeError, match="no"):
+        addon.unregister()
+    left = traces()
+    assert (left[0], *left[2:]) == (gone[0], *gone[2:])
+    addon.register()
+    addon.unregister()
     assert traces() == gone
     addon.register()
 

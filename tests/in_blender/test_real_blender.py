@@ -17,7 +17,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 WINDOW = Path(__file__).with_name("window.py")
+LIFECYCLE = Path(__file__).with_name("lifecycle.py")
 BLENDER = os.environ.get("HOLOPATH_BLENDER", "")
+PLATFORM = {"win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform, "linux-x64")
 
 pytestmark = [
     pytest.mark.blender,
@@ -65,7 +67,8 @@ def blender(tmp_path_factory):
     status, output = blender("--background", "--factory-startup", "--python-expr", tell, timeout=900)
     assert status == 0, output
     python = re.search(r"^python=([\d.]+)$", output, re.MULTILINE)[1]
-    command = [sys.executable, ROOT / "build_extension.py", "--python", python, "--out", folder]
+    command = [sys.executable, ROOT / "build_extension.py", "--out", folder]
+    command += ["--platform", PLATFORM, "--python", python]
     built = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
     assert built.returncode == 0, built.stderr
     status, output = blender(
@@ -220,3 +223,20 @@ def test_window(blender, tmp_path):
     ]  # by the button, and by F12 from its own thread
     assert result["scenes"] == 1
     assert "camera" in str(result["without_camera"]) or result["without_camera"] == ["CANCELLED"]
+
+
+def test_life_cycle(blender, tmp_path):
+    """Last, as it uninstalls: rendering, cancelling, disabling and reloading leave nothing behind."""
+    target = tmp_path / "result.json"
+    status, output = blender("--python-exit-code", "3", "--python", LIFECYCLE, "--", target)
+    assert target.exists(), output
+    result = json.loads(target.read_text(encoding="utf-8"))
+    assert "error" not in result, f"{result}\n{output}"
+    assert status == 0, output
+    assert result["steps"] == ["rendered", *3 * ["Cancelled"], "rendered", "rendered"]
+    assert (result["tasks"], result["held"]) == (5, 0), "exported scenes stay in memory"
+    assert "class HOLOPATH_OT_render_hologram" in result["enabled"]
+    assert result["enabled_again"] == result["reloaded"] == result["enabled"]
+    assert result["disabled"] == result["disabled_again"] == result["uninstalled"] == []
+    assert result["modules"] == result["known"] == result["wheels"] == []
+    assert "Traceback" not in output, output

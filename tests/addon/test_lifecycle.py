@@ -1,0 +1,220 @@
+"""What comes and goes: the extension in Blender, renders in the extension. Nothing of either stays.
+
+Whole life cycles run in a Python of their own: they load HoloPath and Mitsuba anew.
+"""
+
+import gc
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import textwrap
+import weakref
+from pathlib import Path
+
+import bpy
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PLATFORM = {"win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform, "linux-x64")
+
+
+def run(code, folder, *arguments, **environment):
+    """What a program prints last, from JSON; its Blender has user folders of its own."""
+    folder.mkdir()
+    result = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
+        cwd=folder,
+        env=os.environ
+        | {
+            "PYTHONPATH": str(Path(__file__).parents[1] / "in_blender"),
+            "BLENDER_USER_RESOURCES": str(folder / "user"),
+            "BLENDER_USER_EXTENSIONS": str(folder / "user" / "extensions"),
+        }
+        | environment,
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "Traceback" not in result.stderr, result.stderr
+    return json.loads(result.stdout.splitlines()[-1])
+
+
+@pytest.fixture
+def zipped(tmp_path):
+    """The extension without wheels: the Python that runs the tests has them."""
+    specification = importlib.util.spec_from_file_location("build_extension", ROOT / "build_extension.py")
+    build_extension = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(build_extension)
+    return build_extension.build(PLATFORM, dict.fromkeys(build_extension.WHEELS, []), tmp_path / "dist")
+
+
+INSTALL = """
+    import json, sys
+    import bpy
+    import addon_utils
+    from traces import modules, traces
+
+    name, told = "bl_ext.user_default.holopath", {"before": traces()}
+
+    def install():
+        bpy.ops.extensions.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=True)
+        return sys.modules[name + ".engine.backend"], sys.modules[name + ".preferences"].store().folder
+
+    backend, told["store"] = install()
+    told["enabled"] = traces()
+    told["file"] = sys.modules[name].__file__
+    backend.activate()
+    addon_utils.disable(name, default_set=True)
+    told["disabled"] = traces()
+    addon_utils.enable(name, default_set=True)
+    bpy.ops.script.reload()
+    told["reloaded"] = traces()
+
+    renewed, _ = install()
+    told["renewed"] = traces()
+    renewed.activate()
+    import mitsuba as mi
+    glass = type(mi.load_dict({"type": "dispersive_dielectric"}))
+    told["plugin"] = glass.__init__.__globals__ is vars(sys.modules[name + ".engine.dispersion"])
+    told["anew"] = renewed is not backend
+
+    addon_utils.disable("cycles")  # the exporter does without it
+    session = sys.modules[name + ".operators.session"]
+    bpy.context.scene.render.film_transparent = True
+    told["notes"] = session.prepare(bpy.context.evaluated_depsgraph_get(), bpy.context.scene.holopath).notes
+    addon_utils.enable("cycles")
+
+    place = [repository.module for repository in bpy.context.preferences.extensions.repos].index("user_default")
+    bpy.ops.extensions.package_uninstall(repo_index=place, pkg_id="holopath")
+    told["uninstalled"], told["modules"] = traces(), modules(name)
+    print("\\n" + json.dumps(told, default=str))
+"""
+
+
+def test_from_installing_to_uninstalling(tmp_path, zipped):
+    told = run(INSTALL, tmp_path / "blender", zipped, HOLOPATH_CACHE="")
+    installed = tmp_path / "blender" / "user" / "extensions"
+    assert Path(told["file"]).is_relative_to(installed / "user_default" / "holopath")
+    assert Path(told["store"]).is_relative_to(installed / ".user")
+    assert "class HOLOPATH_OT_render_hologram" in told["enabled"]
+    assert told["reloaded"] == told["renewed"] == told["enabled"]
+    assert told["before"] == told["disabled"] == told["uninstalled"] == told["modules"] == []
+    assert told["anew"], "the new version's modules are loaded"
+    assert told["plugin"], "Mitsuba makes materials of the new version's classes"
+
+
+CYCLES = """
+    import json, os, sys, time
+    import bpy
+    sys.path.insert(0, sys.argv[1])
+    import holopath_addon
+    from holopath_addon.operators import session
+    from holopath_addon.operators.jobs import Job
+
+    def resident():
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+    def cycle(number):
+        holopath_addon.register()
+        props = bpy.context.scene.holopath
+        props.resolution_x = props.resolution_y = 32
+        props.depth_far_mm, props.depth_near_mm = 0.6, 0.9
+        props.frames, props.colours, props.quality = 1, "MONO", "preview"
+        job = Job(session.prepare(bpy.context.evaluated_depsgraph_get(), props).compute)
+        session.current.job = job
+        job.start()
+        while job.running and job.done < (0.0, 0.06, 0.2)[number % 3]:
+            time.sleep(1e-3)
+        if number % 2:
+            job.cancel()
+            assert job.wait(20)
+        holopath_addon.unregister()  # which cancels what is at work
+        assert not job.running
+        return type(job.error).__name__
+
+    ends = [cycle(number) for number in range(20)]
+    warm = resident()
+    ends += [cycle(number) for number in range(int(sys.argv[2]) - 20)]
+    print(json.dumps({"ends": ends, "warm": warm, "end": resident()}))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
+def test_memory_after_200_cycles_of_enabling_cancelling_and_disabling(tmp_path):
+    # an empty cache of kernels: compilers take memory, which is to be taken before measuring
+    told = run(CYCLES, tmp_path / "blender", ROOT, 200, HOME=str(tmp_path))
+    assert told["ends"].count("Cancelled") > 180, told
+    assert set(told["ends"]) <= {"Cancelled", "NoneType"}, told
+    assert told["end"] <= 1.05 * told["warm"], told
+
+
+@pytest.mark.parametrize("half", [0.01, 0.2, 0.8])
+def test_a_cancelled_job_lets_go_of_its_scene(scene, half):
+    from holopath_addon import engine
+    from holopath_addon.operators import session
+    from holopath_addon.operators.jobs import Job
+
+    class Cancelling(Job):
+        def _progress(self, done, message):
+            if done >= half:
+                self.cancel()
+            super()._progress(done, message)
+
+    task = session.prepare(bpy.context.evaluated_depsgraph_get(), scene.holopath)
+    job, seen = Cancelling(task.compute), weakref.ref(task)
+    gc.collect()
+    gc.disable()  # memory is needed sooner than Python looks for cycles
+    try:
+        job.start()
+        del task
+        assert job.wait(60)
+        assert isinstance(job.error, engine.Cancelled)
+        assert seen() is None
+    finally:
+        gc.enable()
+
+
+WITHOUT = """
+    import json, sys
+    for name in ("xatlas", "serial"):
+        sys.modules[name] = None
+    sys.path.insert(0, sys.argv[1])
+    import bpy
+    import holopath_addon
+    from holopath_addon import cli
+    holopath_addon.register()
+    status = cli.main(sys.argv[2:])
+    report = json.load(open("out/report.json"))
+    told = {"status": status, "warnings": report["warnings"], "notes": report["export_notes"], **report["bake"]}
+    print("\\n" + json.dumps(told))
+"""
+
+
+@pytest.mark.slow
+def test_without_optional_packages(tmp_path):
+    """Light is baked all the same, and a sentence says what is different."""
+    scene = tmp_path / "room.blend"
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    tree = bpy.data.objects["Cube"].active_material
+    if bpy.app.version < (5, 0, 0):
+        tree.use_nodes = True
+    nodes = tree.node_tree.nodes
+    principled = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    tree.node_tree.links.new(
+        nodes.new("ShaderNodeTexNoise").outputs["Color"], principled.inputs["Base Color"]
+    )
+    bpy.ops.wm.save_as_mainfile(filepath=str(scene), copy=True)
+    options = (
+        "--method fast --resolution 32x32 --frames 1 --wavelengths 516 --quality preview --quiet --no-cache"
+    )
+    told = run(WITHOUT, tmp_path / "blender", ROOT, "render", scene, "--out", "out", *options.split())
+    assert told["status"] == 0
+    assert told["texels"] > 0 and told["dense"] > 0
+    assert [warning for warning in told["warnings"] if "xatlas" in warning]
+    assert [note for note in told["notes"] if "xatlas" in str(note)]
