@@ -213,7 +213,10 @@ class Viewport:
         """Whether to read the scene now: soon where that is quick, else when the user pauses."""
         if self._view is None or not self._outdated:
             return False
-        return time.monotonic() - (self._read if self._reading < QUICK else self._changed) > CALM
+        now = time.monotonic()
+        if self._reading < QUICK and not session.cache.bakes:
+            return now - self._read > CALM
+        return now - self._changed > CALM and not _transforming()
 
     def read(self):
         """Export the scene."""
@@ -406,6 +409,15 @@ def of(engine, region):
     viewport = _viewports.setdefault(region.as_pointer(), Viewport())
     viewport.belong(engine)
     return viewport
+
+
+def _transforming():
+    """Whether the user is moving, turning or scaling something."""
+    return any(
+        operator.bl_idname.startswith("TRANSFORM_OT_")
+        for window in bpy.context.window_manager.windows
+        for operator in window.modal_operators
+    )
 
 
 def _wake():

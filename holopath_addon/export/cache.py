@@ -81,6 +81,11 @@ class ExportCache:
         self._meshes = {key: mesh for key, mesh in meshes.items() if mesh.tracked}
         self.looks.drop_unused()
 
+    @property
+    def bakes(self):
+        """Whether the last export has a mesh whose materials had to be baked, which takes long."""
+        return any(mesh.bake for mesh in self._meshes.values())
+
     def changed(self, uid, moved_only):
         """Blender has evaluated a datablock again."""
         (self._moved if moved_only else self._changed).add(uid)

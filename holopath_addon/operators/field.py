@@ -112,7 +112,7 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
         if session.current.sweep is not None:
             session.stop_sweep()
             return {"FINISHED"}
-        self._near, self._far = session.dioptres_in_view()
+        self._near, self._far = session.current.in_view
         self._scene, self._started = context.scene.name, time.monotonic()
         self._sweep = session.current.sweep = context.window_manager.event_timer_add(
             0.05, window=context.window

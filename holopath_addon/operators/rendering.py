@@ -66,11 +66,10 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
     def execute(self, context):
         try:
             task = session.prepare(context.evaluated_depsgraph_get(), context.scene.holopath)
-            session.current.plan = task.plan()
+            session.keep_plan(task, task.plan())
         except Exception as error:
             self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
-        session.current.notes, session.current.error = task.notes, ""
         session.redraw()
         plan = session.current.plan
         self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")

@@ -31,6 +31,12 @@ class Session:
     phase : engine.PhaseHologram or None
         The field's, once it is encoded.
     plan : engine.Plan or None
+    scene : str
+        Name of the scene that the last plan and notes are of.
+    rendered : str
+        Name of the scene that the field is of.
+    in_view : tuple of float
+        Nearest and farthest thing in view of the field, dioptres.
     notes : list of str
         What the exporter approximated or left out.
     bake : dict or None
@@ -51,6 +57,9 @@ class Session:
     refocuser: engine.Refocuser | None = None
     phase: engine.PhaseHologram | None = None
     plan: engine.Plan | None = None
+    scene: str = ""
+    rendered: str = ""
+    in_view: tuple = (0.0, 0.0)
     notes: list = dataclasses.field(default_factory=list)
     bake: dict | None = None
     texture: np.ndarray | None = None
@@ -165,10 +174,24 @@ def prepare(depsgraph, props, resolution=None):
 
 def keep(task, result):
     """Remember a finished render."""
-    current.refocuser, current.phase = engine.Refocuser(result.field), None
-    current.plan, current.notes, current.error = result.plan, task.notes, ""
-    if "bake" in result.field.report:
-        current.bake, current.texture = result.field.report["bake"], None
+    field = result.field
+    current.refocuser, current.phase = engine.Refocuser(field), None
+    current.rendered = task.reading.name
+    current.in_view = pipeline.dioptres_in_view(result.plan, field.camera, field.hologram)
+    keep_plan(task, result.plan)
+    if "bake" in field.report:
+        current.bake, current.texture = field.report["bake"], None
+
+
+def keep_plan(task, plan):
+    """Remember what was decided for a scene, and what its export left out."""
+    current.plan, current.scene = plan, task.reading.name
+    current.notes, current.error = task.notes, ""
+
+
+def plan_of(scene):
+    """The last `engine.Plan`, if it is that scene's, else None."""
+    return current.plan if scene.name == current.scene else None
 
 
 def keep_baked(task, texture, done):
@@ -332,12 +355,6 @@ def request_refocus(focus, pupil):
 def refocusing():
     """Whether a picture that was requested is not shown yet."""
     return current.refocus is not None or current.wanted is not None
-
-
-def dioptres_in_view():
-    """Nearest and farthest thing in view of the stored field, dioptres."""
-    stored = current.field
-    return pipeline.dioptres_in_view(current.plan, stored.camera, stored.hologram)
 
 
 def stop_sweep(timer=None):

@@ -78,7 +78,7 @@ def outlines(scene):
     drawn = [(distance, _LISTED, 0.05, _distance(distance)) for distance in listed]
     drawn.append((focus, _FOCUS, 0.1, _distance(focus)))
     circles = []
-    mapping, hologram = _mapping(props, camera)
+    mapping, hologram = _mapping(props, camera, session.plan_of(scene))
     if mapping is not None:
         near = float(mapping.z_to_depth(hologram.depth_near))
         drawn.append((near, _NEAR, 0.0, f"Near end {_distance(near)}"))
@@ -91,13 +91,13 @@ def outlines(scene):
     return circles + frames
 
 
-def _mapping(props, camera):
+def _mapping(props, camera, plan):
     """The hologram's depth mapping and the hologram; None twice where the settings do not say."""
     try:
         hologram = hologram_of(props)
     except engine.InvalidInput:
         return None, None
-    near = hologram.near or (session.current.plan.near if session.current.plan else None)
+    near = hologram.near or (plan.near if plan else None)
     if near is None and hologram.depth_mapping == "fit":
         return None, None
     return DepthMapping.of(hologram, camera, near), hologram

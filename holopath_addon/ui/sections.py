@@ -58,7 +58,7 @@ def depth(layout, context):
         _text(layout, context, "The eyepiece says which distance is the near end.", icon="INFO")
     else:
         layout.prop(props, "near_auto")
-        plan = session.current.plan
+        plan = session.plan_of(context.scene)
         if not props.near_auto:
             layout.prop(props, "near")
         elif plan is None:
@@ -169,15 +169,17 @@ def render(layout, context):
         show.module = preferences.ADDON
     column = layout.column()
     column.scale_y = 1.5
+    column.enabled = not missing
     if session.running():
         text = "Cancelling" if job.cancelling else session.progress_text(job)
         column.progress(factor=job.done, text=text)
         layout.operator("holopath.cancel", icon="CANCEL")
     else:
         column.operator("holopath.render_hologram", icon="RENDER_STILL")
-    failure(layout, context)
+    if not missing:
+        failure(layout, context)
     count = len(session.current.notes)
-    if count:
+    if count and session.plan_of(context.scene) is not None:
         things = "1 feature is" if count == 1 else f"{count} features are"
         _text(layout, context, f"{things} approximated, baked or left out: see Export Notes.", icon="INFO")
 
@@ -200,8 +202,7 @@ def f12(layout, context):
     _text(
         layout,
         context,
-        f"F12 renders a hologram of {width} × {height} pixels, as set in the Output properties, "
-        "and shows it at the focus distance.",
+        f"F12: a hologram of {width} × {height} pixels, see Output properties",
         icon="INFO",
     )
 
@@ -237,11 +238,13 @@ def reconstruct(layout, context):
     )
     layout.operator("holopath.save_field", icon="FILE_TICK")
     hologram = field.hologram
+    there = session.current.rendered
+    whose = "" if there == context.scene.name else f", of the scene '{there}'"
     _text(
         layout,
         context,
         f"Stored: {hologram.width} × {hologram.height} pixels, "
-        f"{_count(len(hologram.wavelengths), 'wavelength')}, {_count(len(field.data), 'frame')}",
+        f"{_count(len(hologram.wavelengths), 'wavelength')}, {_count(len(field.data), 'frame')}{whose}",
     )
 
 
@@ -263,7 +266,7 @@ def hologram(layout, context):
 def estimate(layout, context):
     """What the plan decided, why, and how long it takes."""
     layout.operator("holopath.plan", icon="TIME")
-    plan = session.current.plan
+    plan = session.plan_of(context.scene)
     if plan is None:
         return
     cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
@@ -280,11 +283,12 @@ def estimate(layout, context):
 
 def notes(layout, context):
     """What the exporter approximated or left out."""
-    if session.current.plan is None:
+    if session.plan_of(context.scene) is None:
         _text(
             layout, context, "Estimate, or render: then this lists what is approximated, baked or left out."
         )
-    elif not session.current.notes:
+        return
+    if not session.current.notes:
         _text(layout, context, "Nothing was approximated or left out.")
     for note in session.current.notes:
         _text(layout, context, note, icon="DOT")

@@ -343,5 +343,7 @@ def test_without_a_backend(scene, monkeypatch):
 
 def test_dioptres_in_view(scene):
     bpy.ops.holopath.render_hologram()
-    near, far = session.dioptres_in_view()
+    near, far = session.current.in_view
     assert near == pytest.approx(2, rel=0.02) and far == pytest.approx(0.5, rel=0.02)
+    assert session.plan_of(scene) is session.current.plan
+    assert session.plan_of(bpy.data.scenes.new("Another")) is None

@@ -76,7 +76,7 @@ def test_pupil_is_where_the_engine_has_it(turned):
 def test_near_end_of_the_last_plan(turned):
     turned.holopath.near_auto = True
     assert len(overlay.outlines(turned)) == 3  # the distances: the rest is not known yet
-    session.current.plan = SimpleNamespace(near=0.25)
+    session.current.plan, session.current.scene = SimpleNamespace(near=0.25), turned.name
     assert "Near end 0.25 m (4 D)" in by_label(turned)
     turned.holopath.depth_mapping = "eyepiece"
     session.current.plan = None

@@ -42,7 +42,7 @@ def test_depth(scene):
     props = scene.holopath
     names, words = drawn(sections.depth, scene)
     assert "near_auto" in names and "near" not in names and "Estimate" in words
-    session.current.plan = SimpleNamespace(near=0.25)
+    session.current.plan, session.current.scene = SimpleNamespace(near=0.25), scene.name
     assert "0.25 m" in drawn(sections.depth, scene)[1]
     props.near_auto = False
     assert "near" in drawn(sections.depth, scene)[0]

@@ -146,6 +146,12 @@ def steps():
     result["shifted"] = cube((yield from seen(first)))
     result["exports_by_camera"] = len(exports) - count
     bpy.data.objects["Camera"].data.shift_x = 0.0
+    yield
+    yield from seen()
+    bpy.data.objects["Light"].select_set(True)
+    for _ in range(3):
+        yield
+    result["exports_by_selection"] = len(exports) - count
     reached("moved")
     yield
     before = yield from seen()

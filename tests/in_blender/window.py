@@ -92,6 +92,7 @@ def configure(scene):
     props.depth_far_mm, props.depth_near_mm = 4.0, 6.0
     props.frames = 4
     props.quality = "preview"
+    props.method = "full"
     props.focus = 5.0
 
 
@@ -151,6 +152,7 @@ def steps():
 
 def rendering():
     """The button; the window lives meanwhile, and a second press is refused."""
+    bpy.ops.wm.save_as_mainfile(filepath=target + ".blend", copy=True)
     ticks = Ticks()
     result["pressed"] = sorted(press(bpy.ops.holopath.render_hologram))
     result["twice"] = bpy.ops.holopath.render_hologram.poll()
@@ -159,6 +161,7 @@ def rendering():
     result.update(describe(picture()))
     result["baked"] = [baked()]
     result["steps"].append("rendered")
+    session().current.field.save(target + ".wavefield")
     # Once more, with a picture in the window, where a new window need not be opened for it.
     second = bpy.context.window_manager.windows[1]
     with bpy.context.temp_override(window=second):

@@ -1,0 +1,66 @@
+"""A real Blender, named by HOLOPATH_BLENDER, with the built extension."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BLENDER = os.environ.get("HOLOPATH_BLENDER", "")
+PLATFORM = {"win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform, "linux-x64")
+
+
+class Blender:
+    """A Blender with its own, empty user folder."""
+
+    def __init__(self, folder):
+        self.environment = os.environ | {
+            "BLENDER_USER_RESOURCES": str(folder),
+            "BLENDER_USER_EXTENSIONS": str(folder / "extensions"),
+            "HOLOPATH_CACHE": "",  # as users have it: the extension's own folder, below
+        }
+
+    def __call__(self, *arguments, timeout=300):
+        """Run Blender and return its status and all that it printed; it never outlives `timeout` seconds."""
+        process = subprocess.Popen(
+            [BLENDER, *map(str, arguments)],
+            cwd=ROOT,
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            output, _ = process.communicate(timeout=timeout)
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+        return process.returncode, output
+
+
+@pytest.fixture(scope="module")
+def blender(tmp_path_factory):
+    """A Blender with the extension installed from its zip and enabled."""
+    if not BLENDER:
+        pytest.skip("HOLOPATH_BLENDER names no Blender")
+    folder = tmp_path_factory.mktemp("blender")
+    blender = Blender(folder / "user")
+    # The first call may have to set the Blender up.
+    tell = "import sys; print('python=%d.%d' % sys.version_info[:2])"
+    status, output = blender("--background", "--factory-startup", "--python-expr", tell, timeout=900)
+    assert status == 0, output
+    python = re.search(r"^python=([\d.]+)$", output, re.MULTILINE)[1]
+    command = [sys.executable, ROOT / "build_extension.py", "--out", folder]
+    command += ["--platform", PLATFORM, "--python", python]
+    built = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
+    assert built.returncode == 0, built.stderr
+    status, output = blender(
+        "--command", "extension", "install-file", "-r", "user_default", "-e", built.stdout.strip()
+    )
+    assert status == 0, output
+    return blender
