@@ -5,7 +5,6 @@ needs a display, or a HOLOPATH_BLENDER that brings one.
 """
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -16,14 +15,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 WINDOW = Path(__file__).with_name("window.py")
 LIFECYCLE = Path(__file__).with_name("lifecycle.py")
-BLENDER = os.environ.get("HOLOPATH_BLENDER", "")
-PLATFORM = {"win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform, "linux-x64")
 
-pytestmark = [
-    pytest.mark.blender,
-    pytest.mark.slow,
-    pytest.mark.skipif(not BLENDER, reason="HOLOPATH_BLENDER names no Blender"),
-]
+pytestmark = [pytest.mark.blender, pytest.mark.slow]
 
 
 def test_installs_and_enables(blender):
