@@ -11,10 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from .engine import InvalidInput
+from .engine.folders import whole_folder
 from .lengths import format_distance
 
 FORMAT = "HoloPath output"
 FORMAT_VERSION = 1
+# What file browsers leave in the folders that they show.
+_BROWSED = {".DS_Store", "Thumbs.db", "desktop.ini"}
 _OWN = {"wavefield", "reconstruction", "reference", "hologram", "report.json"}
 
 
@@ -193,37 +196,8 @@ def output_folder(folder):
         At once if the folder holds something else or cannot be made.
     OSError
     """
-    folder = Path(folder).absolute()
-    _check_free(folder)
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.part-", dir=folder.parent))
-    except OSError as error:
-        raise InvalidInput(
-            f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
-        ) from error
-    try:
+    with whole_folder(folder, _check_free) as part:
         yield part
-        os.chmod(part, 0o755)
-        _check_free(folder)
-        _put_in_place(part, folder)
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        raise
-
-
-def _put_in_place(part, folder):
-    if not folder.exists():
-        os.replace(part, folder)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
-    os.replace(folder, old)
-    try:
-        os.replace(part, folder)
-    except BaseException:
-        os.replace(old, folder)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _check_free(folder):
@@ -231,7 +205,7 @@ def _check_free(folder):
         return
     if not folder.is_dir():
         raise InvalidInput(f"The output {folder} is a file: choose a folder.")
-    names = {entry.name for entry in folder.iterdir()}
+    names = {entry.name for entry in folder.iterdir()} - _BROWSED
     if names and (read_report(folder).get("format") != FORMAT or not names <= _OWN):
         raise InvalidInput(
             f"The output folder {folder} holds files that are not HoloPath's: choose a new folder."

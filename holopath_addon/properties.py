@@ -1,6 +1,7 @@
 """Scene settings of HoloPath (`Scene.holopath`) and what they mean to the engine."""
 
 import math
+from contextlib import contextmanager
 
 import bpy
 from bpy.props import (
@@ -95,7 +96,7 @@ def _display_changed(props, context):
     props.depth_far_mm, props.depth_near_mm = far * 1e3, near * 1e3
 
 
-_noting = []  # not empty while `note_focus` writes what is already shown
+_noting = []  # not empty while focus or index are written, but nothing is to be refocused
 
 
 def _distance_changed(props, context):
@@ -136,7 +137,7 @@ def _phase_frame_changed(props, context):
 
 def _focus_chosen(props, context):
     """A distance of the list is clicked: look there."""
-    if props.focus_index < len(props.focus_list):
+    if not _noting and props.focus_index < len(props.focus_list):
         focus = props.focus_list[props.focus_index].focus
         if focus != props.focus:
             props.focus = focus
@@ -630,9 +631,21 @@ def set_focus(props, metres):
 
 def note_focus(props, metres):
     """Write down the focus that automatic focusing found, whose picture is there already."""
+    with _quietly():
+        set_focus(props, metres)
+
+
+def choose(props, index):
+    """Mark a distance of the focus list, without looking there."""
+    with _quietly():
+        props.focus_index = index
+
+
+@contextmanager
+def _quietly():
     _noting.append(True)
     try:
-        set_focus(props, metres)
+        yield
     finally:
         _noting.pop()
 
@@ -672,7 +685,8 @@ def attach():
 
 def detach():
     """Take the settings from scenes, view layers and materials."""
-    bpy.app.handlers.load_post.remove(_settle)
+    if _settle in bpy.app.handlers.load_post:  # another add-on may have cleared the list
+        bpy.app.handlers.load_post.remove(_settle)
     del bpy.types.ViewLayer.holopath
     del bpy.types.Material.holopath
     del bpy.types.Scene.holopath

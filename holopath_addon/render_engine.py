@@ -38,8 +38,10 @@ class HoloPathEngine(bpy.types.RenderEngine):
         Blender gets a result in any case: writing a multilayer EXR without one crashes it.
         """
         settings, layer = depsgraph.scene.render, depsgraph.view_layer_eval
-        scale = settings.resolution_percentage / 100
-        size = [max(1, int(n * scale)) for n in (settings.resolution_x, settings.resolution_y)]
+        size = [
+            max(1, n * settings.resolution_percentage // 100)
+            for n in (settings.resolution_x, settings.resolution_y)
+        ]
         pixels, failure = {}, ""
         try:
             self.update_stats("", "HoloPath: exporting the scene")
@@ -59,9 +61,10 @@ class HoloPathEngine(bpy.types.RenderEngine):
             failure = session.fail(error)
         target = self.begin_result(0, 0, *size, layer=layer.name)
         try:
+            region = _region(settings, target, size)
             for part in target.layers[0].passes:
                 if part.name in pixels:
-                    part.rect.foreach_set(pixels[part.name][::-1].ravel())
+                    part.rect.foreach_set(np.ascontiguousarray(pixels[part.name][::-1][region]).ravel())
         except BaseException as error:
             failure = session.fail(error)
         finally:
@@ -91,6 +94,14 @@ class HoloPathEngine(bpy.types.RenderEngine):
             raise engine.Cancelled
         self.update_progress(done)
         self.update_stats("", f"HoloPath: {message}")
+
+
+def _region(settings, target, size):
+    """Rows, bottom first, and columns of the picture that Blender takes: all, or its Render Region."""
+    if not settings.use_border:
+        return slice(None), slice(None)
+    left, bottom = int(settings.border_min_x * size[0]), int(settings.border_min_y * size[1])
+    return slice(bottom, bottom + target.resolution_y), slice(left, left + target.resolution_x)
 
 
 def _folder(depsgraph):

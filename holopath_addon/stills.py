@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import shutil
 import time
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -220,7 +221,11 @@ def update(folder, still, progress, export_seconds, say):
         names = ", ".join(name for names in changed.values() for name in names)
         say(f"{'refocused' if rendered else 'rendered anew'} (changed: {names})")
     with output.output_folder(folder) as part:
-        return write(part, still, progress, export_seconds, rendered)
+        done = write(part, still, progress, export_seconds, rendered)
+        encoded = Path(folder) / "hologram"
+        if rendered is not None and still.encode == "none" and encoded.is_dir():
+            shutil.copytree(encoded, part / "hologram")  # `holopath encode` made it of the same field
+        return done
 
 
 def kept(folder):

@@ -416,7 +416,7 @@ def _transforming():
     return any(
         operator.bl_idname.startswith("TRANSFORM_OT_")
         for window in bpy.context.window_manager.windows
-        for operator in window.modal_operators
+        for operator in getattr(window, "modal_operators", ())
     )
 
 
@@ -500,7 +500,8 @@ def attach():
 def detach():
     """End everything."""
     for callbacks, handler in _handlers():
-        callbacks.remove(handler)
+        if handler in callbacks:  # another add-on may have cleared the list
+            callbacks.remove(handler)
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
     _forget()

@@ -10,7 +10,7 @@ import scipy.fft
 
 from .camera import Camera
 from .errors import InvalidInput
-from .folders import whole_folder
+from .folders import earlier, whole_folder
 from .hologram import Hologram
 from .wavefield import WaveField
 
@@ -33,7 +33,8 @@ class PhaseHologram:
     method : str
         One of `METHODS`.
     gains : tuple of float
-        Amplitude of the light to send in, one a wavelength: with it what is seen is as bright as the scene.
+        Amplitude of the light to send in, one a wavelength: with it what is seen is as bright as the scene. 0
+        where there is none of that colour.
     """
 
     data: np.ndarray
@@ -42,10 +43,6 @@ class PhaseHologram:
     near: float
     method: str
     gains: tuple
-
-    def grey_levels(self, bits=8):
-        """Phases as an SLM takes them, whole numbers in [0, 2^bits); a full turn is 0 again."""
-        return np.round(self.data * (2**bits / (2 * math.pi))).astype(np.int64) % 2**bits
 
     def field(self):
         """`WaveField` of the light that leaves the SLM, to be refocused."""
@@ -75,11 +72,11 @@ class PhaseHologram:
 
         progress = progress or (lambda done, message: None)
         wavelengths = self.hologram.wavelengths
-        with whole_folder(folder, "a hologram") as part:
+        with whole_folder(folder, earlier("a hologram", "phase.npy", "meta.json")) as part:
             np.save(part / "phase.npy", self.data)
-            for m, frame in enumerate(self.grey_levels()):
-                for levels, name in zip(frame.astype(np.uint8), picture_names(m, wavelengths), strict=True):
-                    mi.Bitmap(levels).write(str(part / name))
+            for m, frame in enumerate(self.data):
+                for phases, name in zip(frame, picture_names(m, wavelengths), strict=True):
+                    mi.Bitmap(grey_levels(phases).astype(np.uint8)).write(str(part / name))
                 progress((m + 1) / len(self.data), "Writing the hologram")
             meta = {
                 "format_version": FORMAT_VERSION,
@@ -151,7 +148,7 @@ def encode(field, method="dpac", progress=None):
     Raises
     ------
     InvalidInput
-        If there is no such method, or a wavelength's field is black or not finite.
+        If there is no such method, or the field is not finite.
     """
     if method not in METHODS:
         raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(METHODS)}.")
@@ -168,15 +165,16 @@ def encode(field, method="dpac", progress=None):
             waves[m] = scipy.fft.ifft2(scipy.fft.fft2(field.data[m, k], workers=-1) * keep, workers=-1)
             progress((k + 0.7 * (m + 1) / frames) / colours, "Encoding")
         gain = float(np.abs(waves).max())
-        if gain == 0:
-            raise InvalidInput(
-                "The wave field is black, so there is no hologram of it: light the scene and render again."
-            )
         gains.append(gain)
         for m, wave in enumerate(waves):
-            phases[m, k] = double_phase(wave / gain)
+            phases[m, k] = double_phase(wave / (gain or 1))
             progress((k + 0.7 + 0.3 * (m + 1) / frames) / colours, "Encoding")
     return PhaseHologram(phases, field.hologram, field.camera, field.near, method, tuple(gains))
+
+
+def grey_levels(phases, bits=8):
+    """Phases in radians as an SLM takes them: whole numbers in [0, 2^bits), of which a full turn is 0 again."""
+    return np.round(phases * (2**bits / (2 * math.pi))).astype(np.uint32) % 2**bits
 
 
 def half_band(shape):

@@ -10,16 +10,16 @@ from .errors import InvalidInput
 
 
 @contextmanager
-def whole_folder(folder, kind, marker="meta.json"):
+def whole_folder(folder, check):
     """Folder to fill; it takes the place of `folder` when the block ends well, and vanishes otherwise.
 
     Parameters
     ----------
     folder : path
-    kind : str
-        What it will hold, for the message.
-    marker : str
-        File by which an earlier one is recognised, which is replaced.
+        What is there stays until it is replaced.
+    check : callable
+        ``check(folder)`` raises `InvalidInput` where what is there must not be replaced; called at once and
+        again at the end.
 
     Yields
     ------
@@ -29,21 +29,62 @@ def whole_folder(folder, kind, marker="meta.json"):
     Raises
     ------
     InvalidInput
-        If the folder holds something else.
+        At once if the folder must not be replaced or cannot be made.
     OSError
         If it cannot be written.
     """
-    folder = Path(folder)
-    if folder.exists() and any(folder.iterdir()) and not (folder / marker).exists():
-        raise InvalidInput(f"The folder {folder} holds something other than {kind}: choose another one.")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    folder = Path(folder).absolute()
+    check(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.part-", dir=folder.parent))
+    except OSError as error:
+        raise InvalidInput(
+            f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
+        ) from error
     try:
         yield part
         os.chmod(part, 0o755)
-        if folder.exists():
-            shutil.rmtree(folder)
-        os.replace(part, folder)
+        check(folder)
+        _put_in_place(part, folder)
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
+
+
+def earlier(kind, *files):
+    """Check for `whole_folder`: nothing is replaced but an empty folder, or one that has such files.
+
+    Parameters
+    ----------
+    kind : str
+        What such a folder holds, for the message.
+    *files : str
+        Names.
+    """
+
+    def check(folder):
+        if not os.path.lexists(folder):
+            return
+        names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else {""}
+        if names and not names.issuperset(files):
+            raise InvalidInput(f"{folder} holds something other than {kind}: choose another folder.")
+
+    return check
+
+
+def _put_in_place(part, folder):
+    if not folder.exists():
+        os.replace(part, folder)
+        return
+    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
+    old = beside / folder.name  # Windows puts no folder in the place of another
+    try:
+        os.replace(folder, old)
+        try:
+            os.replace(part, folder)
+        except BaseException:
+            os.replace(old, folder)
+            raise
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)

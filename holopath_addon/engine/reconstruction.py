@@ -1,6 +1,7 @@
 """What a viewer sees: the stored field refocused through a pupil."""
 
 import math
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,9 +67,14 @@ class Refocuser:
         self._most_bytes = most_bytes
         self._spectra = {}  # (wavelength, frame) -> spectrum
         self._shapes = {}  # wavelength -> its padded shape
+        self._lock = threading.Lock()
 
     def __call__(self, focus, pupil=None, progress=None):
-        """Pictures at several distances, as `reconstruct`."""
+        """Pictures at several distances, as `reconstruct`; one thread at a time."""
+        with self._lock:
+            return self._pictures(focus, pupil, progress)
+
+    def _pictures(self, focus, pupil, progress):
         progress = progress or (lambda done, message: None)
         field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
         distances = mapping.depth_to_z(list(focus))

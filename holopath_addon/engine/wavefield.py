@@ -8,7 +8,7 @@ import numpy as np
 
 from .camera import Camera
 from .errors import InvalidInput
-from .folders import whole_folder
+from .folders import earlier, whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
 
@@ -58,7 +58,7 @@ class WaveField:
         OSError
             If it cannot be written; nothing is left behind.
         """
-        with whole_folder(folder, "a wave field") as part:
+        with whole_folder(folder, earlier("a wave field", "field.npy", "meta.json")) as part:
             np.save(part / "field.npy", self.data)
             meta = {
                 "format_version": FORMAT_VERSION,

@@ -28,7 +28,7 @@ class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
     def execute(self, context):
         props = context.scene.holopath
         add(props, properties.focus_of(props))
-        props.focus_index = len(props.focus_list) - 1
+        properties.choose(props, properties.focus_list_of(props).index(properties.focus_of(props)))
         session.redraw()
         return {"FINISHED"}
 
@@ -43,7 +43,7 @@ class HOLOPATH_OT_focus_list_remove(_Filled, bpy.types.Operator):
     def execute(self, context):
         props = context.scene.holopath
         props.focus_list.remove(min(props.focus_index, len(props.focus_list) - 1))
-        props.focus_index = max(0, min(props.focus_index, len(props.focus_list) - 1))
+        properties.choose(props, max(0, min(props.focus_index, len(props.focus_list) - 1)))
         session.redraw()
         return {"FINISHED"}
 
@@ -62,7 +62,7 @@ class HOLOPATH_OT_focus_list_sort(_Filled, bpy.types.Operator):
         props.focus_list.clear()
         for metres in distances:
             add(props, metres)
-        props.focus_index = distances.index(chosen)
+        properties.choose(props, distances.index(chosen))
         session.redraw()
         return {"FINISHED"}
 

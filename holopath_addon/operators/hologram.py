@@ -26,10 +26,13 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
 
     def work(self, scene):
         field, method = session.current.field, bpy.data.scenes[scene].holopath.encoding
-        return lambda job, progress: engine.encode(field, method, progress)
+        return lambda job, progress: (field, engine.encode(field, method, progress))
 
     def finish(self, context, result):
-        session.current.phase = result
+        field, phase = result
+        if field is not session.current.field:
+            raise engine.InvalidInput("Another hologram has been rendered meanwhile: press Encode again.")
+        session.current.phase = phase
         props = self.scene_settings()
         self.present(context, session.show_phase(props.phase_frame if props else 0))
         return "Hologram encoded"

@@ -1,7 +1,5 @@
 """Work in a thread that reports progress and can be cancelled, and work that only the main thread may do."""
 
-import os
-import sys
 import threading
 import time
 import traceback
@@ -12,7 +10,6 @@ from .. import engine
 
 # The main thread may be busy with a dialog, or wait for this very thread.
 PATIENCE = 10.0  # seconds
-NICE = 10  # of 19: how readily work in a thread gives way
 
 
 def on_main_thread(work):
@@ -98,8 +95,8 @@ class Job:
         return elapsed * (1 - self.done) / self.done
 
     def start(self):
-        """Run in a thread of its own, which leaves the processor to the window where that needs it."""
-        self._thread = threading.Thread(target=self._give_way, name="HoloPath", daemon=True)
+        """Run in a thread of its own."""
+        self._thread = threading.Thread(target=self.run, name="HoloPath", daemon=True)
         self._thread.start()
 
     def run(self):
@@ -157,11 +154,6 @@ class Job:
         """What was offered since the last time, or None."""
         picture, self._picture = self._picture, None
         return picture
-
-    def _give_way(self):
-        if sys.platform == "linux":  # where threads have a priority each; those that compute inherit it
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
-        self.run()
 
     def _progress(self, done, message):
         if self._cancel.is_set():

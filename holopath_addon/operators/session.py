@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import threading
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -202,7 +203,7 @@ def keep_baked(task, texture, done):
 
 def fail(error):
     """Remember a failure; its sentence."""
-    current.error = "" if isinstance(error, engine.Cancelled) else failures.sentence(error)
+    current.error = "" if failures.cancelled(error) else failures.sentence(error)
     return current.error
 
 
@@ -278,19 +279,30 @@ def show_texture():
 def _shown(name, pixels, light=True):
     """The image datablock of a name, with these rows of RGBA: light, or plain numbers."""
     height, width = pixels.shape[:2]
-    block = bpy.data.images.get(name)
+    block, other = bpy.data.images.get(name), None
     if block is not None and (block.source != "GENERATED" or not block.is_float):
         block.name = name + " (other)"
-        block = None
+        other, block = block, None
     if block is None:
         block = bpy.data.images.new(name, width, height, alpha=False, float_buffer=True)
         block.colorspace_settings.name = "Linear Rec.709" if light else "Non-Color"
         block.use_view_as_render = light
+        _replace_in_editors(other, block)
     elif tuple(block.size) != (width, height):
         block.scale(width, height)
     block.pixels.foreach_set(pixels.ravel())
     block.update()
     return block
+
+
+def _replace_in_editors(old, new):
+    """Show another image where one is shown that is the user's own now, as it was saved."""
+    if old is None:
+        return
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "IMAGE_EDITOR" and area.spaces.active.image == old:
+                area.spaces.active.image = new
 
 
 def redraw(images=True):
@@ -357,11 +369,17 @@ def refocusing():
     return current.refocus is not None or current.wanted is not None
 
 
-def stop_sweep(timer=None):
-    """End the focus that plays; with a timer, only if it is the one of that timer."""
+def stop_sweep(timer=None, soon=False):
+    """End the focus that plays; with a timer, only if it is the one of that timer; `soon` as in `leave_soon`."""
     playing = current.sweep
-    if playing is not None and timer in (None, playing):
-        current.sweep = None
+    if playing is None or timer not in (None, playing):
+        return
+    current.sweep = None
+    if soon:
+        bpy.app.timers.register(
+            lambda: bpy.context.window_manager.event_timer_remove(playing), first_interval=0.5
+        )
+    else:
         bpy.context.window_manager.event_timer_remove(playing)
 
 
@@ -371,7 +389,11 @@ def _start_refocus():
         return
     (focus, pupil), current.wanted, refocuser = current.wanted, None, current.refocuser
     wavelengths = refocuser.field.hologram.wavelengths
-    current.refocus = Job(lambda progress: picture(refocuser([focus], pupil, progress)[0], wavelengths))
+
+    def refocus(progress):
+        return refocuser, picture(refocuser([focus], pupil, progress)[0], wavelengths)
+
+    current.refocus = Job(refocus)
     current.refocus.start()
 
 
@@ -384,8 +406,10 @@ def _poll_refocus():
         if job.error is not None:
             fail(job.error)
         else:
-            current.error = ""
-            _shown(IMAGE, job.result)
+            refocuser, pixels = job.result
+            if refocuser is current.refocuser:  # else another field has been rendered since
+                current.error = ""
+                _shown(IMAGE, pixels)
         redraw(images=False)  # the picture's own change has it drawn
     _start_refocus()
     return None if current.refocus is None else 0.01
@@ -418,8 +442,11 @@ def _forget(*_):
 
 @bpy.app.handlers.persistent
 def _rendered(*_):
-    """F12 has left a new field or an error."""
-    redraw()
+    """F12 has left a new field or an error; in a window it says so from a thread of its own."""
+    if threading.current_thread() is threading.main_thread():
+        redraw()
+    else:
+        bpy.app.timers.register(redraw)
 
 
 def _handlers():
@@ -445,5 +472,6 @@ def detach():
     if bpy.app.timers.is_registered(_poll_refocus):
         bpy.app.timers.unregister(_poll_refocus)
     leave_soon()
+    stop_sweep(soon=True)
     _forget()
     cache.close()

@@ -74,15 +74,22 @@ class Working:
             job.serve()
             picture = job.take()
             if picture is not None:
-                self.glimpse(context, picture)
+                try:
+                    self.glimpse(context, picture)
+                except Exception as error:  # the work goes on
+                    session.fail(error)
             self._tell(context)
         return {"PASS_THROUGH"}
 
     def cancel(self, context):
         """Blender ends the operator: the window closes or another file is opened."""
-        if self._job is not None:
-            self._job.cancel()
+        job, self._job = self._job, None
+        if job is None:  # nothing has begun: a file browser was closed
+            return
+        job.cancel()
         session.leave()
+        if session.current.job is job:
+            bpy.app.timers.register(lambda: _clear_away(job))
 
     def glimpse(self, context, picture):
         """Show what the work offers before its end."""
@@ -171,6 +178,17 @@ def free(operator):
         operator.poll_message_set("HoloPath is at work: wait for it or cancel it")
         return False
     return True
+
+
+def _clear_away(job):
+    """Once a job whose operator is gone has ended, forget it; as a timer."""
+    if job.running:
+        return 0.1
+    if session.current.job is job:
+        session.current.job = None
+        session.show_again()
+        session.redraw()
+    return None
 
 
 def _leave(timer):

@@ -197,8 +197,8 @@ def f12(layout, context):
     render_settings = context.scene.render
     if render_settings.engine != "HOLOPATH":
         return
-    scale = render_settings.resolution_percentage / 100
-    width, height = (int(n * scale) for n in (render_settings.resolution_x, render_settings.resolution_y))
+    percent = render_settings.resolution_percentage
+    width, height = (n * percent // 100 for n in (render_settings.resolution_x, render_settings.resolution_y))
     _text(
         layout,
         context,

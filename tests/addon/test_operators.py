@@ -94,7 +94,7 @@ def test_save_field(scene, tmp_path):
     stored = engine.WaveField.load(tmp_path / "wavefield")
     np.testing.assert_array_equal(stored.data, session.current.field.data)
     (tmp_path / "file").write_text("")
-    with pytest.raises(RuntimeError, match="could not be written"):
+    with pytest.raises(RuntimeError, match="cannot be made"):
         bpy.ops.holopath.save_field(directory=str(tmp_path / "file"))
 
 
@@ -347,3 +347,40 @@ def test_dioptres_in_view(scene):
     assert near == pytest.approx(2, rel=0.02) and far == pytest.approx(0.5, rel=0.02)
     assert session.plan_of(scene) is session.current.plan
     assert session.plan_of(bpy.data.scenes.new("Another")) is None
+
+
+def test_a_picture_of_an_earlier_field_is_dropped(scene):
+    bpy.ops.holopath.render_hologram()
+    session.current.wanted = (2.0, None)
+    session._start_refocus()
+    assert session.current.refocus.wait(30)
+    scene.holopath.resolution_x = 48
+    bpy.ops.holopath.render_hologram()
+    before = picture()
+    session._poll_refocus()
+    assert not session.refocusing() and tuple(bpy.data.images[session.IMAGE].size) == (48, 64)
+    np.testing.assert_array_equal(picture(), before)
+
+
+def test_phases_of_an_earlier_field_are_dropped(scene, monkeypatch):
+    bpy.ops.holopath.render_hologram()
+
+    def encode(field, *_):
+        session.current.refocuser = engine.Refocuser(field.__class__(**vars(field)))  # F12, meanwhile
+        return None
+
+    monkeypatch.setattr(engine, "encode", encode)
+    with pytest.raises(RuntimeError, match="press Encode again"):
+        bpy.ops.holopath.encode()
+    assert session.current.phase is None
+
+
+def test_a_saved_picture_is_the_users(scene, tmp_path):
+    bpy.ops.holopath.render_hologram()
+    image = bpy.data.images[session.IMAGE]
+    image.filepath_raw, image.file_format = str(tmp_path / "kept.png"), "PNG"
+    image.save()
+    saved = (tmp_path / "kept.png").read_bytes()
+    scene.holopath.focus = 2.0
+    assert bpy.data.images[session.IMAGE] != image
+    assert (tmp_path / "kept.png").read_bytes() == saved

@@ -241,3 +241,25 @@ def test_wave_fields_of_several_view_layers(f12, kept, tmp_path):
     bpy.ops.render.render(animation=True)
     assert kept() == ["Second", "ViewLayer"]
     assert (tmp_path / "kept" / "Second" / "frame_0001" / "report.json").exists()
+
+
+@pytest.mark.parametrize("crop", [False, True])
+def test_render_region(f12, tmp_path, crop):
+    """Blender takes a part of the picture, which is rendered whole: it is where it would be without."""
+    f12.render.image_settings.file_format = "OPEN_EXR"
+    f12.render.image_settings.color_depth = "32"
+    f12.render.filepath = str(tmp_path / "picture.exr")
+    f12.holopath.focus = 0.7
+    f12.render.use_border, f12.render.use_crop_to_border = True, crop
+    f12.render.border_min_x, f12.render.border_max_x = 0.21, 0.77
+    f12.render.border_min_y, f12.render.border_max_y = 0.13, 0.52
+    bpy.ops.render.render(write_still=True)
+    found = load(tmp_path / "picture.exr")[..., :3]
+    whole = engine.reconstruct(session.current.field, [0.7])[0]
+    rows, columns = slice(40 - int(0.52 * 40), 40 - int(0.13 * 40)), slice(int(0.21 * 60), int(0.77 * 60))
+    if not crop:
+        assert found.shape[:2] == (40, 60) and not found[0].any()
+        found = found[rows, columns]
+    expected = whole[rows, columns]
+    assert found.shape == expected.shape
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
