@@ -176,15 +176,16 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, progress, of
     """Offer pictures through a thin lens, ever finer, for a small part of the time that the hologram takes."""
     if plan.seconds < SOON:
         return
-    end = time.monotonic() + PREVIEW_SHARE * plan.seconds
+    start = time.monotonic()
     mapping = DepthMapping.of(hologram, camera, plan.near)
     aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
     channels = [channel(w) for w in hologram.wavelengths]
     picture = engine.Preview(
         scene, camera, hologram.width, hologram.height, focus, aperture, settings.max_depth, pupil=pupil
     )
-    while time.monotonic() < end:
-        light = picture.refine(progress=lambda done, message: progress(0.02, message))
+    # each picture has twice the paths of the last, and takes as long as all before
+    while 2 * (time.monotonic() - start) < PREVIEW_SHARE * plan.seconds or not picture.spp:
+        light = picture.refine(max(1, picture.spp), lambda done, message: progress(0.02, message))
         offer(engine.to_rgb(light[..., channels], hologram.wavelengths))
 
 

@@ -65,8 +65,7 @@ class Refocuser:
     def __init__(self, field, most_bytes=MOST_BYTES):
         self.field = field
         self._most_bytes = most_bytes
-        self._spectra = {}  # (wavelength, frame) -> spectrum
-        self._shapes = {}  # wavelength -> its padded shape
+        self._spectra = {}  # by wavelength, frame and shape
         self._lock = threading.Lock()
 
     def __call__(self, focus, pupil=None, progress=None):
@@ -97,23 +96,24 @@ class Refocuser:
         return images
 
     def _padded(self, k, distance):
-        """FFT shape for a wavelength and distance: that of the kept spectra where they are large enough."""
-        hologram, shape = self.field.hologram, self.field.data.shape[-2:]
-        needed = padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance)
-        held = self._shapes.get(k, needed)
-        if held[0] < needed[0] or held[1] < needed[1]:
-            held = needed
-            self._spectra = {key: wave for key, wave in self._spectra.items() if key[0] != k}
-        self._shapes[k] = held
-        return held
+        """FFT shape for a wavelength and distance: that of the volume, whose spectra are kept, if it holds them."""
+        needed = self._shape(k, distance)
+        volume = self._shape(k, max(abs(self.field.hologram.depth_far), abs(self.field.hologram.depth_near)))
+        return volume if self._most_bytes and min(np.subtract(volume, needed)) >= 0 else needed
+
+    def _shape(self, k, distance):
+        hologram = self.field.hologram
+        return padded_shape(self.field.data.shape[-2:], hologram.pitch, hologram.wavelengths[k], distance)
 
     def _spectrum(self, k, m, padded):
-        kept = self._spectra.get((k, m))
-        if kept is None:
-            kept = spectrum(self.field.data[m, k], padded)
-            if sum(wave.nbytes for wave in self._spectra.values()) + kept.nbytes <= self._most_bytes:
-                self._spectra[k, m] = kept
-        return kept
+        kept = self._spectra.get((k, m, padded))
+        if kept is not None:
+            return kept
+        waves = spectrum(self.field.data[m, k], padded)
+        held = sum(wave.nbytes for wave in self._spectra.values())
+        if padded == self._padded(k, 0.0) and held + waves.nbytes <= self._most_bytes:
+            self._spectra[k, m, padded] = waves
+        return waves
 
 
 def reconstruct(field, focus, pupil=None, progress=None):

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import threading
+import time
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +18,9 @@ from .jobs import Job
 IMAGE = "HoloPath Reconstruction"
 TEXTURE = "HoloPath Baked Light"
 PHASE = "HoloPath Phase"
+AT_ONCE = (
+    0.3  # seconds in a thread, which is far less alone: one redraw then shows the slider and the picture
+)
 
 
 @dataclass
@@ -50,6 +54,8 @@ class Session:
         Takes back what the running operator changed in the window, see `leave`.
     refocus : Job or None
         The picture in work, and in `wanted` the focus and pupil of the next one.
+    pace : float
+        Seconds that the last picture of the field took.
     sweep : bpy.types.Timer or None
         Of the focus that plays.
     """
@@ -68,6 +74,7 @@ class Session:
     leave: object = None
     refocus: Job | None = None
     wanted: tuple | None = None
+    pace: float = math.inf
     sweep: object = None
 
     @property
@@ -177,7 +184,7 @@ def keep(task, result):
     """Remember a finished render."""
     field = result.field
     current.refocuser, current.phase = engine.Refocuser(field), None
-    current.rendered = task.reading.name
+    current.rendered, current.pace = task.reading.name, math.inf
     current.in_view = pipeline.dioptres_in_view(result.plan, field.camera, field.hologram)
     keep_plan(task, result.plan)
     if "bake" in field.report:
@@ -343,16 +350,20 @@ def refocus(focus, pupil):
     """
     if current.refocuser is None:
         raise engine.InvalidInput("There is no wave field yet: press Render Hologram first.")
+    started = time.monotonic()
     image = current.refocuser([focus], pupil)[0]
-    current.error = ""
+    current.error, current.pace = "", time.monotonic() - started
     return show(image, current.field.hologram.wavelengths)
 
 
 def request_refocus(focus, pupil):
-    """Refocus the stored field soon, in a thread; requests made meanwhile replace each other."""
+    """Refocus the stored field: at once where that is quick, else soon, in a thread.
+
+    Requests made meanwhile replace each other.
+    """
     if current.refocuser is None:
         return
-    if bpy.app.background:
+    if bpy.app.background or (current.pace < AT_ONCE and not refocusing()):
         try:
             refocus(focus, pupil)
         except Exception as error:
@@ -391,7 +402,9 @@ def _start_refocus():
     wavelengths = refocuser.field.hologram.wavelengths
 
     def refocus(progress):
-        return refocuser, picture(refocuser([focus], pupil, progress)[0], wavelengths)
+        started = time.monotonic()
+        image = refocuser([focus], pupil, progress)[0]
+        return refocuser, picture(image, wavelengths), time.monotonic() - started
 
     current.refocus = Job(refocus)
     current.refocus.start()
@@ -406,7 +419,7 @@ def _poll_refocus():
         if job.error is not None:
             fail(job.error)
         else:
-            refocuser, pixels = job.result
+            refocuser, pixels, current.pace = job.result
             if refocuser is current.refocuser:  # else another field has been rendered since
                 current.error = ""
                 _shown(IMAGE, pixels)
