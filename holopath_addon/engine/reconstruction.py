@@ -96,10 +96,10 @@ class Refocuser:
         return images
 
     def _padded(self, k, distance):
-        """FFT shape for a wavelength and distance: that of the volume, whose spectra are kept, if it holds them."""
+        """FFT shape for a wavelength and distance: that of the volume, so that spectra may be kept, if it is enough."""
         needed = self._shape(k, distance)
         volume = self._shape(k, max(abs(self.field.hologram.depth_far), abs(self.field.hologram.depth_near)))
-        return volume if self._most_bytes and min(np.subtract(volume, needed)) >= 0 else needed
+        return volume if min(np.subtract(volume, needed)) >= 0 else needed
 
     def _shape(self, k, distance):
         hologram = self.field.hologram
