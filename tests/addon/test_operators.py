@@ -330,7 +330,7 @@ def test_encode_and_save(scene, tmp_path):
 def test_without_a_backend(scene, monkeypatch):
     """The panel says what to install; once it is there, a press of Check Again finds it."""
     monkeypatch.setattr(engine.backend, "_candidates", lambda: [])
-    monkeypatch.delenv("DRJIT_LIBLLVM_PATH")
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     with monkeypatch.context() as patch:
         patch.setattr(engine.backend, "_cuda_device", lambda: (False, "no card"))
         bpy.ops.holopath.check()
