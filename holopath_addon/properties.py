@@ -143,20 +143,9 @@ def _focus_chosen(props, context):
             props.focus = focus
 
 
-class HoloPathFocus(bpy.types.PropertyGroup):
-    """A distance of the focus list; its properties are named as those of `HoloPathSettings`."""
+class _Focus:
+    """Other ways to write the property `focus` of a class."""
 
-    focus: FloatProperty(
-        name="Focus (m)",
-        description="Distance from the camera, in metres",
-        default=1.0,
-        min=1e-3,
-        max=LARGEST_FOCUS,
-        soft_min=0.05,
-        soft_max=100.0,
-        step=5,
-        precision=3,
-    )
     focus_infinity: BoolProperty(
         name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
     )
@@ -173,7 +162,23 @@ class HoloPathFocus(bpy.types.PropertyGroup):
     )
 
 
-class HoloPathSettings(bpy.types.PropertyGroup):
+class HoloPathFocus(_Focus, bpy.types.PropertyGroup):
+    """A distance of the focus list."""
+
+    focus: FloatProperty(
+        name="Focus (m)",
+        description="Distance from the camera, in metres",
+        default=1.0,
+        min=1e-3,
+        max=LARGEST_FOCUS,
+        soft_min=0.05,
+        soft_max=100.0,
+        step=5,
+        precision=3,
+    )
+
+
+class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     """What `Scene.holopath` holds."""
 
     display: EnumProperty(
@@ -429,20 +434,6 @@ class HoloPathSettings(bpy.types.PropertyGroup):
         step=5,
         precision=3,
         update=_distance_changed,
-    )
-    focus_infinity: BoolProperty(
-        name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
-    )
-    focus_dioptres: FloatProperty(
-        name="Focus (dioptres)",
-        description="The same focus in dioptres, one over metres; 0 is infinity",
-        get=_get_dioptres,
-        set=_set_dioptres,
-        min=0.0,
-        max=1e3,
-        soft_max=5.0,
-        step=5,
-        precision=2,
     )
     focus_list: CollectionProperty(
         type=HoloPathFocus,

@@ -3,7 +3,7 @@
 import os
 import shutil
 import tempfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InvalidInput
@@ -86,5 +86,8 @@ def _put_in_place(part, folder):
         except BaseException:
             os.replace(old, folder)
             raise
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+    except BaseException:
+        with suppress(OSError):
+            beside.rmdir()  # unless it holds what could not be put back
+        raise
+    shutil.rmtree(beside, ignore_errors=True)

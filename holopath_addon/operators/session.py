@@ -363,6 +363,7 @@ def request_refocus(focus, pupil):
     """
     if current.refocuser is None:
         return
+    current.error = ""
     if bpy.app.background or (current.pace < AT_ONCE and not refocusing()):
         try:
             refocus(focus, pupil)
@@ -421,7 +422,6 @@ def _poll_refocus():
         else:
             refocuser, pixels, current.pace = job.result
             if refocuser is current.refocuser:  # else another field has been rendered since
-                current.error = ""
                 _shown(IMAGE, pixels)
         redraw(images=False)  # the picture's own change has it drawn
     _start_refocus()

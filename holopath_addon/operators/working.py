@@ -134,7 +134,8 @@ class Working:
                 raise job.error
             told = self.finish(context, job.result)
         except BaseException as error:
-            session.show_again()
+            if self._presented:
+                session.show_again()
             if failures.cancelled(error):
                 self.report({"INFO"}, "HoloPath: cancelled.")
             else:

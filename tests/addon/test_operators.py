@@ -294,7 +294,6 @@ def test_a_scene_that_is_left_is_not_read(scene):
 def test_cancelled_render_keeps_the_last_one(scene, monkeypatch):
     bpy.ops.holopath.render_hologram()
     field, before = session.current.field, picture()
-    session.show_rgb(np.ones((64, 64, 3), np.float32))  # a glimpse of the next
 
     def stop(*_, **__):
         raise engine.Cancelled
@@ -302,7 +301,22 @@ def test_cancelled_render_keeps_the_last_one(scene, monkeypatch):
     monkeypatch.setattr(engine, "render", stop)
     assert bpy.ops.holopath.render_hologram() == {"CANCELLED"}
     assert session.current.field is field and session.current.error == ""
-    np.testing.assert_allclose(picture(), before, rtol=1e-4, atol=1e-5)
+    session.show_rgb(np.ones((64, 64, 3), np.float32))  # as a window has a glimpse of the next
+    session.show_again()
+    np.testing.assert_allclose(picture(), before, rtol=1e-5)
+
+
+def test_a_failure_outlives_the_picture_that_comes_back(scene):
+    """In a window the picture before is made in a thread, and is there after the failure was told."""
+    bpy.ops.holopath.render_hologram()
+    session.current.wanted = (2.0, None)
+    session._start_refocus()
+    session.fail(engine.InvalidInput("No."))
+    assert session.current.refocus.wait(30)
+    session._poll_refocus()
+    assert session.current.error == "No."
+    scene.holopath.focus = 1.0
+    assert session.current.error == ""
 
 
 def test_encode_and_save(scene, tmp_path):
