@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .engine import InvalidInput
+from .engine import InvalidInput, PhaseHologram
 from .engine.folders import whole_folder
 from .lengths import format_distance
 
@@ -18,7 +18,7 @@ FORMAT = "HoloPath output"
 FORMAT_VERSION = 1
 # What file browsers leave in the folders that they show.
 _BROWSED = {".DS_Store", "Thumbs.db", "desktop.ini"}
-_OWN = {"wavefield", "reconstruction", "reference", "hologram", "report.json"}
+_OWN = {"wavefield", "reconstruction", "reference", "hologram", "pictures", "report.json"}
 
 
 def exposure(images):
@@ -129,6 +129,32 @@ def write_pictures(folder, files):
             os.replace(part / name, folder / name)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def stored_hologram(folder):
+    """The phase hologram of an output folder, or of one that holds nothing else.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InvalidInput(f"The folder {folder} does not exist: give one that holds a hologram.")
+    inner = folder / "hologram"
+    return PhaseHologram.load(inner if inner.is_dir() else folder)
+
+
+def stored_holograms(folder):
+    """Those of an animation's output folder, frame after frame, else the only one.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    frames = [path for path in Path(folder).glob("frame_*/hologram") if path.parent.name[6:].isdecimal()]
+    frames.sort(key=lambda path: int(path.parent.name[6:]))
+    return [PhaseHologram.load(path) for path in frames] or [stored_hologram(folder)]
 
 
 def read_report(folder):

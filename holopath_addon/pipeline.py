@@ -1,5 +1,6 @@
 """From a scene to refocused pictures in one call: what the command line and Blender share. Imports no bpy."""
 
+import itertools
 import math
 import time
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
 SOON = 2.0  # seconds within which no preview is needed
 PREVIEW_SHARE = 0.1  # of the planned time
+REFERENCE_PATHS = 32  # a pixel, of each of many references whose noise averages out
 
 
 @dataclass
@@ -246,3 +248,59 @@ def compute(
         field = engine.render(scene, camera, hologram, settings, plan, stage(progress, 0.02, 0.85), store)
     images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.85, 1.0))
     return Result(plan, field, focus, images)
+
+
+def encode(field, method, progress, scene=None, settings=None, **options):
+    """Encode a field, with references of its scene where the method wants them.
+
+    Parameters
+    ----------
+    field : engine.WaveField
+    method : str
+        Of `engine.encode`; `auto` is `refine` where the scene was rendered with the method full.
+    progress : callable
+        ``progress(done, message)``, may raise `engine.Cancelled`.
+    scene : mitsuba.Scene, optional
+        That the field was rendered of.
+    settings : engine.Settings, optional
+        With which it was.
+    options
+        Of `engine.encode`.
+
+    Returns
+    -------
+    engine.PhaseHologram
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
+    """
+    if scene is None:
+        return engine.encode(field, method, progress, **options)
+    if method == "auto" and settings.method == "full":
+        method = "refine"
+    last, seeds = [0.0], itertools.count()
+
+    def told(done, message):
+        last[0] = done
+        progress(done, message)
+
+    # the whole pupil as a part: Mitsuba's own lens compiles anew for each focus, and is not cancelled meanwhile
+    slope = max(field.hologram.max_slope(w) for w in field.hologram.wavelengths)
+    whole = engine.Pupil(0.0, 0.0, 2 * field.mapping.pupil_radius(slope))
+
+    def references(focus, pupil):
+        return engine.reference(
+            scene,
+            field.camera,
+            field.hologram,
+            [focus],
+            pupil or whole,
+            REFERENCE_PATHS,
+            field.near,
+            settings.max_depth,
+            lambda done, message: progress(last[0], "References"),
+            next(seeds),
+        )[0]
+
+    return engine.encode(field, method, told, references=references, **options)

@@ -13,13 +13,14 @@ import numpy as np
 from . import engine, output, pipeline
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_VIEW = {"focus_asked", "pupil_m", "compared", "encoded"}
+_VIEW = {"focus_asked", "pupil_m", "compared", "encoded", "encoding_bits"}
 _NAMES = {
     "scene_digest": "scene",
     "focus_asked": "focus",
     "pupil_m": "pupil",
     "compared": "comparison with the reference",
     "encoded": "encoding",
+    "encoding_bits": "bits",
     "settings": "setting",
 }
 
@@ -46,6 +47,8 @@ class Still:
         Whether to render every picture with a thin-lens camera, too.
     encode : str
         Of `engine.encode`, or none.
+    bits : int or None
+        Of the SLM that it is encoded for.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Still:
     notes: list = dataclasses.field(default_factory=list)
     compare: bool = False
     encode: str = "none"
+    bits: int | None = None
 
     @cached_property
     def asked(self):
@@ -74,6 +78,7 @@ class Still:
             "pupil_m": asdict(self.pupil) if self.pupil else None,
             "compared": self.compare,
             "encoded": self.encode,
+            "encoding_bits": self.bits,
         }
 
     def compute(self, progress, rendered=None, offer=None):
@@ -92,7 +97,7 @@ class Still:
         )
 
 
-def write(folder, still, progress, export_seconds, rendered=None):
+def write(folder, still, progress, export_seconds, rendered=None, encoded=None, stoppable=True):
     """Render a still into a folder.
 
     Parameters
@@ -106,6 +111,10 @@ def write(folder, still, progress, export_seconds, rendered=None):
         What its export took, for the report.
     rendered : engine.WaveField, optional
         Of the same scene and settings, see `Still.compute`.
+    encoded : engine.PhaseHologram, optional
+        Of that field, as it is asked for.
+    stoppable : bool
+        Whether phases that the user did not wait for are kept as they are, with a warning; else all is cancelled.
 
     Returns
     -------
@@ -118,18 +127,22 @@ def write(folder, still, progress, export_seconds, rendered=None):
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, OSError
     """
     start, asked = time.perf_counter(), still.asked
+    encodes = still.encode not in ("none", "dpac")
+    rendered_at = 0.4 if encodes else 0.7 if still.compare else 0.95
     end = 0.7 if still.compare else 0.95
-    result = still.compute(pipeline.stage(progress, 0.0, end), rendered)
+    result = still.compute(pipeline.stage(progress, 0.0, rendered_at), rendered)
     wavelengths = still.hologram.wavelengths
     rgb = engine.to_rgb(result.images, wavelengths)
     white = output.exposure(rgb)
-    progress(end, "Writing")
+    progress(rendered_at, "Writing")
     result.field.save(folder / "wavefield")
     output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
-    if still.encode != "none":
-        engine.encode(result.field, still.encode, lambda done, message: progress(end, message)).save(
-            folder / "hologram"
-        )
+    phase, stopped = encoded, []
+    if phase is None and still.encode != "none":
+        at = pipeline.stage(progress, rendered_at, end)
+        phase, stopped = _encode(still, result.field, at, stoppable)
+    if phase is not None:
+        phase.save(folder / "hologram")
     bake = result.field.report.get("bake")
     report = {
         "scene": still.name,
@@ -141,10 +154,12 @@ def write(folder, still, progress, export_seconds, rendered=None):
         "spp": result.plan.rays_per_pixel,
         "variant": result.field.report.get("variant"),
         "bake": bake,
-        "warnings": [*result.plan.warnings, *pipeline.bake_notes(bake)],
+        "warnings": [*result.plan.warnings, *pipeline.bake_notes(bake), *stopped],
         "export_notes": still.notes,
     }
-    if still.compare:
+    if phase is not None:
+        report["encoding"] = {"method": phase.method, **phase.report}
+    if still.compare and not stopped:
         truth = engine.reference(
             still.scene,
             still.camera,
@@ -165,6 +180,17 @@ def write(folder, still, progress, export_seconds, rendered=None):
     }
     output.write_report(folder, {**report, "versions": output.versions()})
     return result, report
+
+
+def _encode(still, field, progress, stoppable):
+    """The phases that are asked for, and a warning if the user stopped before they were their best."""
+    try:
+        phase = pipeline.encode(field, still.encode, progress, still.scene, still.settings, bits=still.bits)
+        return phase, []
+    except engine.Cancelled as error:
+        if error.kept is None or not stoppable:
+            raise
+        return error.kept, ["The encoding was stopped: the phases are those of its last step."]
 
 
 def _compare(result, truth):
@@ -210,18 +236,24 @@ def update(folder, still, progress, export_seconds, say):
     ------
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, OSError
     """
-    report, rendered = output.read_report(folder), None
+    report, rendered, encoded = output.read_report(folder), None, None
     if report and _mapped(folder) is not None:
         changed = _changes(report, output.plain(still.asked))
+        if still.encode != "none" and "encoded" not in changed and "encoding_bits" not in changed:
+            encoded = _whole_hologram(folder)
+            if encoded is None:
+                changed["encoded"] = [_NAMES["encoded"]]
         if not changed:
             say("done before, skipped")
             return None, report
         if changed.keys() <= _VIEW:
             rendered = kept(folder)
+        if rendered is None:
+            encoded = None
         names = ", ".join(name for names in changed.values() for name in names)
         say(f"{'refocused' if rendered else 'rendered anew'} (changed: {names})")
     with output.output_folder(folder) as part:
-        done = write(part, still, progress, export_seconds, rendered)
+        done = write(part, still, progress, export_seconds, rendered, encoded, stoppable=False)
         encoded = Path(folder) / "hologram"
         if rendered is not None and still.encode == "none" and encoded.is_dir():
             shutil.copytree(encoded, part / "hologram")  # `holopath encode` made it of the same field
@@ -238,6 +270,15 @@ def kept(folder):
     """
     field = _mapped(folder)
     return field and replace(field, data=np.array(field.data))
+
+
+def _whole_hologram(folder):
+    """The phases of an output folder, in memory; None where there are none, or their encoding was stopped."""
+    try:
+        phase = engine.PhaseHologram.load(Path(folder) / "hologram")
+    except engine.InvalidInput:
+        return None
+    return None if phase.report.get("stopped") else replace(phase, data=np.array(phase.data))
 
 
 def _mapped(folder):

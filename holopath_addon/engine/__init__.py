@@ -11,6 +11,7 @@ from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram, Settings
 from .metrics import psnr, ssim
+from .modulator import Modulator
 from .planner import Decision, Plan, plan
 from .preview import Preview
 from .reconstruction import Pupil, Refocuser, reconstruct, to_rgb
@@ -28,6 +29,7 @@ __all__ = [
     "Display",
     "Hologram",
     "InvalidInput",
+    "Modulator",
     "PhaseHologram",
     "Plan",
     "Preview",

@@ -10,4 +10,34 @@ class BackendUnavailable(RuntimeError):
 
 
 class Cancelled(Exception):
-    """Raised by a progress callback to stop the work; nothing is left half done."""
+    """Raised by a progress callback to stop the work; nothing is left half done.
+
+    Attributes
+    ----------
+    kept : object or None
+        What was done by then, if it is of use, see `encode`.
+    """
+
+    kept = None
+
+
+def cancelled(error):
+    """Whether an exception comes from the user's wish to stop.
+
+    Mitsuba wraps what Ctrl-C or a progress callback raises within its own loops into a RuntimeError.
+
+    Parameters
+    ----------
+    error : BaseException
+
+    Returns
+    -------
+    bool
+    """
+    seen = set()
+    while error is not None and id(error) not in seen:
+        if isinstance(error, (Cancelled, KeyboardInterrupt)):
+            return True
+        seen.add(id(error))
+        error = error.__cause__ or error.__context__
+    return False

@@ -11,7 +11,9 @@ from .preview import Preview, path_tracer
 from .probing import near_end
 
 
-def reference(scene, camera, hologram, focus, pupil=None, spp=256, near=None, max_depth=8, progress=None):
+def reference(
+    scene, camera, hologram, focus, pupil=None, spp=256, near=None, max_depth=8, progress=None, seed=0
+):
     """Incoherent pictures through a thin lens, the limit of a perfect hologram of infinitely many frames.
 
     A cone of slope s_max fills a pupil of radius s_max beta / F; a picture focused at depth D is that of a
@@ -33,6 +35,8 @@ def reference(scene, camera, hologram, focus, pupil=None, spp=256, near=None, ma
         As `Settings.max_depth`.
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
+    seed : int
+        Pictures of different seeds have independent noise.
 
     Returns
     -------
@@ -54,13 +58,15 @@ def reference(scene, camera, hologram, focus, pupil=None, spp=256, near=None, ma
     for f, depth in enumerate(focus):
         for k, wavelength in enumerate(hologram.wavelengths):
             radius = mapping.pupil_radius(hologram.max_slope(wavelength))
-            depth = min(depth, 1e5)
+            depth, number = min(depth, 1e5), seed * len(hologram.wavelengths) + k
             with tuned(scene, (wavelength,)):
                 if centred:
-                    picture = _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth)
+                    picture = _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth, number)
                 else:
                     size = hologram.width, hologram.height
-                    picture = Preview(scene, camera, *size, depth, radius, max_depth, pupil=pupil).refine(spp)
+                    picture = Preview(scene, camera, *size, depth, radius, max_depth, number, pupil).refine(
+                        spp
+                    )
             images[f, :, :, k] = picture[:, :, channel(wavelength)]
             progress(
                 (f * len(hologram.wavelengths) + k + 1) / (len(focus) * len(hologram.wavelengths)),
@@ -69,7 +75,7 @@ def reference(scene, camera, hologram, focus, pupil=None, spp=256, near=None, ma
     return images
 
 
-def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth):
+def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth, seed):
     """Mitsuba's `thinlens` sensor; it looks along +z with x to the left, the camera along -z."""
     import mitsuba as mi
 
@@ -96,4 +102,4 @@ def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth):
         }
     )
     integrator = path_tracer(scene, camera.sees_sky, max_depth)
-    return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=spp))
+    return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed))

@@ -154,7 +154,7 @@ def _despeckle(recording, radiance, field, progress):
     hologram, plan, settings = recording.hologram, recording.plan, recording.settings
     ends = [z - plan.planes[-1].z for z in (plan.z_low, plan.z_high)]
     targets = [
-        despeckle.Targets(field.shape[-2:], hologram.pitch, wavelength, *ends, settings.seed)
+        despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, *ends, settings.seed)
         for wavelength in hologram.wavelengths
     ]
     for number in range(despeckle.BATCHES):

@@ -46,6 +46,12 @@ class Frames:
         return list(self.pool.map(work, range(count)))
 
 
+def blocks(shape):
+    """Slices of rows that stay in a processor's cache from one operation to the next."""
+    height = max(1, (1 << 15) // shape[1])
+    return [slice(first, min(first + height, shape[0])) for first in range(0, shape[0], height)]
+
+
 def relative(target):
     """Weight of a squared error so that independent frames have the loss 1/m in any picture.
 
@@ -88,52 +94,89 @@ def supervise(spectra, views, energy, stages, threads):
     -------
     losses : dict of int to float
         By m, without brightness and the factor in `stages`.
-    gradient : list of numpy.ndarray, complex64
+    gradient : numpy.ndarray, complex64, shape (frames, y, x)
         G_n with dL = 2 Re sum conj(G_n) dU_n.
     """
-    frames, pixels = len(spectra), spectra[0].size
+    frames, shape, pixels = len(spectra), spectra[0].shape, spectra[0].size
     energies = threads.each(lambda n: float(np.vdot(spectra[n], spectra[n]).real) / pixels, frames)
     scales = np.cumsum(energies) / energy  # m c
     losses = dict.fromkeys(stages, 0.0)
     drift = np.zeros(frames)
-    gradient = [0] * frames
-    for view in views:
-        waves = threads.each(lambda n, view=view: scipy.fft.ifft2(spectra[n] * view.transfer), frames)
+    waves, gradient = np.empty((2, frames, *shape), np.complex64)
+    for number, view in enumerate(views):
+        _look(waves, spectra, view.transfer, threads)
+        means = _sums(waves, stages, threads)
         slopes = [None] * frames
         seen = (view.weight > 0).astype(np.float32)
         wanted = float((view.target * seen).sum(dtype=np.float64))
-        total = np.zeros(view.target.shape, np.float32)
-        for n, wave in enumerate(waves):
-            total += wave.real**2 + wave.imag**2
-            if n + 1 in stages:
-                bright = float((total * seen).sum(dtype=np.float64)) / wanted  # m b
-                image = total / np.float32(bright)
-                error = image - view.target
-                weighted = error * view.weight
-                losses[n + 1] += float((error * weighted).sum(dtype=np.float64))
-                excess = bright / scales[n] - 1
-                even = BRIGHTNESS * excess / scales[n]
-                even -= float((image * weighted).sum(dtype=np.float64)) / bright
-                slopes[n] = np.float32(2 * stages[n + 1] / bright) * weighted
-                slopes[n] += np.float32(2 * stages[n + 1] * even / wanted) * seen
-                drift[n] += 2 * stages[n + 1] * BRIGHTNESS * excess * bright / scales[n] ** 2 / energy
+        for m, total in means.items():
+            n = m - 1
+            bright = float((total * seen).sum(dtype=np.float64)) / wanted  # m b
+            image = total / np.float32(bright)
+            error = image - view.target
+            weighted = error * view.weight
+            losses[m] += float((error * weighted).sum(dtype=np.float64))
+            excess = bright / scales[n] - 1
+            even = BRIGHTNESS * excess / scales[n]
+            even -= float((image * weighted).sum(dtype=np.float64)) / bright
+            slopes[n] = np.float32(2 * stages[m] / bright) * weighted
+            slopes[n] += np.float32(2 * stages[m] * even / wanted) * seen
+            drift[n] += 2 * stages[m] * BRIGHTNESS * excess * bright / scales[n] ** 2 / energy
         # a frame shows in every mean that includes it
-        for n in range(frames - 2, -1, -1):
-            if slopes[n] is None:
-                slopes[n] = slopes[n + 1]
-            elif slopes[n + 1] is not None:
-                slopes[n] = slopes[n] + slopes[n + 1]
+        slope = None
+        for n in range(frames - 1, -1, -1):
+            if slopes[n] is not None:
+                slope = slopes[n] if slope is None else slope + slopes[n]
+                factor = slope.astype(np.complex64)  # a product of unlike numbers is slower
+            slopes[n] = factor
+        adjoint = np.conj(view.transfer)
 
-        def back(n, view=view, waves=waves, slopes=slopes):
-            part = scipy.fft.fft2(waves[n] * slopes[n], overwrite_x=True)
-            part *= np.conj(view.transfer)
-            gradient[n] = gradient[n] + part
+        def back(n, first=number == 0, slopes=slopes, adjoint=adjoint):
+            waves[n] *= slopes[n]
+            part = scipy.fft.fft2(waves[n], overwrite_x=True)
+            if first:
+                np.multiply(part, adjoint, out=gradient[n])
+            else:
+                part *= adjoint
+                gradient[n] += part
 
         threads.each(back, frames)
     drift = np.cumsum(drift[::-1])[::-1]
-    for n in range(frames):
-        gradient[n] = (gradient[n] - np.float32(drift[n]) * spectra[n]) / np.float32(pixels)
+
+    def scale(n):
+        gradient[n] -= np.float32(drift[n]) * spectra[n]
+        gradient[n] *= np.float32(1 / pixels)
+
+    threads.each(scale, frames)
     return losses, gradient
+
+
+def _look(waves, spectra, transfer, threads):
+    """Each frame's wave in a picture's plane, into `waves`."""
+
+    def look(n):
+        np.multiply(spectra[n], transfer, out=waves[n])
+        waves[n] = scipy.fft.ifft2(waves[n], overwrite_x=True)
+
+    threads.each(look, len(waves))
+
+
+def _sums(waves, stages, threads):
+    """Intensities of the first m frames, summed, by the numbers m in `stages`."""
+    sums = {m: np.empty(waves.shape[1:], np.float32) for m in sorted(stages)}
+    parts = blocks(waves.shape[1:])
+
+    def add(part):
+        rows = parts[part]
+        total = np.zeros((rows.stop - rows.start, waves.shape[2]), np.float32)
+        for n, wave in enumerate(waves[:, rows]):
+            total += wave.real**2
+            total += wave.imag**2
+            if n + 1 in sums:
+                sums[n + 1][rows] = total
+
+    threads.each(add, len(parts))
+    return sums
 
 
 class Adam:

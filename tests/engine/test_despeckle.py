@@ -8,7 +8,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine import supervision
-from holopath_addon.engine.despeckle import Targets, despeckle
+from holopath_addon.engine.despeckle import despeckle, targets
 
 GREEN = 516.5e-9
 
@@ -100,10 +100,10 @@ def test_colours_and_several_planes(backend, camera, build):
 
 
 def test_darkness_stays_dark():
-    targets = Targets((32, 40), 8e-6, GREEN, -1e-3, 1e-3, 0)
+    pictures = targets((32, 40), 8e-6, GREEN, -1e-3, 1e-3, 0)
     fields = np.zeros((2, 32, 40), np.complex64)
-    targets.add(fields)
-    np.testing.assert_array_equal(despeckle(fields, targets, 3, 0, lambda done: None), 0)
+    pictures.add(fields)
+    np.testing.assert_array_equal(despeckle(fields, pictures, 3, 0, lambda done: None), 0)
 
 
 def test_cancelling(backend, camera, build, small):

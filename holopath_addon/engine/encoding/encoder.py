@@ -1,0 +1,394 @@
+"""Which stages an encoding has, and what passes between them."""
+
+import math
+import time
+
+import numpy as np
+import scipy.fft
+
+from ..errors import Cancelled, InvalidInput, cancelled
+from ..modulator import Modulator
+from ..pictures import Pictures, spread_looks
+from ..propagation import circular_band
+from ..supervision import Frames
+from . import descent
+from .double_phase import clipping_level, double_phase, half_band
+from .frame_mean import FrameMean
+from .phase_hologram import PhaseHologram
+from .phases import Phases
+from .refinement import chosen_pictures
+from .targets import AmplitudeTarget, ComplexTarget
+
+METHODS = ("dpac", "auto", "sgd", "joint", "refine")
+SUPERVISIONS = ("complex", "amplitude")
+STARTS = ("arg", "dpac")
+MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
+DARK = 1e-6  # of the brightest colour's amplitude
+BYTES = {"sgd": 40, "joint": 32, "pictures": 24}  # of a pixel of a frame
+SHARE = {"joint": 0.3, "refine": 0.2}  # of the progress that comes before the stage
+
+
+def encode(
+    field,
+    method="auto",
+    progress=None,
+    *,
+    bits=None,
+    supervision="complex",
+    planes=1,
+    aperture=True,
+    start="arg",
+    references=None,
+    views=40,
+    tolerance=1e-3,
+    most_steps=1000,
+    seed=0,
+):
+    """Phases whose light, within the SLM's recordable cone, is that of a complex field.
+
+    Parameters
+    ----------
+    field : WaveField
+    method : str
+        One of `METHODS`. ``dpac``: double phase (Hsueh and Sawchuk, Appl. Opt. 17, 3874 (1978); Maimone et al., ACM
+        TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame for itself against its complex field (paper
+        section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths and
+        through parts of the pupil all over the volume. ``refine``: instead, so that it is that of `references`.
+        ``auto``: `joint` where there are several frames, else `sgd`.
+    progress : callable, optional
+        ``progress(done, message)`` with the PSNR so far, may raise `Cancelled`; what is done by then is in the
+        attribute `kept` of the `Cancelled` that this raises.
+    bits : int, optional
+        Of an SLM so coarse that it matters: phases are the best of its 2^bits levels. Default: not rounded.
+    supervision : str
+        Of `sgd`, one of `SUPERVISIONS`: the complex field, or amplitudes only as in prior work.
+    planes : int
+        On which amplitudes are compared, spread over the volume; a complex field on one has all there is.
+    aperture : bool
+        Whether the display has a stop in its Fourier plane, beyond which light is free.
+    start : str or PhaseHologram
+        Of the optimisation: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such as
+        that of the frame before in an animation.
+    references : callable, optional
+        ``references(focus, pupil)`` gives a picture, array [y, x, wavelength], for `refine`; see `reference`.
+    views : int
+        How many references `refine` asks for.
+    tolerance : float
+        `sgd` ends when its loss falls by less than this share a step; the full steps of `joint` end at eight times as
+        much, and the shorter ones that follow have a fixed number, as all of `refine`.
+    most_steps : int
+        Of each stage, but for those in which `sgd` brings phases to few levels.
+    seed : int
+        Of the order and the parts of the pupil in which pictures are looked at.
+
+    Returns
+    -------
+    PhaseHologram
+        `report` says steps, seconds and PSNR of each stage.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such method, options do not fit, or the field is not finite.
+    Cancelled
+    """
+    frames = field.data.shape[0]
+    if method == "auto":
+        method = "joint" if frames > 1 else "sgd"
+    _check(
+        field, method, bits, supervision, planes, aperture, start, references, views, tolerance, most_steps
+    )
+    progress = progress or (lambda done, message: None)
+    with Frames() as threads:
+        work = _Work(field, method, bits, descent.Effort(tolerance, most_steps, seed), progress, threads)
+        if method == "dpac":
+            work.double_phase()
+            return work.hologram()
+        try:
+            work.begin(start)
+            for k in work.colours:
+                work.sgd(k, supervision, planes, aperture)
+            if method == "joint":
+                for k in work.colours:
+                    work.joint(k)
+            elif method == "refine" and work.colours:
+                work.refine(references, views)
+        except (Exception, KeyboardInterrupt) as error:
+            if not cancelled(error):
+                raise
+            stopped = Cancelled("Encoding was stopped.")
+            stopped.kept = work.stopped()
+            raise stopped from error
+        return work.hologram()
+
+
+def _check(
+    field, method, bits, supervision, planes, aperture, start, references, views, tolerance, most_steps
+):
+    for value, known, name in (
+        (method, METHODS, "encoding"),
+        (supervision, SUPERVISIONS, "supervision"),
+        (start if isinstance(start, str) else STARTS[0], STARTS, "start of an encoding"),
+    ):
+        if value not in known:
+            raise InvalidInput(f"There is no {name} '{value}': choose one of {', '.join(known)}.")
+    if bits is not None and not 1 <= bits <= 16:
+        raise InvalidInput(f"An SLM has 1 to 16 bits, not {bits}.")
+    if not 1 <= planes <= 64:
+        raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {planes}.")
+    if not 1 <= views <= 1000:
+        raise InvalidInput(f"References must be 1 to 1000, not {views}.")
+    if not 0 <= tolerance < 1 or most_steps < 1:
+        raise InvalidInput(
+            "The tolerance of an encoding is a share from 0 to 1, and it has at least one step."
+        )
+    if not aperture and (method != "sgd" or supervision != "complex"):
+        raise InvalidInput(
+            "Without a stop in the Fourier plane only sgd with complex supervision encodes: choose it, or leave the "
+            "aperture."
+        )
+    if method == "refine" and references is None:
+        raise InvalidInput(
+            "The encoding refine needs the scene, for its references: give it to `holopath render --encode refine`, "
+            "or choose joint."
+        )
+    if not isinstance(start, (str, PhaseHologram)):
+        raise InvalidInput("An encoding starts with a PhaseHologram, 'arg' or 'dpac'.")
+    if isinstance(start, PhaseHologram) and start.data.shape != field.data.shape:
+        raise InvalidInput(
+            f"The hologram to start with has {_size(start.data)}, the field {_size(field.data)}: start with another."
+        )
+    for frame in field.data:
+        if not np.isfinite(frame).all():
+            raise InvalidInput("The wave field holds values that are not finite: render it again.")
+
+
+def _size(data):
+    frames, colours, rows, columns = data.shape
+    return f"{frames} frames and {colours} wavelengths of {columns} x {rows} pixels"
+
+
+class _Work:
+    """Phases of all wavelengths under way."""
+
+    def __init__(self, field, method, bits, effort, progress, threads):
+        self.field, self.method, self._bits = field, method, bits
+        self._effort, self._progress, self._threads = effort, progress, threads
+        self.phases = np.zeros(field.data.shape, np.float32)
+        count = field.data.shape[1]
+        # fields are taken as if their root mean square were 1; what is next to nothing stays dark
+        self._scales = [_root_mean_square(field.data[:, k]) for k in range(count)]
+        self.colours = [k for k in range(count) if self._scales[k] > DARK * max(self._scales)]
+        self.gains = [0.0] * count
+        self._rate = descent.RATE
+        self.report = {"bits": bits, "stages": []}
+
+    def hologram(self):
+        """What has been done."""
+        field = self.field
+        gains = tuple(gain * scale for gain, scale in zip(self.gains, self._scales, strict=True))
+        return PhaseHologram(
+            self.phases, field.hologram, field.camera, field.near, self.method, gains, self.report
+        )
+
+    def stopped(self):
+        """What there is of it: the phases of each wavelength's last step, or of the start."""
+        for k in self.colours:
+            self.gains[k] = self.gains[k] or self._gain(k)
+        if self._bits is not None:
+            self._round()
+        self.report["stopped"] = True
+        return self.hologram()
+
+    def double_phase(self):
+        """The method dpac; the gain is one for all frames, as their mean intensity counts."""
+        keep = half_band(self.field.data.shape[-2:])
+        frames, count = self.field.data.shape[:2]
+        for k in self.colours:
+            waves = np.empty((frames, *keep.shape), np.complex64)
+            for m in range(frames):
+                waves[m] = scipy.fft.ifft2(scipy.fft.fft2(self._fields(m, k), workers=-1) * keep, workers=-1)
+                self._progress((k + 0.7 * (m + 1) / frames) / count, "Encoding")
+            self.gains[k] = clipping_level(waves)
+            for m, wave in enumerate(waves):
+                self.phases[m, k] = double_phase(wave / (self.gains[k] or 1))
+                self._progress((k + 0.7 + 0.3 * (m + 1) / frames) / count, "Encoding")
+        if self._bits is not None:
+            self._round()
+
+    def begin(self, start):
+        """Phases to start with."""
+        data = self.field.data
+        self._rate = descent.WARM if isinstance(start, PhaseHologram) else descent.RATE
+        for k in self.colours:
+            if isinstance(start, PhaseHologram):
+                self.phases[:, k] = start.data[:, k]
+            elif start == "dpac":
+                keep = half_band(data.shape[-2:])
+                waves = scipy.fft.ifft2(scipy.fft.fft2(data[:, k], workers=-1) * keep, workers=-1)
+                self.phases[:, k] = [double_phase(wave) for wave in waves / (clipping_level(waves) or 1)]
+            else:
+                self.phases[:, k] = np.mod(np.angle(data[:, k]), 2 * math.pi)
+
+    def sgd(self, k, supervision, planes, aperture):
+        """Each frame for itself."""
+        field, hologram = self.field, self.field.hologram
+        white = _white(self._fields(0, k))
+        groups = _groups(len(field.data), field.data[0, k].size * BYTES["sgd"])
+        part = SHARE.get(self.method, 1.0) / len(self.colours) / len(groups)
+        for number, group in enumerate(groups):
+            data = self._fields(group, k)
+            if supervision == "complex":
+                target = ComplexTarget(data, aperture, self._threads)
+            else:
+                distances = _spread(*self._volume(), planes)
+                target = AmplitudeTarget(
+                    data, hologram.pitch, hologram.wavelengths[k], distances, self._threads
+                )
+            if not target.energy:
+                continue
+            begun = part * (self.colours.index(k) * len(groups) + number)
+
+            def told(done, loss, begun=begun):
+                psnr = 10 * math.log10(white**2 / max(loss, 1e-30))
+                self._progress(begun + part * done, f"Phases, {psnr:.1f} dB")
+                return psnr
+
+            with self._stage("sgd", k) as stage, self._phases(group, k) as phases:
+                bits = self._bits if self.method == "sgd" else None  # else the next stage's
+                descent.adam(phases, target, self._rate, bits, self._effort, told, stage)
+        self.gains[k] = self._gain(k)
+
+    def joint(self, k):
+        """All frames together, towards the field's own pictures."""
+        field, hologram = self.field, self.field.hologram
+        looks = spread_looks(hologram.pitch, hologram.wavelengths[k], *self._volume(), self._effort.seed)
+        pictures = Pictures(field.data.shape[-2:], hologram.pitch, hologram.wavelengths[k], looks)
+        begun = SHARE["joint"] + (1 - SHARE["joint"]) * self.colours.index(k) / len(self.colours)
+        for group in _groups(len(field.data), math.prod(pictures.padded) * BYTES["pictures"]):
+            self._progress(begun, "Pictures of the field")
+            pictures.add(self._fields(group, k))
+        self._together("joint", descent.JOINT, k, pictures, begun, "All frames")
+
+    def refine(self, references, views):
+        """All frames together, towards references."""
+        begun, share = SHARE["refine"], 0.4
+
+        def rendered(done):
+            self._progress(begun + share * done, "References")
+
+        with self._stage("references", None) as stage:
+            pictures = chosen_pictures(
+                self.field,
+                self.phases,
+                self.gains,
+                self.colours,
+                self._volume(),
+                references,
+                views,
+                rendered,
+                self._threads,
+            )
+            stage["views"] = len(pictures[self.colours[0]])
+        for number, k in enumerate(self.colours):
+            at = begun + share + (1 - begun - share) * number / len(self.colours)
+            own = pictures.pop(k)
+            own.wanted /= np.float32(self._scales[k] ** 2)
+            self.gains[k] /= self._scales[k]
+            self._together("refine", descent.REFINE, k, own, at, "Towards references")
+
+    def _together(self, name, manner, k, pictures, begun, doing):
+        """A stage of all frames that fit into memory."""
+        groups = _groups(len(self.phases), math.prod(pictures.padded) * BYTES["joint"])
+        part = (1 - begun) / (len(self.colours) - self.colours.index(k)) / len(groups)
+        for number, group in enumerate(groups):
+
+            def told(done, psnr, at=begun + number * part):
+                self._progress(at + part * done, f"{doing}, {psnr:.1f} dB")
+
+            with self._stage(name, k) as stage, self._phases(group, k) as phases:
+                mean = FrameMean(pictures, self.gains[k], self._threads)
+                descent.kaczmarz(phases, mean, manner, self._bits, self._effort, told, stage)
+
+    def _fields(self, which, k):
+        """Complex fields of some frames, of root mean square 1 over all; a copy."""
+        return self.field.data[which, k] * np.float32(1 / self._scales[k])
+
+    def _volume(self):
+        """Distances between which the scene lies."""
+        plan, hologram = self.field.plan, self.field.hologram
+        ends = plan.get("z_low", hologram.depth_far), plan.get("z_high", hologram.depth_near)
+        return ends if ends[1] > ends[0] else (ends[0] - 1e-6, ends[0] + 1e-6)
+
+    def _gain(self, k):
+        """Amplitude with which the light in the band is as much as the field's."""
+        band = circular_band(self.field.data.shape[-2:])
+        wanted = shown = 0.0
+        for m, phase in enumerate(self.phases[:, k]):
+            wave = scipy.fft.fft2(self._fields(m, k), workers=-1)
+            wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
+            light = np.exp(np.complex64(1j) * phase)
+            shown += float((np.abs(scipy.fft.fft2(light, workers=-1)[band]) ** 2).sum(dtype=float))
+        return math.sqrt(wanted / shown) if shown else 0.0
+
+    def _round(self):
+        self.phases[:] = Modulator(self._bits).shown(self.phases)
+
+    def _phases(self, group, k):
+        return _UnderWay(self.phases, group, k, self._threads)
+
+    def _stage(self, name, k):
+        return _Stage(self.report["stages"], name, None if k is None else self.field.hologram.wavelengths[k])
+
+
+class _UnderWay:
+    """`Phases` of some frames in one wavelength, which are put back however the work ends."""
+
+    def __init__(self, all_phases, group, k, threads):
+        self._all, self._group, self._k = all_phases, group, k
+        self._state = Phases(all_phases[group, k], threads)
+
+    def __enter__(self):
+        return self._state
+
+    def __exit__(self, *_):
+        self._all[self._group, self._k] = self._state.values()
+
+
+class _Stage(dict):
+    """What a stage reports, with its seconds."""
+
+    def __init__(self, stages, name, wavelength):
+        super().__init__(stage=name)
+        if wavelength is not None:
+            self["wavelength_m"] = wavelength
+        self._stages, self._begun = stages, time.perf_counter()
+
+    def __enter__(self):
+        self._stages.append(self)
+        return self
+
+    def __exit__(self, *_):
+        self["seconds"] = time.perf_counter() - self._begun
+
+
+def _root_mean_square(fields):
+    return math.sqrt(np.mean([np.square(np.abs(f), dtype=np.float64).mean() for f in fields]))
+
+
+def _white(wave):
+    """Amplitude that counts as white, see `metrics.display_values`."""
+    amplitude = np.abs(wave)
+    return float(np.percentile(amplitude, 95)) or float(amplitude.max()) or 1.0
+
+
+def _spread(low, high, count):
+    """Distances over a volume; one is in its middle."""
+    return np.linspace(low, high, count) if count > 1 else [(low + high) / 2]
+
+
+def _groups(frames, bytes_each):
+    """Slices of frames that fit into memory, about equal."""
+    count = math.ceil(frames / max(1, MOST_BYTES // bytes_each))
+    ends = [round(i * frames / count) for i in range(count + 1)]
+    return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]

@@ -1,0 +1,107 @@
+"""The mean intensity of all frames against pictures, one picture a step."""
+
+import numpy as np
+import scipy.fft
+
+from ..supervision import blocks, relative
+
+
+class FrameMean:
+    """Light of all frames, compared with pictures.
+
+    L = sum over pixels of w (g^2 I - t)^2, where I is the mean of the frames' intensities in a picture's plane, t what
+    is wanted there, and w = `supervision.relative`, so that independent frames have the loss 1/m in any picture.
+
+    Parameters
+    ----------
+    pictures : Pictures
+    gain : float
+        Amplitude of the light sent in.
+    threads : Frames
+    """
+
+    def __init__(self, pictures, gain, threads):
+        self.pictures, self.gain = pictures, gain
+        self._threads = threads
+        self._waves = None
+
+    def gradient(self, light, number):
+        """Loss of a picture, and its gradient with respect to the light.
+
+        Returns
+        -------
+        loss : float
+        back : numpy.ndarray
+            In memory that the next call overwrites: G with dL = 2 Re sum conj(G) du.
+        """
+        pictures, (rows, columns) = self.pictures, self.pictures.shape
+        transfer = pictures.transfer(number).astype(light.dtype, copy=False)
+        waves = self._seen(light, transfer)
+        target = pictures.wanted[number]
+        scale = self.gain**2 / len(light)
+        error = np.empty(target.shape, light.real.dtype)
+        parts = blocks(target.shape)
+
+        def compare(k):
+            error[parts[k]] = scale * _intensity(waves[:, parts[k], :columns]) - target[parts[k]]
+
+        self._threads.each(compare, len(parts))
+        weighted = error * relative(target)
+        loss = float((error * weighted).sum(dtype=np.float64))
+        slope = (2 * scale * weighted).astype(light.dtype)  # a product of unlike numbers is slower
+        adjoint = np.conj(transfer)
+
+        def back(n):
+            wave = waves[n]
+            wave[:rows, :columns] *= slope
+            wave[rows:], wave[:rows, columns:] = 0, 0
+            waves[n] = carried(wave, adjoint)
+
+        self._threads.each(back, len(light))
+        return loss, waves[:, :rows, :columns]
+
+    def look(self, light, number):
+        """The picture as it is, without the gain."""
+        rows, columns = self.pictures.shape
+        waves = self._seen(light, self.pictures.transfer(number))
+        image = np.empty((rows, columns), np.float32)
+        parts = blocks(image.shape)
+
+        def add(k):
+            image[parts[k]] = _intensity(waves[:, parts[k], :columns])
+
+        self._threads.each(add, len(parts))
+        return image / np.float32(len(light))
+
+    def _seen(self, light, transfer):
+        """Waves in a picture's plane, on the padded grid."""
+        padded = self.pictures.padded
+        if self._waves is None or self._waves.dtype != light.dtype or len(self._waves) != len(light):
+            self._waves = np.empty((len(light), *padded), light.dtype)
+        rows, columns = self.pictures.shape
+
+        def see(n):
+            wave = self._waves[n]
+            wave[:rows, :columns] = light[n]
+            wave[rows:], wave[:rows, columns:] = 0, 0
+            self._waves[n] = carried(wave, transfer)
+
+        self._threads.each(see, len(light))
+        return self._waves
+
+
+def carried(wave, transfer):
+    """A wave on another plane, in the memory of the first; with the conjugate transfer function, the adjoint."""
+    spectrum = scipy.fft.fft2(wave, overwrite_x=True)
+    spectrum *= transfer
+    return scipy.fft.ifft2(spectrum, overwrite_x=True)
+
+
+def _intensity(waves):
+    """Sum of the squared magnitudes over frames, shape (frame, y, x)."""
+    total = np.zeros((waves.shape[1], 2 * waves.shape[2]), waves.real.dtype)
+    square = np.empty_like(total)
+    for wave in waves.view(total.dtype):  # real and imaginary parts side by side
+        np.multiply(wave, wave, out=square)
+        total += square
+    return total[:, ::2] + total[:, 1::2]

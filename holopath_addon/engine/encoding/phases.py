@@ -1,0 +1,180 @@
+"""Phases under way, and the light that they make."""
+
+import math
+import threading
+
+import numpy as np
+
+ADAM = (0.9, 0.99)  # decays of the means, Kingma and Ba, ICLR 2015
+TINY = 1e-30  # for pixels whose slope is nothing
+BLOCK = 1 << 16  # pixels: they stay near the processor, and threads seldom wait for Python
+
+
+class Phases:
+    """Phases of all frames in one wavelength.
+
+    What is done to a pixel is done block by block beside the FFTs, in their threads: two pools of threads, one of
+    Dr.Jit's kernels and one of FFTs, cost each other more than the blocks do.
+
+    Parameters
+    ----------
+    start : numpy.ndarray, float32 or float64, shape (frame, y, x)
+        Radians. The type is that of all that is computed.
+    threads : Frames
+
+    Attributes
+    ----------
+    light : numpy.ndarray, complex, shape (frame, y, x)
+        exp(i phase).
+    """
+
+    def __init__(self, start, threads):
+        self._angle = np.array(start, order="C").reshape(len(start), -1)
+        self._threads, self._shape = threads, start.shape
+        self._light = np.empty(self._angle.shape, np.result_type(start.dtype, np.complex64))
+        self._means, self._count, self._free = None, 0, None
+        self._local = threading.local()
+        self._each(self._show)
+
+    @property
+    def light(self):
+        return self._light.reshape(self._shape)
+
+    def slope(self, back, factors=None):
+        """Gradient with respect to the phases.
+
+        Parameters
+        ----------
+        back : numpy.ndarray, complex, shape (frame, y, x)
+            G with dL = 2 Re sum conj(G) du for a change du of the light.
+        factors : sequence of complex, optional
+            To be multiplied with each frame of it.
+
+        Returns
+        -------
+        numpy.ndarray, float, shape (frame, y * x)
+            dL = sum of slope times change of phase: 2 Im(conj(u) G).
+        """
+        slope = np.empty_like(self._angle)
+
+        def fill(n, block, rows):
+            slope[n, block] = self._slope(n, block, back[n, rows], 1 if factors is None else factors[n])
+
+        self._each(fill)
+        return slope
+
+    def descend(self, back, factors, rate):
+        """A step of Adam, `rate` radians long at most or so; parameters as of `slope`."""
+        if self._means is None:
+            self._means = np.zeros((2, *self._angle.shape), self._angle.dtype)
+            self._means[1] = TINY
+        self._count += 1
+        first, second = ADAM
+        real = self._angle.dtype.type
+        # sums of slopes and of their squares, not yet means
+        scale = (1 - first) / (1 - first**self._count), (1 - second) / (1 - second**self._count)
+        length = real(rate * scale[0] / math.sqrt(scale[1]))
+
+        def move(n, block, rows):
+            mean, square = self._means[0, n, block], self._means[1, n, block]
+            slope = self._slope(n, block, back[n, rows], factors[n])
+            mean *= real(first)
+            mean += slope
+            slope *= slope
+            square *= real(second)
+            square += slope
+            np.sqrt(square, out=slope)
+            np.divide(mean, slope, out=slope)
+            slope *= length
+            if self._free is not None:
+                slope *= self._free[n, block]
+            self._angle[n, block] -= slope
+            self._show(n, block, rows)
+
+        self._each(move)
+
+    def relax(self, back, loss, relaxation):
+        """A step that would take a loss that is linear in its errors to zero, times `relaxation`.
+
+        Polyak's step 2 L / |slope|^2: that of Kaczmarz, where L is the square of one error (Polyak, USSR Comp.
+        Math. 9(3), 14 (1969)).
+        """
+        slope = self.slope(back)
+        if self._free is not None:
+            slope *= self._free
+        norm = sum(self._threads.each(lambda n: float(np.vdot(slope[n], slope[n])), len(slope)))
+        step = slope.dtype.type(relaxation * 2 * loss / norm if norm else 0)
+
+        def move(n, block, rows):
+            slope[n, block] *= step
+            self._angle[n, block] -= slope[n, block]
+            self._show(n, block, rows)
+
+        self._each(move)
+
+    def fix(self, share, bits):
+        """Bring a share of each frame's pixels to one of 2^bits levels for good: those that are nearest to theirs.
+
+        The others make up for the error in the steps that follow. Rounding in each step while the phases move on
+        below it (a straight-through estimator) was worse than rounding afterwards, this is better (docs/theory.md).
+        """
+        level = self._angle.dtype.type(2 * math.pi / 2**bits)
+        if self._free is None:
+            self._free = np.ones(self._angle.shape, bool)
+        count = round(share * self._angle.shape[1])
+
+        def frame(n):
+            angle, free = self._angle[n], self._free[n]
+            nearest = np.round(angle / level) * level
+            apart = np.abs(angle - nearest)
+            apart[~free] = -1
+            chosen = apart <= np.partition(apart, count - 1)[count - 1]
+            angle[chosen] = nearest[chosen]
+            free[chosen] = False
+
+        if count:
+            self._threads.each(frame, len(self._angle))
+            self._each(self._show)
+
+    def values(self):
+        """Radians in [0, 2 pi), float32."""
+        turn = np.float32(2 * math.pi)
+        angle = np.mod(self._angle, 2 * math.pi).astype(np.float32).reshape(self._shape)
+        return np.where(angle < turn, angle, 0)  # the largest float below a turn is rounded to it
+
+    def _slope(self, n, block, back, factor):
+        product, slope, _ = self._room(block)
+        np.conjugate(self._light[n, block], out=product)
+        shaped = product.reshape(back.shape)
+        shaped *= back
+        factor = complex(factor)
+        if factor.imag:
+            product *= product.dtype.type(factor)
+            factor = 1 + 0j
+        return np.multiply(product.imag, slope.dtype.type(2 * factor.real), out=slope)
+
+    def _show(self, n, block, rows):
+        _, first, second = self._room(block)
+        angle, light = self._angle[n, block], self._light[n, block]
+        light.real = np.cos(angle, out=first)
+        light.imag = np.sin(angle, out=second)
+
+    def _room(self, block):
+        """Arrays of this thread's own, one complex and two real, to work on a block."""
+        count = block.stop - block.start
+        if getattr(self._local, "size", 0) < count:
+            self._local.size = count
+            self._local.rooms = np.empty(count, self._light.dtype), *np.empty((2, count), self._angle.dtype)
+        return [room[:count] for room in self._local.rooms]
+
+    def _each(self, work):
+        """``work(frame, block of pixels, the same as rows)`` on all."""
+        rows, columns = self._shape[1:]
+        height = max(1, BLOCK // columns)
+
+        def frame(n):
+            for first in range(0, rows, height):
+                last = min(first + height, rows)
+                work(n, slice(first * columns, last * columns), slice(first, last))
+
+        self._threads.each(frame, len(self._angle))

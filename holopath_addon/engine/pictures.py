@@ -1,0 +1,149 @@
+"""Pictures that fields are judged by: at depths of the volume, through the whole pupil and parts of it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+
+from .propagation import FreeSpace, padded_shape
+from .supervision import Frames, View, relative
+
+PARTS = 2  # of the pupil looked through at each depth, besides the whole
+PART = 0.5  # radius of a part, of the pupil's
+MOST_DEPTHS = 20
+MOST_BYTES = 1 << 30  # of transfer functions that are kept
+
+
+@dataclass(frozen=True)
+class Look:
+    """Where a picture is focused, and through which part of the pupil.
+
+    Attributes
+    ----------
+    distance : float
+        From the fields' plane, metres.
+    part : tuple of float or None
+        Centre x and y and radius in cycles a pixel, y downwards; the whole pupil's radius is 0.5. None: all of it.
+    """
+
+    distance: float
+    part: tuple | None = None
+
+    def passes(self, shape):
+        """FFT bins that the part lets through; None for the whole."""
+        if self.part is None:
+            return None
+        fy, fx = (scipy.fft.fftfreq(n) for n in shape)
+        x, y, radius = self.part
+        return np.hypot(fx[None, :] - x, fy[:, None] - y) <= radius
+
+
+def spread_looks(pitch, wavelength, low, high, seed):
+    """Looks all over a volume: depths a depth of focus apart, at each the whole pupil and random halves of it.
+
+    Parameters
+    ----------
+    pitch, wavelength : float
+        Metres.
+    low, high : float
+        Ends of the volume, from the fields' plane, metres.
+    seed : int
+
+    Returns
+    -------
+    list of Look
+    """
+    slope = math.tan(math.asin(wavelength / (2 * pitch)))
+    rng = np.random.default_rng(seed)
+    looks = []
+    depths = min(MOST_DEPTHS, 2 + math.ceil((high - low) * slope**2 / wavelength))
+    for distance in np.linspace(low, high, depths):
+        looks.append(Look(float(distance)))
+        for _ in range(PARTS):
+            aside = 0.5 * (1 - PART) * math.sqrt(rng.random())
+            angle = 2 * math.pi * rng.random()
+            looks.append(
+                Look(float(distance), (aside * math.cos(angle), aside * math.sin(angle), 0.5 * PART))
+            )
+    return looks
+
+
+class Pictures:
+    """What is wanted at several looks, in one wavelength.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the fields.
+    pitch, wavelength : float
+        Metres.
+    looks : list of Look
+
+    Attributes
+    ----------
+    wanted : numpy.ndarray, float32, shape (look, y, x)
+        Frame-mean intensities.
+    energy : float
+        Sum over pixels of the intensity of a frame whose pictures these are.
+    """
+
+    def __init__(self, shape, pitch, wavelength, looks):
+        self.shape, self.looks = shape, list(looks)
+        farthest = max(abs(look.distance) for look in looks)
+        self.padded = padded_shape(shape, pitch, wavelength, farthest)
+        self.space = FreeSpace(self.padded, pitch, wavelength)
+        self.wanted = np.zeros((len(self.looks), *shape), np.float32)
+        self.energy, self._frames = 0.0, 0
+        self._transfers = {}
+
+    def __len__(self):
+        return len(self.looks)
+
+    def transfer(self, number):
+        """From the fields' spectra to the spectrum of a picture, complex64; not to be changed."""
+        kept = self._transfers.get(number)
+        if kept is not None:
+            return kept
+        look = self.looks[number]
+        transfer, passes = self.space(look.distance), look.passes(self.padded)
+        if passes is not None:
+            transfer *= passes
+        if (len(self._transfers) + 1) * transfer.nbytes <= MOST_BYTES:
+            self._transfers[number] = transfer
+        return transfer
+
+    def share(self, number):
+        """Part of the light in the band that a look lets through."""
+        passes = self.looks[number].passes(self.padded)
+        return 1.0 if passes is None else float((passes & self.space.band).sum() / self.space.band.sum())
+
+    def spectra(self, fields, threads):
+        """Spectra of fields of shape (frames, y, x), cut to the band."""
+        return threads.each(lambda n: scipy.fft.fft2(fields[n], self.padded) * self.space.band, len(fields))
+
+    def add(self, fields):
+        """Count frames towards the wanted pictures; fields of shape (frames, y, x)."""
+        rows, columns = self.shape
+        before, self._frames = self._frames, self._frames + len(fields)
+        with Frames() as threads:
+            spectra = self.spectra(fields, threads)
+
+            def picture(number):
+                transfer, total = self.transfer(number), np.float32(before) * self.wanted[number]
+                for spectrum in spectra:
+                    wave = scipy.fft.ifft2(spectrum * transfer, overwrite_x=True)[:rows, :columns]
+                    total += wave.real**2 + wave.imag**2
+                self.wanted[number] = total / np.float32(self._frames)
+
+            threads.each(picture, len(self))
+        energy = sum(float(np.vdot(s, s).real) for s in spectra) / self.space.band.size
+        self.energy = (self.energy * before + energy) / self._frames
+
+    def view(self, number):
+        """A picture as `supervise` takes it; what lies outside the fields does not count."""
+        rows, columns = self.shape
+        target, weight = np.zeros((2, *self.padded), np.float32)
+        target[:rows, :columns] = self.wanted[number]
+        weight[:rows, :columns] = relative(self.wanted[number])
+        return View(self.transfer(number), target, weight)
