@@ -29,8 +29,9 @@ $(RUN): pyproject.toml install_llvm.sh | $(PY)
 	@touch $@
 
 # What tests, benchmarks and lint need besides.
-$(DEV): pyproject.toml | $(RUN)
+$(DEV): pyproject.toml install_monitors.sh | $(RUN)
 	$(PIP_INSTALL) -e '.[blender,test]'
+	./install_monitors.sh
 	@touch $@
 
 demo: $(RUN)

@@ -22,9 +22,20 @@ def main():
 
         print(radiance_cache.run(*sys.argv[2:]))
         return
+    if sys.argv[1:2] == ["encoding"]:
+        from . import encoding
+
+        print(encoding.run("out/bench", *sys.argv[2:]))
+        return
+    if sys.argv[1:2] == ["slm"]:
+        from . import slm
+
+        print(slm.run(*sys.argv[2:]))
+        return
     from . import (
         accuracy,
         convergence,
+        encoding,
         export_speed,
         exporter,
         kernel,
@@ -42,6 +53,7 @@ def main():
     print(optics.run(), flush=True)
     print(phase_fields.run("out/bench"), flush=True)
     print(radiance_cache.run(), flush=True)
+    print(encoding.run("out/bench"), flush=True)
     print(export_speed.run(), flush=True)
     print(exporter.run(pictures="out/bench/exporter"), flush=True)
 

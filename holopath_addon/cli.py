@@ -11,8 +11,11 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from . import engine, failures, lengths, output, pipeline, sources, stills
-from .engine import backend, displays, encoding
+import numpy as np
+
+from . import engine, failures, lengths, output, pipeline, slm_commands, sources, stills
+from .console import Progress, close_line
+from .engine import displays, encoding
 from .engine import hologram as choices
 
 
@@ -46,7 +49,7 @@ def main(argv=None, store=None):
     except (Exception, KeyboardInterrupt) as error:
         if args is not None and args.debug:
             raise
-        _close_line()
+        close_line()
         print(f"holopath: {failures.sentence(error)}", file=sys.stderr)
         return failures.status(error)
 
@@ -162,8 +165,10 @@ def _parser(store):
         "--encode",
         choices=("none", *encoding.METHODS),
         default="none",
-        help="also write phases for an SLM into DIR/hologram (default none)",
+        help="also write phases for an SLM into DIR/hologram (default none); auto is refine with --method full, joint "
+        "with several frames, sgd with one",
     )
+    _add_bits(render)
     render.add_argument(
         "--compare-reference",
         action="store_true",
@@ -178,19 +183,48 @@ def _parser(store):
     reconstruct.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
     _add_focus(reconstruct, "the depths of the stored pictures")
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
+    _add_modulator(reconstruct)
 
     encode = command("encode", _encode, "Turn a stored wave field into phases for an SLM.")
     encode.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
-    encode.add_argument(
-        "--method", choices=encoding.METHODS, default=encoding.METHODS[0], help="default: %(default)s"
+    add = encode.add_argument
+    add(
+        "--method",
+        choices=encoding.METHODS,
+        default="auto",
+        help="double phase (dpac); each frame for itself by gradient descent (sgd); then all frames together (joint); "
+        "auto (default) is joint, or sgd with one frame. refine needs the scene: `holopath render --encode refine`",
     )
+    _add_bits(encode)
+    add(
+        "--supervision",
+        choices=encoding.SUPERVISIONS,
+        default="complex",
+        help="what sgd compares: the complex field (default), or amplitudes alone",
+    )
+    add("--planes", type=int, default=1, metavar="N", help="on which amplitudes are compared (default 1)")
+    add("--no-aperture", dest="aperture", action="store_false", help="without a stop in the Fourier plane")
+    add(
+        "--start",
+        default="arg",
+        metavar="arg|dpac|DIR",
+        help="begin with the field's phases (default), double phase, or an earlier hologram in DIR",
+    )
+    add(
+        "--tolerance",
+        type=float,
+        default=1e-3,
+        metavar="SHARE",
+        help="least relative gain of a step that is worth it (default %(default)s)",
+    )
+    add("--steps", type=int, default=1000, metavar="N", help="most steps of each stage (default %(default)s)")
     encode.add_argument("--out", metavar="DIR", help="where to write (default DIR/hologram)")
 
     cache = command("cache", _cache, "Say how much baked light is kept, and where.")
     _add_cache(cache, store)
     cache.add_argument("--clear", action="store_true", help="delete it")
 
-    command("devices", _devices, "List the Mitsuba backends of this machine.")
+    slm_commands.add(command)
     return parser
 
 
@@ -268,6 +302,31 @@ def _add_cache(parser, store):
         metavar="DIR",
         help=f"folder of baked light (default: {store.folder})".replace("%", "%%"),
     )
+
+
+def _bits(text):
+    if not text.isdigit() or not 1 <= int(text) <= 16:
+        raise engine.InvalidInput(f"An SLM has 1 to 16 bits, not {text}")
+    return int(text)
+
+
+def _add_bits(parser):
+    parser.add_argument(
+        "--bits",
+        type=_argument(_bits),
+        metavar="N",
+        help="of phase that a pixel of the SLM takes, where they are few: the phases are the best of its levels",
+    )
+
+
+def _add_modulator(parser):
+    add = parser.add_argument_group("from the stored phases, as a display shows them").add_argument
+    add("--hologram", action="store_true", help="refocus the stored phases instead of the wave field")
+    add("--bits", type=_argument(_bits), metavar="N", help="of phase that a pixel takes (default: any phase)")
+    add("--response", metavar="FILE", help="text file of the phase in radians that each grey level shows")
+    add("--fill-factor", type=float, default=1.0, metavar="SHARE", help="of a pixel's area (default 1)")
+    add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
+    add("--crosstalk", type=float, default=0.0, metavar="PIXELS", help="blur of the phases (default 0)")
 
 
 def _add_focus(parser, default):
@@ -351,6 +410,7 @@ def _still(args, source, pupil):
         loaded.notes,
         args.compare_reference,
         args.encode,
+        args.bits,
     )
 
 
@@ -368,6 +428,10 @@ def _render(args):
         still = _still(args, source, pupil)
         spent = time.perf_counter() - start
         _, report = stills.write(folder, still, pipeline.stage(progress, 0.05, 1.0), spent)
+    if report.get("encoding", {}).get("stopped"):
+        raise engine.Cancelled(
+            f"Cancelled while encoding: {args.out} holds the render, and the phases as they were then."
+        )
     progress(1.0, f"Done in {report['seconds']['total']:.1f} s: {args.out}")
     for line in _remarks(report):
         progress.say(line)
@@ -478,10 +542,24 @@ def _stored_field(folder):
     return engine.WaveField.load(inner if inner.is_dir() else folder)
 
 
+def _modulator_of(args):
+    response = None
+    if args.response is not None:
+        try:
+            response = tuple(float(word) for word in Path(args.response).read_text().split())
+        except (OSError, ValueError) as error:
+            raise engine.InvalidInput(
+                f"The response {args.response} cannot be read ({error}): give a text file of numbers."
+            ) from error
+    return engine.Modulator(args.bits, response, args.fill_factor, args.unmodulated, args.crosstalk)
+
+
 def _reconstruct(args):
     progress = Progress(quiet=args.quiet)
-    folder = Path(args.folder)
-    field = _stored_field(folder)
+    folder, modulator = Path(args.folder), _modulator_of(args)
+    if modulator != engine.Modulator() and not args.hologram:
+        raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
+    field = output.stored_hologram(folder).field(modulator) if args.hologram else _stored_field(folder)
     report = output.read_report(folder)
     focus = args.focus or [float(f) for f in report.get("focus_m", [])]
     if not focus:
@@ -490,7 +568,9 @@ def _reconstruct(args):
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
     white = report.get("exposure_white") or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
-    output.write_pictures(target, output.picture_files(rgb, focus, white))
+    files = output.picture_files(rgb, focus, white)
+    prefix = "hologram_" if args.hologram else ""
+    output.write_pictures(target, {prefix + name: data for name, data in files.items()})
     progress(1.0, f"Done: {target}")
 
 
@@ -498,8 +578,31 @@ def _encode(args):
     progress = Progress(quiet=args.quiet)
     folder = Path(args.folder)
     target = Path(args.out) if args.out else folder / "hologram"
-    phase = engine.encode(_stored_field(folder), args.method, pipeline.stage(progress, 0.0, 0.6))
-    phase.save(target, pipeline.stage(progress, 0.6, 0.99))
+    start = args.start
+    if start not in encoding.STARTS:
+        start = output.stored_hologram(Path(start))
+        start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
+    stopped = None
+    try:
+        phase = engine.encode(
+            _stored_field(folder),
+            args.method,
+            pipeline.stage(progress, 0.0, 0.9),
+            bits=args.bits,
+            supervision=args.supervision,
+            planes=args.planes,
+            aperture=args.aperture,
+            start=start,
+            tolerance=args.tolerance,
+            most_steps=args.steps,
+        )
+    except engine.Cancelled as error:
+        if error.kept is None:
+            raise
+        phase, stopped = error.kept, error
+    phase.save(target, pipeline.stage(progress, 0.9, 0.99))
+    if stopped is not None:
+        raise engine.Cancelled(f"Cancelled: the phases as they were then are in {target}.") from stopped
     progress(1.0, f"Done: {target}")
 
 
@@ -509,60 +612,6 @@ def _cache(args):
     size = store.clear() if args.clear else store.size()
     print(f"{store.folder}: {count} file{'' if count == 1 else 's'}, {size / 1e6:.1f} MB", end="")
     print(" freed" if args.clear else "")
-
-
-def _devices(args):
-    for row in backend.describe():
-        print(f"{row['name']:<14} {'available' if row['available'] else 'missing':<10} {row['detail']}")
-
-
-_open_line = False
-
-
-def _close_line():
-    """End the updating line of a terminal."""
-    global _open_line
-    if _open_line:
-        print(file=sys.stderr)
-        _open_line = False
-
-
-class Progress:
-    """Progress on standard error: one updating line in a terminal, a line now and then elsewhere.
-
-    Parameters
-    ----------
-    quiet : bool
-        Say nothing.
-    """
-
-    def __init__(self, quiet=False):
-        self._quiet = quiet
-        self._terminal = sys.stderr.isatty()
-        self._last_time, self._last_done, self._last_message = time.monotonic(), -1.0, None
-
-    def __call__(self, done, message):
-        """Called by the work; Ctrl-C arrives as KeyboardInterrupt between calls."""
-        global _open_line
-        now = time.monotonic()
-        wait, step = (0.1, 0.0) if self._terminal else (2.0, 0.1)
-        news = done - self._last_done >= step or message != self._last_message
-        due = news and now - self._last_time >= wait
-        if self._quiet or not (due or done >= 1):
-            return
-        self._last_time, self._last_done, self._last_message = now, done, message
-        line = f"{done:4.0%} {message}"
-        if self._terminal:
-            print(f"\r\x1b[K{line}", end="\n" if done >= 1 else "", file=sys.stderr, flush=True)
-            _open_line = done < 1
-        else:
-            print(line, file=sys.stderr, flush=True)
-
-    def say(self, text):
-        """A line of its own."""
-        if not self._quiet:
-            _close_line()
-            print(text, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """What went wrong, in one sentence."""
 
 from .engine import BackendUnavailable, Cancelled, InvalidInput
+from .engine.errors import cancelled
+from .slm.errors import DeviceLost
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -16,7 +18,7 @@ def sentence(error):
     -------
     str
     """
-    if isinstance(error, (InvalidInput, BackendUnavailable)):
+    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost)):
         return _one_line(error)
     if cancelled(error):
         told = _one_line(error) if isinstance(error, Cancelled) and str(error) else ""
@@ -30,28 +32,6 @@ def sentence(error):
             f"The files could not be written or read: {reason}{where}; free space or choose another folder."
         )
     return f"Unexpected {type(error).__name__}: {_one_line(error)} (a bug in HoloPath: please report it)."
-
-
-def cancelled(error):
-    """Whether an exception comes from the user's wish to stop.
-
-    Mitsuba wraps what Ctrl-C or a progress callback raises within its own loops into a RuntimeError.
-
-    Parameters
-    ----------
-    error : BaseException
-
-    Returns
-    -------
-    bool
-    """
-    seen = set()
-    while error is not None and id(error) not in seen:
-        if isinstance(error, (Cancelled, KeyboardInterrupt)):
-            return True
-        seen.add(id(error))
-        error = error.__cause__ or error.__context__
-    return False
 
 
 def status(error):

@@ -16,6 +16,7 @@ from bpy.props import (
 )
 
 from . import engine, pipeline
+from .device_properties import HoloPathDevice
 from .engine import encoding
 from .engine import hologram as choices
 
@@ -50,11 +51,29 @@ _LABELS = {
     "curvature": ("Wavefront", "Where neighbouring rays cross: right for curved mirrors and lenses"),
     "opl": ("Path length", "At the optical path length, as published: right for flat mirrors only"),
     "fit": ("Fit scene", "Spread the scene from its near end to infinity over the depth range"),
-    "dpac": ("Double phase", "Neighbouring pixels whose mean is the complex amplitude"),
+    "dpac": (
+        "Double phase",
+        "Neighbouring pixels whose mean is the complex amplitude: at once, for a first look",
+    ),
+    "sgd": ("Each frame", "Gradient descent towards each frame's complex field"),
+    "joint": (
+        "All frames",
+        "Each frame, then all together, so that what is seen through them is what the field shows",
+    ),
+    "refine": (
+        "References",
+        "Each frame, then all together towards pictures of the scene through a thin lens, which takes longer",
+    ),
     "eyepiece": ("Eyepiece", "Place depths as an eyepiece that shows the hologram in the camera's view does"),
 }
 
 
+_ENCODING_LABELS = _LABELS | {
+    "auto": (
+        "Automatic",
+        "References where the method Full traced all light for this view; else all frames, or each where there is one",
+    )
+}
 _METHOD_LABELS = _LABELS | {"full": ("Full", "Trace all light for this view alone")}
 
 
@@ -108,7 +127,7 @@ def _distance_changed(props, context):
 def _focus_changed(props, context):
     from .operators import session
 
-    session.request_refocus(focus_of(props), pupil_or_none(props))
+    session.request_refocus(*seen_of(props))
 
 
 def _get_infinity(props):
@@ -220,6 +239,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         default=8,
         min=1,
         max=16,
+        update=_focus_changed,
     )
     colours: EnumProperty(
         name="Colours",
@@ -483,7 +503,48 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     encoding: EnumProperty(
         name="Encoding",
         description="How complex amplitudes become the phases that an SLM shows",
-        items=_items(encoding.METHODS),
+        items=_items(encoding.METHODS, _ENCODING_LABELS),
+        default="auto",
+    )
+    refocused: EnumProperty(
+        name="Refocused",
+        description="What the reconstruction shows",
+        items=[
+            ("FIELD", "Wave Field", "The complex field that was rendered", 0),
+            (
+                "PHASE",
+                "Hologram",
+                "The phases that an SLM shows, once they are encoded, with the display's limits",
+                1,
+            ),
+        ],
+        update=_focus_changed,
+    )
+    fill_factor: FloatProperty(
+        name="Fill Factor",
+        description="Share of a pixel's area that modulates light; the rest is dark",
+        default=1.0,
+        min=0.01,
+        max=1.0,
+        update=_focus_changed,
+    )
+    unmodulated: FloatProperty(
+        name="Unmodulated",
+        description="Share of the light that leaves the display as it came",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+        update=_focus_changed,
+    )
+    crosstalk: FloatProperty(
+        name="Crosstalk (pixels)",
+        description="How far a pixel's field reaches into its neighbours: standard deviation of a Gaussian, in pixels",
+        default=0.0,
+        min=0.0,
+        max=9.0,
+        soft_max=2.0,
+        step=1,
+        update=_focus_changed,
     )
     phase_frame: IntProperty(
         name="Frame",
@@ -493,6 +554,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         max=255,
         update=_phase_frame_changed,
     )
+    device: PointerProperty(type=HoloPathDevice)
 
 
 class HoloPathMaterial(bpy.types.PropertyGroup):
@@ -608,6 +670,17 @@ def focus_list_of(props):
     return list(dict.fromkeys(focus_of(item) for item in props.focus_list)) or [focus_of(props)]
 
 
+def modulator_of(props):
+    """`engine.Modulator` of the display that the settings describe."""
+    return engine.Modulator(props.bits, None, props.fill_factor, props.unmodulated, props.crosstalk)
+
+
+def seen_of(props):
+    """What the reconstruction shows: focus in metres, `engine.Pupil` and, of phases, `engine.Modulator`, or None."""
+    modulator = modulator_of(props) if props.refocused == "PHASE" else None
+    return focus_of(props), pupil_or_none(props), modulator
+
+
 def pupil_or_none(props):
     """`engine.Pupil`, or None for the whole cone."""
     if not props.use_pupil:
@@ -646,7 +719,7 @@ def _tidy(value):
     return float(f"{value:.6g}")
 
 
-CLASSES = (HoloPathFocus, HoloPathSettings, HoloPathMaterial, HoloPathViewLayer)
+CLASSES = (HoloPathDevice, HoloPathFocus, HoloPathSettings, HoloPathMaterial, HoloPathViewLayer)
 
 
 def register():
@@ -660,10 +733,10 @@ def register():
 def _settle(*_):
     """Choices that only a later version of HoloPath knows are at their defaults in this one."""
     for scene in bpy.data.scenes:
-        props = scene.holopath
-        for prop in props.bl_rna.properties:
-            if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
-                props.property_unset(prop.identifier)
+        for props in (scene.holopath, scene.holopath.device):
+            for prop in props.bl_rna.properties:
+                if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
+                    props.property_unset(prop.identifier)
 
 
 def attach():

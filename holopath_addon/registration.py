@@ -3,7 +3,7 @@
 import bpy
 
 from . import operators, preferences, properties, render_engine, ui, viewport
-from .operators import session
+from .operators import devices, session
 
 _CLASSES = (
     *properties.CLASSES,
@@ -31,6 +31,8 @@ def register():
         _undo.append(ui.hide_overlay)
         session.attach()
         _undo.append(session.detach)
+        devices.attach()
+        _undo.append(devices.detach)
         viewport.attach()
         _undo.append(viewport.detach)
         if hasattr(bpy.utils, "register_cli_command"):

@@ -144,6 +144,29 @@ def test_renders_anew_what_has_changed_and_only_that(moving, renders, tmp_path, 
     assert "frame_0003: rendered anew (changed: setting seed)" in capfd.readouterr().err
 
 
+def test_encodes_anew_only_what_has_changed(moving, tmp_path, capfd, monkeypatch):
+    count, encode = [], engine.encode
+
+    def counted(*words, **options):
+        count.append(words[1])
+        return encode(*words, most_steps=3, **options)
+
+    monkeypatch.setattr(engine, "encode", counted)
+    out, blend = tmp_path / "out", moving()
+    assert animate(blend, out, "--encode", "sgd") == 0
+    assert animate(blend, out, "--encode", "sgd", "--focus", "2m") == 0
+    assert count == ["sgd"] * 3  # phases do not depend on the focus
+    stored = engine.PhaseHologram.load(out / FRAMES[1] / "hologram")
+    assert stored.method == "sgd"
+    assert json.loads((out / FRAMES[1] / "report.json").read_text())["encoding"]["method"] == "sgd"
+    (out / FRAMES[1] / "hologram" / "phase.npy").unlink()
+    assert animate(blend, out, "--encode", "sgd", "--focus", "2m") == 0
+    assert len(count) == 4
+    capfd.readouterr()
+    assert animate(blend, out, "--encode", "sgd", "--focus", "2m", "--bits", "2") == 0
+    assert len(count) == 7 and "changed: bits" in capfd.readouterr().err
+
+
 def test_a_damaged_frame_is_rendered_anew(moving, renders, tmp_path):
     out, blend = tmp_path / "out", moving()
     assert animate(blend, out) == 0

@@ -116,7 +116,7 @@ def test_distances_that_are_none(text):
         (["{xml}", "--cache", "x", "--no-cache"], "not allowed with"),
         (["{xml}", "--phase-field", "pink"], "invalid choice"),
         (["{xml}", "--despeckle", "-1"], "against speckle"),
-        (["{xml}", "--encode", "sgd"], "invalid choice"),
+        (["{xml}", "--encode", "magic"], "invalid choice"),
         (["{xml}", "--animation"], "--animation"),
         (["{xml}", "--seed", "-1"], "seed"),
         (["{xml}", "--quality", "full", "--spp", "3"], "not allowed with"),
@@ -386,10 +386,12 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
 
 def test_encode(rendered, xml, tmp_path, capfd):
     """Afterwards from the stored field, or with the render: the same phases."""
-    assert cli.main(["encode", str(rendered), "--out", str(tmp_path / "phases"), "--quiet"]) == 0
-    phase = engine.PhaseHologram.load(tmp_path / "phases")
+    phases = str(tmp_path / "phases")
+    assert cli.main(["encode", str(rendered), "--out", phases, "--steps", "20", "--quiet"]) == 0
+    phase = engine.PhaseHologram.load(phases)
     field = engine.WaveField.load(rendered / "wavefield")
-    np.testing.assert_array_equal(phase.data, engine.encode(field).data)
+    assert phase.method == "joint" and len(field.data) > 1
+    np.testing.assert_array_equal(phase.data, engine.encode(field, "joint", most_steps=20).data)
     refused(cli.main(["encode", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
     refused(cli.main(["encode", str(tmp_path)]), capfd.readouterr().err, 2, "no wave field")
 
@@ -398,8 +400,93 @@ def test_encode(rendered, xml, tmp_path, capfd):
     names = os.listdir(tmp_path / "out" / "hologram")
     assert {"phase.npy", "meta.json", "frame_000_640nm.png"} <= set(names)
     stored = engine.PhaseHologram.load(tmp_path / "out" / "hologram").data
-    again = engine.encode(engine.WaveField.load(tmp_path / "out" / "wavefield"))
+    again = engine.encode(engine.WaveField.load(tmp_path / "out" / "wavefield"), "dpac")
     np.testing.assert_array_equal(stored, again.data)
+
+
+def test_encode_in_other_ways(rendered, tmp_path, capfd):
+    first, second = str(tmp_path / "first"), str(tmp_path / "second")
+    words = ["encode", str(rendered), "--method", "sgd", "--quiet", "--steps", "6"]
+    assert cli.main([*words, "--bits", "2", "--no-aperture", "--out", first]) == 0
+    levels = engine.PhaseHologram.load(first).data / (math.pi / 2)
+    np.testing.assert_allclose(levels, np.round(levels), atol=1e-5)
+    refused(cli.main([*words, "--method", "joint", "--no-aperture"]), capfd.readouterr().err, 2, "only sgd")
+    words += ["--supervision", "amplitude", "--planes", "2", "--tolerance", "0.01", "--start", first]
+    assert cli.main([*words, "--out", second]) == 0
+    assert engine.PhaseHologram.load(second).report["stages"][0]["steps"] <= 6
+    for more, says in (
+        (["--start", str(tmp_path)], "no hologram"),
+        (["--method", "refine"], "--encode refine"),
+        (["--bits", "40"], "1 to 16 bits"),
+    ):
+        refused(cli.main([*words, *more]), capfd.readouterr().err, 2, says)
+
+
+def test_stopping_an_encoding(rendered, tmp_path, capfd, monkeypatch):
+    """Ctrl-C ends it with the phases as they are."""
+    count = []
+
+    def progress(self, done, message):
+        count.append(message)
+        if len(count) == 8:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.Progress, "__call__", progress)
+    out = tmp_path / "phases"
+    refused(cli.main(["encode", str(rendered), "--out", str(out)]), capfd.readouterr().err, 1, "as they were")
+    assert engine.PhaseHologram.load(out).report["stopped"]
+
+
+def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
+    """What was rendered is not lost; the report says that the phases could be better."""
+
+    def progress(self, done, message):
+        if "dB" in message:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.Progress, "__call__", progress)
+    out = tmp_path / "out"
+    words = ["render", str(xml), *SMALL, "--encode", "joint", "--compare-reference", "--out", str(out)]
+    refused(cli.main(words), capfd.readouterr().err, 1, "holds the render")
+    assert engine.PhaseHologram.load(out / "hologram").report["stopped"]
+    report = json.loads((out / "report.json").read_text())
+    assert report["encoding"]["stages"] and "comparison" not in report
+    assert any("encoding was stopped" in text for text in report["warnings"])
+
+
+def test_refine_where_the_scene_is_at_hand(xml, tmp_path):
+    """`auto` with the method full."""
+    out = tmp_path / "out"
+    words = ["render", str(xml), *SMALL, "--method", "full", "--encode", "auto", "--out", str(out), "--quiet"]
+    assert cli.main(words) == 0
+    phase = engine.PhaseHologram.load(out / "hologram")
+    assert phase.method == "refine"
+    stages = {stage["stage"]: stage for stage in phase.report["stages"]}
+    assert stages["references"]["views"] > 5 and stages["refine"]["steps"] > 50
+
+
+def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
+    """As the display shows them: other pictures than the field's, beside those."""
+    words = ["encode", str(rendered), "--method", "dpac", "--out", str(tmp_path / "hologram"), "--quiet"]
+    assert cli.main(words) == 0
+    (tmp_path / "response.txt").write_text(" ".join(str(0.09 * n**1.1) for n in range(16)))
+    words = ["reconstruct", str(tmp_path), "--hologram", "--focus", "1m", "--quiet"]
+    assert cli.main(words) == 0
+    path = tmp_path / "reconstruction" / "hologram_focus_1m.exr"
+    ideal = path.read_bytes()
+    limits = ["--bits", "4", "--fill-factor", "0.8", "--unmodulated", "0.05", "--crosstalk", "0.3"]
+    assert cli.main([*words, *limits, "--response", str(tmp_path / "response.txt")]) == 0
+    assert path.read_bytes() != ideal
+    for more, says in (
+        (["--response", str(tmp_path / "none.txt")], "cannot be read"),
+        (["--bits", "3", "--response", str(tmp_path / "response.txt")], "8 in all, not 16"),
+        (["--fill-factor", "2"], "fill factor"),
+    ):
+        refused(cli.main([*words, *more]), capfd.readouterr().err, 2, says)
+    refused(
+        cli.main(["reconstruct", str(rendered), "--bits", "4"]), capfd.readouterr().err, 2, "add --hologram"
+    )
+    refused(cli.main(["reconstruct", str(rendered), "--hologram"]), capfd.readouterr().err, 2, "no hologram")
 
 
 def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):

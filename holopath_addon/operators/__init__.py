@@ -1,6 +1,6 @@
 """Operators: thin, over the plain functions of `session` and `pipeline`."""
 
-from . import baked, demos, field, focus_list, hologram, rendering
+from . import baked, demos, field, focus_list, hologram, rendering, streaming
 
 CLASSES = (
     *rendering.CLASSES,
@@ -8,5 +8,6 @@ CLASSES = (
     *field.CLASSES,
     *focus_list.CLASSES,
     *hologram.CLASSES,
+    *streaming.CLASSES,
     *demos.CLASSES,
 )

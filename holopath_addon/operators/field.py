@@ -29,7 +29,7 @@ class HOLOPATH_OT_refocus(bpy.types.Operator):
     def execute(self, context):
         props = context.scene.holopath
         try:
-            session.refocus(properties.focus_of(props), properties.pupil_or_none(props))
+            session.refocus(*properties.seen_of(props))
         except Exception as error:
             self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
@@ -133,9 +133,7 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
             share = 0.5 + 0.5 * math.cos(turn)
             dioptres = self._far + (self._near - self._far) * share
             properties.note_focus(scene.holopath, 1 / max(dioptres, 1e-9))
-            session.request_refocus(
-                properties.focus_of(scene.holopath), properties.pupil_or_none(scene.holopath)
-            )
+            session.request_refocus(*properties.seen_of(scene.holopath))
         return {"PASS_THROUGH"}
 
     def cancel(self, context):

@@ -5,9 +5,20 @@ from pathlib import Path
 import bpy
 from bpy.props import StringProperty
 
-from .. import engine
+from .. import engine, pipeline, preferences, properties
+from ..engine import backend
 from . import session
 from .working import Working
+
+ENOUGH_BITS = 8  # from here on rounding costs nothing that can be seen
+
+
+def _quality(phase):
+    """How near the phases come to what they are made for: ``, 31.2 dB``."""
+    stages = phase.report["stages"]
+    last = stages[-1]["stage"] if stages else None
+    found = [stage["psnr_db"] for stage in stages if stage["stage"] == last and "psnr_db" in stage]
+    return f", {sum(found) / len(found):.1f} dB" if found else ""
 
 
 class HOLOPATH_OT_encode(Working, bpy.types.Operator):
@@ -25,17 +36,41 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         return super().poll(context)
 
     def work(self, scene):
-        field, method = session.current.field, bpy.data.scenes[scene].holopath.encoding
-        return lambda job, progress: (field, engine.encode(field, method, progress))
+        field, task, props = session.current.field, session.current.task, bpy.data.scenes[scene].holopath
+        method, bits = props.encoding, props.bits if props.bits < ENOUGH_BITS else None
+        wanted, full = preferences.wanted(), task is not None and task.settings.method == "full"
+
+        def encode(job, progress):
+            scene = ()
+            if method == "refine" or (method == "auto" and full):
+                if task is not None and field.report.get("variant") == backend.activate(wanted):
+                    scene = task.exported.scene, task.settings
+                elif method == "refine":
+                    raise engine.InvalidInput(
+                        "The scene of this hologram is no longer at hand: press Render Hologram, or choose another "
+                        "encoding."
+                    )
+            try:
+                return field, pipeline.encode(field, method, progress, *scene, bits=bits)
+            except engine.Cancelled as error:
+                if error.kept is None:
+                    raise
+                return field, error.kept
+
+        return encode
 
     def finish(self, context, result):
         field, phase = result
         if field is not session.current.field:
             raise engine.InvalidInput("Another hologram has been rendered meanwhile: press Encode again.")
-        session.current.phase = phase
+        session.keep_phase(phase)
         props = self.scene_settings()
         self.present(context, session.show_phase(props.phase_frame if props else 0))
-        return "Hologram encoded"
+        if props and props.refocused == "PHASE":
+            session.request_refocus(*properties.seen_of(props))
+        return (
+            f"{'Stopped: hologram' if phase.report.get('stopped') else 'Hologram'} encoded{_quality(phase)}"
+        )
 
 
 class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):

@@ -15,7 +15,7 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
     doing = "rendering"
 
     def work(self, scene):
-        watched = not bpy.app.background
+        watched, session.current.task = not bpy.app.background, None
 
         def render(job, progress):
             task = export(job, progress, scene)

@@ -35,6 +35,10 @@ class Session:
         Holds the last wave field rendered; its picture can be refocused.
     phase : engine.PhaseHologram or None
         The field's, once it is encoded.
+    phase_light : tuple of engine.PhaseHologram, engine.Modulator and engine.Refocuser, or None
+        What a display with such limits makes of phases.
+    task : Task or None
+        What the field was rendered of, until something else is rendered.
     plan : engine.Plan or None
     scene : str
         Name of the scene that the last plan and notes are of.
@@ -63,6 +67,8 @@ class Session:
     job: Job | None = None
     refocuser: engine.Refocuser | None = None
     phase: engine.PhaseHologram | None = None
+    phase_light: tuple | None = None
+    task: object = None
     plan: engine.Plan | None = None
     scene: str = ""
     rendered: str = ""
@@ -183,12 +189,18 @@ def prepare(depsgraph, props, resolution=None):
 def keep(task, result):
     """Remember a finished render."""
     field = result.field
-    current.refocuser, current.phase = engine.Refocuser(field), None
+    current.refocuser, current.task = engine.Refocuser(field), task
+    keep_phase(None)
     current.rendered, current.pace = task.reading.name, math.inf
     current.in_view = pipeline.dioptres_in_view(result.plan, field.camera, field.hologram)
     keep_plan(task, result.plan)
     if "bake" in field.report:
         current.bake, current.texture = field.report["bake"], None
+
+
+def keep_phase(phase):
+    """Remember an encoded hologram, or that there is none of the field yet."""
+    current.phase, current.phase_light = phase, None
 
 
 def keep_plan(task, plan):
@@ -263,27 +275,27 @@ def show(image, wavelengths):
     -------
     bpy.types.Image
     """
-    return _shown(IMAGE, picture(image, wavelengths))
+    return shown(IMAGE, picture(image, wavelengths))
 
 
 def show_rgb(rgb):
     """Put a picture, array [y, x, 3], in the reconstruction's place, see `show`."""
-    return _shown(IMAGE, _rgba(rgb))
+    return shown(IMAGE, _rgba(rgb))
 
 
 def show_phase(frame):
     """Put a frame of the encoded hologram into an image datablock of its own: a turn is white, see `show`."""
     phase = current.phase
     levels = np.moveaxis(phase.data[min(frame, len(phase.data) - 1)], 0, -1) / (2 * math.pi)
-    return _shown(PHASE, _rgba(engine.to_rgb(levels, phase.hologram.wavelengths)), light=False)
+    return shown(PHASE, _rgba(engine.to_rgb(levels, phase.hologram.wavelengths)), light=False)
 
 
 def show_texture():
     """Put the picture of the baked light into an image datablock of its own, see `show`."""
-    return _shown(TEXTURE, _rgba(current.texture))
+    return shown(TEXTURE, _rgba(current.texture))
 
 
-def _shown(name, pixels, light=True):
+def shown(name, pixels, light=True):
     """The image datablock of a name, with these rows of RGBA: light, or plain numbers."""
     height, width = pixels.shape[:2]
     block, other = bpy.data.images.get(name), None
@@ -330,14 +342,26 @@ def redraw(images=True):
                         region.tag_redraw()
 
 
-def refocus(focus, pupil):
-    """Refocus the stored field now and show it.
+def light_of(modulator):
+    """`engine.Refocuser` of what a display makes of the encoded phases; of the field where none is given or encoded."""
+    phase, kept = current.phase, current.phase_light  # another thread may render or encode meanwhile
+    if modulator is None or phase is None:
+        return current.refocuser
+    if kept is None or kept[0] is not phase or kept[1] != modulator:
+        kept = current.phase_light = phase, modulator, engine.Refocuser(phase.field(modulator))
+    return kept[2]
+
+
+def refocus(focus, pupil, modulator=None):
+    """Refocus the stored field, or the encoded phases, now and show it.
 
     Parameters
     ----------
     focus : float
         Metres.
     pupil : engine.Pupil or None
+    modulator : engine.Modulator or None
+        Of the display that shows the phases; None: the field.
 
     Returns
     -------
@@ -351,13 +375,13 @@ def refocus(focus, pupil):
     if current.refocuser is None:
         raise engine.InvalidInput("There is no wave field yet: press Render Hologram first.")
     started = time.monotonic()
-    image = current.refocuser([focus], pupil)[0]
+    image = light_of(modulator)([focus], pupil)[0]
     current.error, current.pace = "", time.monotonic() - started
     return show(image, current.field.hologram.wavelengths)
 
 
-def request_refocus(focus, pupil):
-    """Refocus the stored field: at once where that is quick, else soon, in a thread.
+def request_refocus(focus, pupil, modulator=None):
+    """`refocus`: at once where that is quick, else soon, in a thread.
 
     Requests made meanwhile replace each other.
     """
@@ -366,11 +390,11 @@ def request_refocus(focus, pupil):
     current.error = ""
     if bpy.app.background or (current.pace < AT_ONCE and not refocusing()):
         try:
-            refocus(focus, pupil)
+            refocus(focus, pupil, modulator)
         except Exception as error:
             fail(error)
         return
-    current.wanted = (focus, pupil)
+    current.wanted = (focus, pupil, modulator)
     _start_refocus()
     if not bpy.app.timers.is_registered(_poll_refocus):
         bpy.app.timers.register(_poll_refocus, first_interval=0.01)
@@ -399,12 +423,12 @@ def _start_refocus():
     """Begin with what is wanted, unless another picture is still in work."""
     if current.refocus is not None or current.wanted is None or current.refocuser is None:
         return
-    (focus, pupil), current.wanted, refocuser = current.wanted, None, current.refocuser
+    (focus, pupil, modulator), current.wanted, refocuser = current.wanted, None, current.refocuser
     wavelengths = refocuser.field.hologram.wavelengths
 
     def refocus(progress):
         started = time.monotonic()
-        image = refocuser([focus], pupil, progress)[0]
+        image = light_of(modulator)([focus], pupil, progress)[0]
         return refocuser, picture(image, wavelengths), time.monotonic() - started
 
     current.refocus = Job(refocus)
@@ -422,7 +446,7 @@ def _poll_refocus():
         else:
             refocuser, pixels, current.pace = job.result
             if refocuser is current.refocuser:  # else another field has been rendered since
-                _shown(IMAGE, pixels)
+                shown(IMAGE, pixels)
         redraw(images=False)  # the picture's own change has it drawn
     _start_refocus()
     return None if current.refocus is None else 0.01
@@ -432,7 +456,7 @@ def show_again():
     """Show the stored field's picture in place of what a cancelled render left; nothing where there is none."""
     scene = bpy.context.scene
     if current.refocuser is not None and IMAGE in bpy.data.images and scene is not None:
-        request_refocus(properties.focus_of(scene.holopath), properties.pupil_or_none(scene.holopath))
+        request_refocus(*properties.seen_of(scene.holopath))
 
 
 def progress_text(job):

@@ -120,7 +120,10 @@ class Working:
         """The job."""
         self._started, self._scene = time.monotonic(), context.scene.name
         session.current.error = ""
-        work = self.work(self._scene)
+        try:
+            work = self.work(self._scene)
+        except engine.InvalidInput as error:
+            work = _failing(error)
         job = Job(lambda progress: work(job, progress))
         self._job = session.current.job = job
         return job
@@ -179,6 +182,15 @@ def free(operator):
         operator.poll_message_set("HoloPath is at work: wait for it or cancel it")
         return False
     return True
+
+
+def _failing(error):
+    """Work that only says what is wrong, so that it is told as all failures are."""
+
+    def work(job, progress):
+        raise error
+
+    return work
 
 
 def _clear_away(job):

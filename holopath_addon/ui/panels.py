@@ -3,6 +3,7 @@
 import bpy
 
 from . import sections
+from .device import device
 from .display_presets import HOLOPATH_PT_display_presets
 
 # In the order of work: name, label (none: no header), sections, closed at first
@@ -16,6 +17,7 @@ _SUBPANELS = (
     ("render", "", sections.render, False),
     ("reconstruct", "Reconstruct", sections.reconstruct, False),
     ("hologram", "Hologram", sections.hologram, False),
+    ("device", "Display Device", device, True),
     ("notes", "Export Notes", sections.notes, True),
 )
 

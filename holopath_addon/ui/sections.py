@@ -1,21 +1,20 @@
 """The contents of the panels, each drawn into any layout."""
 
-import textwrap
-
 from .. import pipeline, preferences
 from ..operators import session
 from ..properties import display_of
 from .focus_list import HOLOPATH_UL_focus
+from .text import count, wrapped
 
 
 def summary(layout, context):
     """What will be rendered, in a line; and what F12 renders."""
     props = context.scene.holopath
-    _text(
+    wrapped(
         layout,
         context,
         f"{props.resolution_x} × {props.resolution_y} pixels of {props.pitch_um:g} µm, "
-        f"{_count(props.frames, 'frame')}, {'three colours' if props.colours == 'RGB' else 'one colour'}",
+        f"{count(props.frames, 'frame')}, {'three colours' if props.colours == 'RGB' else 'one colour'}",
     )
     f12(layout, context)
 
@@ -34,10 +33,10 @@ def display(layout, context):
     else:  # nothing to set: Custom has these
         facts = (
             f"{props.resolution_x} × {props.resolution_y} pixels of {props.pitch_um:.4g} µm, "
-            f"{_count(props.bits, 'bit')} of phase. "
+            f"{count(props.bits, 'bit')} of phase. "
         )
     width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
-    _text(layout, context, f"{facts}Size: {width:.3g} × {height:.3g} mm")
+    wrapped(layout, context, f"{facts}Size: {width:.3g} × {height:.3g} mm")
     column = layout.column()
     column.row().prop(props, "colours", expand=True)
     if props.colours == "RGB":
@@ -55,16 +54,16 @@ def depth(layout, context):
     column.prop(props, "depth_far_mm")
     column.prop(props, "depth_near_mm")
     if props.depth_mapping == "eyepiece":
-        _text(layout, context, "The eyepiece says which distance is the near end.", icon="INFO")
+        wrapped(layout, context, "The eyepiece says which distance is the near end.", icon="INFO")
     else:
         layout.prop(props, "near_auto")
         plan = session.plan_of(context.scene)
         if not props.near_auto:
             layout.prop(props, "near")
         elif plan is None:
-            _text(layout, context, "Estimate, or render, finds the nearest surface.", icon="INFO")
+            wrapped(layout, context, "Estimate, or render, finds the nearest surface.", icon="INFO")
         else:
-            _text(layout, context, f"Near: {plan.near:.3g} m when last looked")
+            wrapped(layout, context, f"Near: {plan.near:.3g} m when last looked")
     layout.use_property_split = False
     layout.label(text="Focus list (metres, dioptres)")
     row = layout.row()
@@ -100,7 +99,7 @@ def advanced(layout, context):
     if props.limit_rays:
         row.prop(props, "spp", text="")
     if props.method == "direct":
-        _text(layout, context, "The method Direct has the paper's estimator.", icon="INFO")
+        wrapped(layout, context, "The method Direct has the paper's estimator.", icon="INFO")
     else:
         layout.prop(props, "estimator")
     layout.prop(props, "radiance")
@@ -133,9 +132,9 @@ def baked_light(layout, context):
     props = context.scene.holopath
     if props.method in {"full", "direct"}:
         name = props.bl_rna.properties["method"].enum_items[props.method].name
-        _text(layout, context, f"The method {name} does not use baked light.", icon="INFO")
+        wrapped(layout, context, f"The method {name} does not use baked light.", icon="INFO")
     if bake is None:
-        _text(layout, context, "Nothing is baked yet in this session. The methods Auto and Fast bake, too.")
+        wrapped(layout, context, "Nothing is baked yet in this session. The methods Auto and Fast bake, too.")
         return
     source = {"all": "All of it was on disk", "part": "Part of it was on disk"}.get(
         bake["reused"], "Baked anew"
@@ -143,10 +142,10 @@ def baked_light(layout, context):
     seconds = sum(bake["seconds"].values())
     size = f", {bake['bytes'] / 1e6:.1f} MB" if bake["bytes"] else ""
     column = layout.column(align=True)
-    _text(column, context, f"{bake['texels']:,} texels in view{size}")
-    _text(column, context, f"{source}: {seconds:.1f} s")
+    wrapped(column, context, f"{bake['texels']:,} texels in view{size}")
+    wrapped(column, context, f"{source}: {seconds:.1f} s")
     for note in pipeline.bake_notes(bake):
-        _text(layout, context, note, icon="INFO")
+        wrapped(layout, context, note, icon="INFO")
 
 
 def material(layout, context):
@@ -162,7 +161,7 @@ def render(layout, context):
     if missing:
         box = layout.box().column()
         box.alert = True
-        _text(box, context, missing, icon="ERROR")
+        wrapped(box, context, missing, icon="ERROR")
         row = layout.row(align=True)
         row.operator("holopath.check", icon="FILE_REFRESH")
         show = row.operator("preferences.addon_show", text="Preferences", icon="PREFERENCES")
@@ -171,17 +170,17 @@ def render(layout, context):
     column.scale_y = 1.5
     column.enabled = not missing
     if session.running():
-        text = "Cancelling" if job.cancelling else session.progress_text(job)
+        text = "Cancelling" if job.cancelling else session.progresswrapped(job)
         column.progress(factor=job.done, text=text)
         layout.operator("holopath.cancel", icon="CANCEL")
     else:
         column.operator("holopath.render_hologram", icon="RENDER_STILL")
     if not missing:
         failure(layout, context)
-    count = len(session.current.notes)
-    if count and session.plan_of(context.scene) is not None:
-        things = "1 feature is" if count == 1 else f"{count} features are"
-        _text(layout, context, f"{things} approximated, baked or left out: see Export Notes.", icon="INFO")
+    noted = len(session.current.notes)
+    if noted and session.plan_of(context.scene) is not None:
+        things = "1 feature is" if noted == 1 else f"{noted} features are"
+        wrapped(layout, context, f"{things} approximated, baked or left out: see Export Notes.", icon="INFO")
 
 
 def failure(layout, context):
@@ -189,7 +188,7 @@ def failure(layout, context):
     if session.current.error:
         box = layout.column()
         box.alert = True
-        _text(box, context, session.current.error, icon="ERROR")
+        wrapped(box, context, session.current.error, icon="ERROR")
 
 
 def f12(layout, context):
@@ -199,7 +198,7 @@ def f12(layout, context):
         return
     percent = render_settings.resolution_percentage
     width, height = (n * percent // 100 for n in (render_settings.resolution_x, render_settings.resolution_y))
-    _text(
+    wrapped(
         layout,
         context,
         f"F12: a hologram of {width} × {height} pixels, see Output properties",
@@ -228,7 +227,7 @@ def reconstruct(layout, context):
         column.prop(props, "pupil_diameter_mm")
     field = session.current.field
     if field is None:
-        _text(layout, context, "Render a hologram to refocus it.", icon="INFO")
+        wrapped(layout, context, "Render a hologram to refocus it.", icon="INFO")
         return
     row = layout.row(align=True)
     row.operator("holopath.refocus", icon="FILE_REFRESH")
@@ -240,11 +239,11 @@ def reconstruct(layout, context):
     hologram = field.hologram
     there = session.current.rendered
     whose = "" if there == context.scene.name else f", of the scene '{there}'"
-    _text(
+    wrapped(
         layout,
         context,
         f"Stored: {hologram.width} × {hologram.height} pixels, "
-        f"{_count(len(hologram.wavelengths), 'wavelength')}, {_count(len(field.data), 'frame')}{whose}",
+        f"{count(len(hologram.wavelengths), 'wavelength')}, {count(len(field.data), 'frame')}{whose}",
     )
 
 
@@ -256,10 +255,16 @@ def hologram(layout, context):
     phase = session.current.phase
     if phase is None:
         text = "Render a hologram to encode it." if session.current.field is None else "Not encoded yet."
-        _text(layout, context, text, icon="INFO")
+        wrapped(layout, context, text, icon="INFO")
         return
     if len(phase.data) > 1:
         layout.prop(props, "phase_frame", text=f"Frame (0 to {len(phase.data) - 1})")
+    layout.prop(props, "refocused")
+    if props.refocused == "PHASE":
+        column = layout.column(align=True)
+        column.prop(props, "fill_factor")
+        column.prop(props, "unmodulated")
+        column.prop(props, "crosstalk")
     layout.operator("holopath.save_hologram", icon="FILE_TICK")
 
 
@@ -270,45 +275,31 @@ def estimate(layout, context):
     if plan is None:
         return
     cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
-    _text(layout, context, f"{cost}.")
+    wrapped(layout, context, f"{cost}.")
     for warning in plan.warnings:
-        _text(layout, context, warning, icon="ERROR")
+        wrapped(layout, context, warning, icon="ERROR")
     for decision in plan.decisions:
         column = layout.column(align=True)
-        _text(column, context, f"{_title(decision.name)}: {decision.value}")
+        wrapped(column, context, f"{_title(decision.name)}: {decision.value}")
         reason = column.column(align=True)
         reason.active = False
-        _text(reason, context, decision.reason)
+        wrapped(reason, context, decision.reason)
 
 
 def notes(layout, context):
     """What the exporter approximated or left out."""
     if session.plan_of(context.scene) is None:
-        _text(
+        wrapped(
             layout, context, "Estimate, or render: then this lists what is approximated, baked or left out."
         )
         return
     if not session.current.notes:
-        _text(layout, context, "Nothing was approximated or left out.")
+        wrapped(layout, context, "Nothing was approximated or left out.")
     for note in session.current.notes:
-        _text(layout, context, note, icon="DOT")
-
-
-def _count(number, thing):
-    """``1 frame``, ``8 frames``."""
-    return f"{number} {thing}{'' if number == 1 else 's'}"
+        wrapped(layout, context, note, icon="DOT")
 
 
 def _title(name):
     """A decision's name as Blender writes labels: ``settings.phase_field`` is ``Phase field``."""
     name = name.removeprefix("settings.").replace("_", " ")
     return name[:1].upper() + name[1:]
-
-
-def _text(layout, context, text, icon="NONE"):
-    """Label that wraps at the region's width."""
-    scale = context.preferences.system.ui_scale
-    characters = max(16, int((context.region.width / scale - 60) / 6.2))
-    column = layout.column(align=True)
-    for number, line in enumerate(textwrap.wrap(text, characters)):
-        column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1")

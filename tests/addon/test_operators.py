@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, preferences
+from holopath_addon import engine, pipeline, preferences
 from holopath_addon.engine import rendering
 from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
@@ -309,7 +309,7 @@ def test_cancelled_render_keeps_the_last_one(scene, monkeypatch):
 def test_a_failure_outlives_the_picture_that_comes_back(scene):
     """In a window the picture before is made in a thread, and is there after the failure was told."""
     bpy.ops.holopath.render_hologram()
-    session.current.wanted = (2.0, None)
+    session.current.wanted = (2.0, None, None)
     session._start_refocus()
     session.fail(engine.InvalidInput("No."))
     assert session.current.refocus.wait(30)
@@ -341,6 +341,56 @@ def test_encode_and_save(scene, tmp_path):
     assert session.current.phase is None  # of the field before
 
 
+def test_refocus_the_hologram(scene):
+    """Once it is encoded, the picture is of the phases, as the display shows them, where that is chosen."""
+    bpy.ops.holopath.render_hologram()
+    of_the_field = picture()
+    scene.holopath.refocused = "PHASE"  # nothing is encoded yet
+    np.testing.assert_array_equal(picture(), of_the_field)
+    scene.holopath.encoding = "sgd"
+    bpy.ops.holopath.encode()
+    props = session.current.phase
+    assert props.method == "sgd"
+    of_the_phases = picture()
+    assert np.abs(of_the_phases - of_the_field).max() > 0.01 * of_the_field.max()
+    scene.holopath.bits = 1
+    coarse = picture()
+    assert np.abs(coarse - of_the_phases).mean() > 0.01 * of_the_phases.mean()
+    scene.holopath.crosstalk = 1.0
+    assert np.abs(picture() - coarse).mean() > 0.01 * coarse.mean()
+    scene.holopath.refocused = "FIELD"
+    np.testing.assert_array_equal(picture(), of_the_field)
+    bpy.ops.holopath.encode()  # bits in the loop
+    levels = session.current.phase.data / np.pi
+    np.testing.assert_allclose(levels, np.round(levels), atol=1e-5)
+
+
+def test_encode_with_references(scene):
+    """The scene as it was rendered, whatever has become of it since."""
+    scene.holopath.method, scene.holopath.frames = "full", 2
+    bpy.ops.holopath.render_hologram()
+    for thing in list(scene.objects):
+        bpy.data.objects.remove(thing)
+    assert bpy.ops.holopath.encode() == {"FINISHED"}
+    assert session.current.phase.method == "refine"
+
+
+def test_stopping_an_encoding_keeps_it(scene, monkeypatch):
+    bpy.ops.holopath.render_hologram()
+    plain = pipeline.encode
+
+    def encode(field, method, progress, *rest, **options):
+        def stop(done, message):
+            if "dB" in message:
+                raise engine.Cancelled
+
+        return plain(field, method, stop, *rest, **options)
+
+    monkeypatch.setattr(pipeline, "encode", encode)
+    assert bpy.ops.holopath.encode() == {"FINISHED"}
+    assert session.current.phase.report["stopped"]
+
+
 def test_without_a_backend(scene, monkeypatch):
     """The panel says what to install; once it is there, a press of Check Again finds it."""
     monkeypatch.setattr(engine.backend, "_candidates", lambda: [])
@@ -365,7 +415,7 @@ def test_dioptres_in_view(scene):
 
 def test_a_picture_of_an_earlier_field_is_dropped(scene):
     bpy.ops.holopath.render_hologram()
-    session.current.wanted = (2.0, None)
+    session.current.wanted = (2.0, None, None)
     session._start_refocus()
     assert session.current.refocus.wait(30)
     scene.holopath.resolution_x = 48
@@ -379,11 +429,11 @@ def test_a_picture_of_an_earlier_field_is_dropped(scene):
 def test_phases_of_an_earlier_field_are_dropped(scene, monkeypatch):
     bpy.ops.holopath.render_hologram()
 
-    def encode(field, *_):
+    def encode(field, *_, **__):
         session.current.refocuser = engine.Refocuser(field.__class__(**vars(field)))  # F12, meanwhile
         return None
 
-    monkeypatch.setattr(engine, "encode", encode)
+    monkeypatch.setattr(pipeline, "encode", encode)
     with pytest.raises(RuntimeError, match="press Encode again"):
         bpy.ops.holopath.encode()
     assert session.current.phase is None

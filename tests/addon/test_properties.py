@@ -95,18 +95,20 @@ def test_pupil(settings):
 
 def test_every_setting_says_what_it_is(settings):
     item = properties.HoloPathFocus.bl_rna.properties
-    for prop in (*settings.bl_rna.properties, *item):
-        if prop.identifier in ("rna_type", "name"):
+    for prop in (*settings.bl_rna.properties, *settings.device.bl_rna.properties, *item):
+        if prop.identifier in ("rna_type", "name", "device"):
             continue
         assert prop.description, prop.identifier
         assert not prop.description.endswith("."), prop.identifier
         unit = prop.name.partition("(")[2].rstrip(")")
         word = {
+            "µs": "microsecond",
             "µm": "micrometre",
             "mm": "millimetre",
             "nm": "nanometre",
             "m": "metre",
             "dioptres": "dioptre",
+            "pixels": "pixels",
             "": "",
         }
         assert word[unit] in prop.description, prop.identifier
@@ -123,16 +125,28 @@ NUMBERS = {
     "estimator": "lattice paper",
     "radiance": "grain ray",
     "virtual_image": "curvature opl",
-    "encoding": "dpac",
+    "encoding": "dpac auto sgd joint refine",
+    "refocused": "FIELD PHASE",
+}
+DEVICE_NUMBERS = {
+    "driver": "display serial slmsuite files virtual",
+    "model": "holoeye meadowlark santec hamamatsu ti-plm mirrored remote simulated",
+    "packing": "time colour bits",
+    "order": "RGB GRB BRG RBG GBR BGR",
 }
 
 
-def test_numbers_in_files_stay(settings):
-    enums = {p.identifier: p for p in settings.bl_rna.properties if p.type == "ENUM"}
-    for name, words in NUMBERS.items():
+@pytest.mark.parametrize("numbers", [NUMBERS, DEVICE_NUMBERS])
+def test_numbers_in_files_stay(settings, numbers):
+    group = settings if numbers is NUMBERS else settings.device
+    enums = {p.identifier: p for p in group.bl_rna.properties if p.type == "ENUM"}
+    for name, words in numbers.items():
         held = {item.identifier: item.value for item in enums.pop(name).enum_items}
         assert held == {word: number for number, word in enumerate(words.split())}, name
     assert not enums, "a new enum: pin its numbers here"
+
+
+GROUPS = ("rna_type", "name", "focus_list", "device")
 
 
 def other(settings, prop):
@@ -145,13 +159,17 @@ def other(settings, prop):
     value = getattr(settings, prop.identifier)
     if prop.type == "STRING":
         return value + "x"
-    return tuple(v * 1.5 + 1 for v in value) if prop.is_array else type(value)(value * 1.5 + 1)
+    if prop.is_array:
+        return tuple(v * 1.5 + 1 for v in value)
+    return type(value)(value * 1.5 + 1 if value < prop.hard_max else value / 2)
 
 
 def held(settings):
     """Every setting's value."""
-    names = [p.identifier for p in settings.bl_rna.properties if p.identifier not in ("rna_type", "name")]
-    values = {name: getattr(settings, name) for name in names if name != "focus_list"}
+    names = [p.identifier for p in settings.bl_rna.properties if p.identifier not in GROUPS]
+    values = {name: getattr(settings, name) for name in names}
+    device = settings.device
+    values |= {f"device.{n}": getattr(device, n) for n in device.bl_rna.properties.keys() if n not in GROUPS}
     values["focus_list"] = [item.focus for item in settings.focus_list]
     return {name: tuple(v) if hasattr(v, "foreach_get") else v for name, v in values.items()}
 
@@ -159,14 +177,16 @@ def held(settings):
 def test_settings_survive_a_file(settings, tmp_path):
     before = held(settings)
     for prop in settings.bl_rna.properties:
-        if prop.identifier in ("rna_type", "name", "focus_list", "focus_infinity", "focus_dioptres"):
-            continue
-        setattr(settings, prop.identifier, other(settings, prop))
+        if prop.identifier not in (*GROUPS, "focus_infinity", "focus_dioptres"):
+            setattr(settings, prop.identifier, other(settings, prop))
+    for prop in settings.device.bl_rna.properties:
+        if prop.identifier not in GROUPS:
+            setattr(settings.device, prop.identifier, other(settings.device, prop))
     for metres in (0.5, properties.LARGEST_FOCUS):
         settings.focus_list.add().focus = metres
     values = held(settings)
     same = {name for name in values if values[name] == before[name]}
-    assert same <= {"focus_infinity", "encoding"}, "not tried"
+    assert same <= {"focus_infinity"}, "not tried"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "settings.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     assert held(bpy.context.scene.holopath) == before

@@ -26,21 +26,29 @@ class Blender:
 
     def __call__(self, *arguments, timeout=300):
         """Run Blender and return its status and all that it printed; it never outlives `timeout` seconds."""
-        process = subprocess.Popen(
-            [BLENDER, *map(str, arguments)],
+        process = self.start([BLENDER, *map(str, arguments)])
+        try:
+            output, _ = process.communicate(timeout=timeout)
+        finally:
+            self.end(process)
+        return process.returncode, output
+
+    def start(self, command, more=()):
+        """The process of a command that runs Blender, with more in its environment."""
+        return subprocess.Popen(
+            command,
             cwd=ROOT,
-            env=self.environment,
+            env=self.environment | dict(more),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
         )
-        try:
-            output, _ = process.communicate(timeout=timeout)
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-        return process.returncode, output
+
+    def end(self, process):
+        """Whatever it still does."""
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 @pytest.fixture(scope="module")

@@ -107,6 +107,7 @@ def steps():
     bpy.ops.preferences.addon_disable(module=NAME)
     for _ in range(8):  # its last timer takes back what an operator changed in the window
         yield
+    result["held_disabled"] = sum(task() is not None for task in tasks)
     result["disabled"] = traces()
     for _ in range(3):
         bpy.ops.preferences.addon_enable(module=NAME)

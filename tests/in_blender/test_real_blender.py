@@ -162,8 +162,10 @@ def test_window(blender, tmp_path):
     assert result["steps"] == steps.split()
     assert result["pressed"] == ["RUNNING_MODAL"] and result["twice"] is False
     assert result["size"] == [256, 256] and result["middle"] > 5 * result["corners"]
-    # A window that waited for the work would stand still for seconds; these limits leave room for slow machines.
-    assert result["gaps_again"]["longest"][0][0] < 1 and result["gaps_again"]["count"] > 20
+    # A window that waited for the work would stand still for seconds, in one gap as long as all of it; these
+    # limits leave room for slow machines.
+    again = result["gaps_again"]
+    assert again["longest"][0][0] < min(1, again["seconds"] / 2) and again["count"] > 5
     assert result["refocus"] < 3 and result["cancelled"] < 3
     assert result["played"] > 2 and result["stopped"] is True
     assert result["phases"] == [4, True, True]
@@ -191,7 +193,9 @@ def test_life_cycle(blender, tmp_path):
     assert "error" not in result, f"{result}\n{output}"
     assert status == 0, output
     assert result["steps"] == ["rendered", *3 * ["Cancelled"], "rendered", "rendered"]
-    assert (result["tasks"], result["held"]) == (5, 0), "exported scenes stay in memory"
+    # the scene that was rendered last is kept, for an encoding that wants references of it
+    assert (result["tasks"], result["held"]) == (5, 1), "exported scenes stay in memory"
+    assert result["held_disabled"] == 0
     assert "class HOLOPATH_OT_render_hologram" in result["enabled"]
     assert result["enabled_again"] == result["reloaded"] == result["enabled"]
     assert result["disabled"] == result["disabled_again"] == result["uninstalled"] == []

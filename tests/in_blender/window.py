@@ -63,9 +63,14 @@ class Ticks:
         return self.STEP
 
     def stop(self):
-        """The longest gaps, seconds, longest first, each with what the work was doing; and how many there were."""
+        """The longest gaps, seconds, longest first, each with what the work was doing; all of them, and how many."""
         bpy.app.timers.unregister(self._timer)
-        return {"longest": sorted(self._gaps, reverse=True)[:12], "count": len(self._gaps)}
+        seconds = sum(gap for gap, _ in self._gaps)
+        return {
+            "longest": sorted(self._gaps, reverse=True)[:12],
+            "seconds": seconds,
+            "count": len(self._gaps),
+        }
 
 
 def session():

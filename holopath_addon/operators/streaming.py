@@ -1,0 +1,309 @@
+"""Show the hologram on a device, move the camera's focus and take pictures."""
+
+import math
+import tempfile
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+
+from .. import device_properties, engine, failures, slm
+from . import devices, session
+from .working import Working
+
+POLL = 0.1  # seconds
+PATIENCE = 30.0  # seconds that a script waits for a lost device; in the window it is until it is stopped
+
+
+class HOLOPATH_OT_stream(bpy.types.Operator):
+    """Show the encoded hologram on the device, until it is stopped or its loops are over"""
+
+    bl_idname = "holopath.stream"
+    bl_label = "Stream to Device"
+
+    @classmethod
+    def poll(cls, context):
+        if session.current.phase is None:
+            cls.poll_message_set("Encode a hologram first")
+            return False
+        if devices.streaming():
+            cls.poll_message_set("A device shows a hologram: stop it first")
+            return False
+        return context.scene is not None
+
+    def _begin(self, context, endless):
+        """The job; `endless`: whether no number of loops means none."""
+        device = context.scene.holopath.device
+        sequence = device_properties.sequence_of(device, session.current.phase)
+        driver, trigger = device_properties.driver_of(device, sequence), None
+        port = device.port, device.baud
+        if device.driver == "serial":
+            devices.release()  # the port can be open once
+            devices.current.port = port
+        if device.trigger:
+            controller = getattr(driver, "controller", None) or devices.controller(*port)
+            pulse = device.pulse
+
+            def trigger(number):
+                controller.trigger(number, pulse)
+
+        loops = 1 if device.driver in ("files", "virtual") else device.loops or (None if endless else 1)
+        rate = device.rate if device.driver != "files" else 0.0
+        return devices.stream(
+            driver, sequence, rate or None, loops, trigger, math.inf if endless else PATIENCE
+        )
+
+    def execute(self, context):
+        """Show it and wait for the end: without a number of loops, once."""
+        try:
+            self._begin(context, endless=False).run()
+        except Exception as error:
+            self.report({"ERROR"}, devices.fail(error))
+            return {"CANCELLED"}
+        return self._end()
+
+    def invoke(self, context, event):
+        """Show it in a thread; the window stays usable."""
+        if bpy.app.background or context.window is None:
+            return self.execute(context)
+        try:
+            self._begin(context, endless=True).start()
+        except Exception as error:
+            self.report({"ERROR"}, devices.fail(error))
+            return {"CANCELLED"}
+        self._job, self._lost = devices.current.job, ""
+        devices.current.timer = context.window_manager.event_timer_add(POLL, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        session.redraw(images=False)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """Poll the thread; Esc stops, where it does not cancel a render."""
+        if devices.current.job is not self._job or devices.current.timer is None:
+            return {"FINISHED", "PASS_THROUGH"}
+        if event.type == "ESC" and event.value == "PRESS" and not session.running():
+            devices.stop()
+            return {"RUNNING_MODAL"}
+        if event.type == "TIMER":
+            if not self._job.running:
+                devices.leave()
+                return self._end()
+            counts = devices.current.counts
+            lost = counts.lost if counts is not None else ""
+            if lost and lost != self._lost:
+                self.report({"WARNING"}, f"{lost} HoloPath waits for it.")
+            elif self._lost and not lost:
+                self.report({"INFO"}, "The device is there again: going on.")
+            self._lost = lost
+            session.redraw(images=False)
+        return {"PASS_THROUGH"}
+
+    def cancel(self, context):
+        """The window closes or another file is opened."""
+        devices.stop()
+        devices.leave()
+
+    def _end(self):
+        job, counts = devices.current.job, devices.current.counts
+        session.redraw()
+        if job.error is not None and not failures.cancelled(job.error):
+            self.report({"ERROR"}, devices.fail(job.error))
+            return {"CANCELLED"}
+        self.report(
+            {"INFO"}, f"{'Stopped' if job.error else 'Done'}: {job.result or counts or 'nothing was shown'}."
+        )
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_stop_streaming(bpy.types.Operator):
+    """Stop showing the hologram on the device"""
+
+    bl_idname = "holopath.stop_streaming"
+    bl_label = "Stop"
+
+    @classmethod
+    def poll(cls, context):
+        return devices.streaming()
+
+    def execute(self, context):
+        devices.stop()
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_find_devices(Working, bpy.types.Operator):
+    """Look for monitors and serial ports; their fields then offer what was found"""
+
+    bl_idname = "holopath.find_devices"
+    bl_label = "Find Devices"
+    doing = "looking for devices"
+
+    def work(self, scene):
+        def look(job, progress):
+            progress(0.1, "Looking for devices")
+            try:
+                monitors = [f"{m.name} {m.geometry}" for m in slm.monitors()]
+            except engine.InvalidInput:
+                monitors = []
+            return {"monitors": monitors, "ports": [name for name, _ in slm.serial_ports()]}
+
+        return look
+
+    def finish(self, context, result):
+        device_properties.found.update(result)
+        monitors, ports = len(result["monitors"]), len(result["ports"])
+        return f"{monitors} monitor{'' if monitors == 1 else 's'}, {ports} serial port{'' if ports == 1 else 's'} found"
+
+
+class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
+    """Move the camera's focus to the plane"""
+
+    bl_idname = "holopath.focus_plane"
+    bl_label = "Focus Camera"
+    doing = "focusing"
+
+    def work(self, scene):
+        device = bpy.data.scenes[scene].holopath.device
+        planes = device_properties.planes_of(device, _phase())
+        move, number = _mover(device, planes), device.plane
+
+        def focus(job, progress):
+            move(number, lambda where: progress(0.5, f"Focusing: {where}"))
+            return number, planes.planes[number].distance
+
+        return focus
+
+    def finish(self, context, result):
+        return f"Camera at plane {result[0]}, {result[1] * 1e3:g} mm,"
+
+
+class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
+    """Store where the motor of the focus is as this plane's position"""
+
+    bl_idname = "holopath.store_plane"
+    bl_label = "Store Position"
+    doing = "asking the motor"
+
+    def work(self, scene):
+        device = bpy.data.scenes[scene].holopath.device
+        if not device.planes:
+            raise engine.InvalidInput("There are no focus planes: choose their file, or make one with New.")
+        path, number, port = bpy.path.abspath(device.planes), device.plane, (device.port, device.baud)
+        planes = slm.FocusPlanes.load(path)
+        planes.calibrated(number, 0)  # there is such a plane
+
+        def store(job, progress):
+            position = devices.controller(*port).position()
+            planes.calibrated(number, position).save(path)
+            return number, position
+
+        return store
+
+    def finish(self, context, result):
+        return f"Plane {result[0]} is position {result[1]}, stored"
+
+
+class HOLOPATH_OT_new_planes(bpy.types.Operator):
+    """Write a file of five focus planes, 80 to 85 mm from the SLM, without positions yet"""
+
+    bl_idname = "holopath.new_planes"
+    bl_label = "New"
+
+    filepath: StringProperty(name="File", description="JSON file to write", subtype="FILE_PATH")
+
+    def invoke(self, context, event):
+        self.filepath = self.filepath or "focus_planes.json"
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        path = Path(bpy.path.abspath(self.filepath)).with_suffix(".json")
+        try:
+            if path.exists():
+                raise engine.InvalidInput(
+                    f"{path} exists: choose another name, so that no calibration is lost."
+                )
+            slm.FocusPlanes.spread().save(path)
+        except Exception as error:
+            self.report({"ERROR"}, devices.fail(error))
+            return {"CANCELLED"}
+        context.scene.holopath.device.planes = str(path)
+        self.report({"INFO"}, f"Five focus planes are in {path}.")
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_capture(Working, bpy.types.Operator):
+    """Take a picture at the plane: by the camera's command, or the virtual bench's camera"""
+
+    bl_idname = "holopath.capture"
+    bl_label = "Capture"
+    doing = "taking a picture"
+
+    def work(self, scene):
+        device = bpy.data.scenes[scene].holopath.device
+        planes, number = device_properties.planes_of(device, _phase()), device.plane
+        planes.calibrated(number, 0)  # there is such a plane
+        distance = planes.planes[number].distance
+        if device.driver == "virtual":
+            bench = _bench()
+
+            def capture(job, progress):
+                progress(0.1, "Taking a picture")
+                bench.focus_at(distance)
+                return distance, bench.capture()
+
+            return capture
+        if not device.camera:
+            raise engine.InvalidInput("There is no camera: give the command that takes a picture.")
+        command = device.camera
+
+        def run(job, progress):
+            progress(0.1, "Taking a picture")
+            folder = tempfile.TemporaryDirectory(prefix="holopath-")
+            slm.run_camera(command, Path(folder.name) / "picture.png", number, distance)
+            return distance, folder
+
+        return run
+
+    def finish(self, context, result):
+        distance, picture = result
+        if isinstance(picture, tempfile.TemporaryDirectory):
+            with picture as folder:
+                image = devices.load(Path(folder) / "picture.png")
+        else:
+            image = devices.show(picture, devices.current.phase.hologram.wavelengths)
+        self.present(context, image)
+        return f"Picture for {distance * 1e3:g} mm taken"
+
+
+def _phase():
+    """The hologram that a device shows, or would."""
+    return devices.current.phase or session.current.phase
+
+
+def _bench():
+    bench = devices.current.driver
+    if not isinstance(bench, slm.VirtualDriver):
+        raise engine.InvalidInput("The virtual bench shows nothing yet: press Stream to Device.")
+    return bench
+
+
+def _mover(device, planes):
+    """``move(number, progress)`` for the camera's focus."""
+    if device.driver == "virtual":
+        bench = _bench()
+        planes.calibrated(device.plane, 0)  # there is such a plane
+        return lambda number, progress: bench.focus_at(planes.planes[number].distance)
+    planes.position(device.plane)
+    port = device.port, device.baud
+    return lambda number, progress: devices.controller(*port).focus(planes.position(number), progress)
+
+
+CLASSES = (
+    HOLOPATH_OT_stream,
+    HOLOPATH_OT_stop_streaming,
+    HOLOPATH_OT_find_devices,
+    HOLOPATH_OT_focus_plane,
+    HOLOPATH_OT_store_plane,
+    HOLOPATH_OT_new_planes,
+    HOLOPATH_OT_capture,
+)

@@ -1,0 +1,370 @@
+"""What a device needs so that its pixels have the phases that are meant, and its form on disk."""
+
+import json
+import math
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..engine.errors import InvalidInput
+from ..engine.modulator import grey_levels
+
+FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
+STEPS = 1 << 16  # of a turn, in the table from phase to level
+LARGEST = 1 << 15  # pixels of a side
+SAME = 0.5e-9  # metres within which a wavelength is the one that was measured
+
+
+def _scale(measured, wavelength):
+    """Phase at a wavelength in terms of that at the one where it was measured: the optical path is the same."""
+    return 1.0 if wavelength is None or abs(wavelength - measured) < SAME else measured / wavelength
+
+
+def _check_wavelength(wavelength):
+    if not 1e-7 < wavelength < 1e-4:
+        raise InvalidInput(
+            f"A wavelength of {wavelength * 1e9:g} nm is out of reach: give one in nm, 100 to 100000."
+        )
+
+
+@dataclass(frozen=True)
+class Response:
+    """Phase that a device's levels give at one wavelength.
+
+    Parameters
+    ----------
+    wavelength : float
+        Metres, at which it was measured.
+    range : float
+        Turns (fractions of 2 pi) that all levels span together: level n of N gives 2 pi range n / N.
+    curve : tuple of (float, float), optional
+        Measured instead: level and phase in radians, not wrapped, at least two, between which lines are drawn; they
+        span all levels.
+
+    Raises
+    ------
+    InvalidInput
+        On a response that no device can have.
+    """
+
+    wavelength: float
+    range: float = 1.0
+    curve: tuple | None = None
+
+    def __post_init__(self):
+        _check_wavelength(self.wavelength)
+        if not 0.05 <= self.range <= 20:
+            raise InvalidInput(f"A range of {self.range:g} turns is no SLM's: give a number near 1.")
+        if self.curve is not None:
+            try:
+                curve = np.asarray(self.curve, float)
+            except (TypeError, ValueError):
+                curve = np.empty(0)
+            if curve.ndim != 2 or curve.shape[1] != 2 or len(curve) < 2 or not np.isfinite(curve).all():
+                raise InvalidInput(
+                    "A measured curve is a list of pairs of level and phase in radians, at least two."
+                )
+            if (np.diff(curve[:, 0]) <= 0).any():
+                raise InvalidInput("The levels of a measured curve must rise.")
+            object.__setattr__(self, "curve", tuple(map(tuple, curve.tolist())))
+
+    def phases(self, bits, wavelength=None):
+        """Phase of each level at a wavelength, radians, array of 2^bits.
+
+        Away from where it was measured the phase goes as 1 / wavelength: the optical path stays, dispersion is left
+        out.
+        """
+        levels = np.arange(2**bits)
+        if self.curve is None:
+            phases = levels * (2 * math.pi * self.range / 2**bits)
+        else:
+            at, phases = np.transpose(self.curve)
+            if at[0] > 0 or at[-1] < levels[-1]:
+                raise InvalidInput(
+                    f"The curve at {self.wavelength * 1e9:g} nm runs from level {at[0]:g} to {at[-1]:g}: measure it "
+                    f"from 0 to {levels[-1]}."
+                )
+            phases = np.interp(levels, at, phases)
+        return phases * _scale(self.wavelength, wavelength)
+
+    def linear(self, wavelength):
+        """Whether the levels are even steps of one whole turn."""
+        return self.curve is None and math.isclose(
+            self.range * _scale(self.wavelength, wavelength), 1.0, rel_tol=1e-9
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """How phases become a device's levels.
+
+    Parameters
+    ----------
+    device : str
+    bits : int
+        Of a level, 1 to 16.
+    size : (int, int), optional
+        Width and height in pixels. Default: the hologram's.
+    flip_x, flip_y : bool
+        Mirror left and right, up and down.
+    shift : (int, int)
+        Pixels that the hologram is moved right and down from the device's middle.
+    responses : tuple of Response
+        Measured at one or more wavelengths; the nearest one is taken and scaled. Default: even steps of one turn at
+        every wavelength.
+    correction : numpy.ndarray, float32, shape (y, x), optional
+        Phase in radians that is added at each of the device's pixels, so that a flat hologram is flat.
+    correction_wavelength : float, optional
+        Metres, at which that was measured; at others it goes as 1 / wavelength.
+
+    Raises
+    ------
+    InvalidInput
+    """
+
+    device: str = ""
+    bits: int = 8
+    size: tuple | None = None
+    flip_x: bool = False
+    flip_y: bool = False
+    shift: tuple = (0, 0)
+    responses: tuple = ()
+    correction: np.ndarray | None = field(default=None, repr=False)
+    correction_wavelength: float | None = None
+
+    def __post_init__(self):
+        if not 1 <= self.bits <= 16:
+            raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
+        if self.size is not None and not (1 <= min(self.size) and max(self.size) <= LARGEST):
+            raise InvalidInput(
+                f"A device of {self.size[0]} x {self.size[1]} pixels cannot be: give its size."
+            )
+        if self.correction is not None:
+            correction = np.ascontiguousarray(self.correction, np.float32)
+            if correction.ndim != 2 or not np.isfinite(correction).all():
+                raise InvalidInput("The correction is no map of finite phases, one a pixel.")
+            if self.size is not None and correction.shape != tuple(self.size)[::-1]:
+                raise InvalidInput(
+                    f"The correction has {correction.shape[1]} x {correction.shape[0]} pixels, the device "
+                    f"{self.size[0]} x {self.size[1]}: give one of the device's size."
+                )
+            if self.correction_wavelength is None:
+                raise InvalidInput("The correction lacks the wavelength at which it was measured.")
+            _check_wavelength(self.correction_wavelength)
+            object.__setattr__(self, "correction", correction)
+
+    def response(self, wavelength):
+        """The `Response` that was measured nearest to a wavelength."""
+        if not self.responses:
+            return Response(wavelength)
+        return min(self.responses, key=lambda r: abs(r.wavelength - wavelength))
+
+    def table(self, wavelength):
+        """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle."""
+        phases = np.mod(self.response(wavelength).phases(self.bits, wavelength), 2 * math.pi)
+        order = np.argsort(phases, kind="stable")
+        ring = phases[order]
+        edges = np.append((ring[1:] + ring[:-1]) / 2, (ring[0] + 2 * math.pi + ring[-1]) / 2)
+        wanted = np.arange(STEPS) * (2 * math.pi / STEPS)
+        wanted = np.where(wanted < edges[-1] - 2 * math.pi, wanted + 2 * math.pi, wanted)
+        nearest = np.searchsorted(edges, wanted, side="left") % len(ring)
+        return order[nearest].astype(np.uint8 if self.bits <= 8 else np.uint16)
+
+    def levels(self, phases, wavelength, table=None):
+        """Levels for the device's pixels.
+
+        Parameters
+        ----------
+        phases : numpy.ndarray, shape (y, x)
+            Radians, of a hologram that is no larger than the device.
+        wavelength : float
+            Metres.
+        table : numpy.ndarray, optional
+            `table` of that wavelength, where it is kept.
+
+        Returns
+        -------
+        numpy.ndarray, uint8 or uint16, shape (height, width)
+
+        Raises
+        ------
+        InvalidInput
+            If the hologram does not fit.
+        """
+        phases = np.asarray(phases, np.float32)[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
+        phases = self._placed(phases)
+        if self.correction is not None:
+            phases = np.mod(
+                phases + self._scaled_correction(wavelength, phases.shape), np.float32(2 * math.pi)
+            )
+        if self.response(wavelength).linear(wavelength):
+            return grey_levels(phases, self.bits).astype(np.uint8 if self.bits <= 8 else np.uint16)
+        table = self.table(wavelength) if table is None else table
+        return table[np.round(phases * np.float32(STEPS / (2 * math.pi))).astype(np.uint32) & (STEPS - 1)]
+
+    def _scaled_correction(self, wavelength, shape):
+        if self.correction.shape != shape:
+            raise InvalidInput(
+                f"The correction has {self.correction.shape[1]} x {self.correction.shape[0]} pixels, what is shown "
+                f"{shape[1]} x {shape[0]}: give the device's size in the calibration."
+            )
+        return np.float32(_scale(self.correction_wavelength, wavelength)) * self.correction
+
+    def _placed(self, phases):
+        """On the device, in its middle but for the shift; around it is phase 0."""
+        height, width = phases.shape
+        to_width, to_height = self.size or (width, height)
+        if width > to_width or height > to_height:
+            raise InvalidInput(
+                f"The hologram has {width} x {height} pixels, the device only {to_width} x {to_height}: render it "
+                "for this device, or choose another."
+            )
+        if (to_width, to_height) == (width, height) and tuple(self.shift) == (0, 0):
+            return phases
+        there, here = self._windows(phases.shape, (to_height, to_width))
+        placed = np.zeros((to_height, to_width), np.float32)
+        placed[there] = phases[here]
+        return placed
+
+    def _windows(self, hologram, device):
+        """Slices of the device's and of the hologram's pixels, shapes (y, x), that lie on each other."""
+        there, here = [], []
+        for size, whole, shift in zip(hologram, device, self.shift[::-1], strict=True):
+            begin = (whole - size) // 2 + shift
+            first, last = max(begin, 0), min(begin + size, whole)
+            if first >= last:
+                raise InvalidInput(
+                    f"A shift of {self.shift[0]}, {self.shift[1]} pixels moves the hologram off the device."
+                )
+            there.append(slice(first, last))
+            here.append(slice(first - begin, last - begin))
+        return tuple(there), tuple(here)
+
+    def seen(self, levels, wavelength, shape):
+        """What a device that this calibration describes makes of levels: the reverse of `levels`.
+
+        Parameters
+        ----------
+        levels : numpy.ndarray, integers, shape (height, width)
+            Of the device's pixels.
+        wavelength : float
+            Metres.
+        shape : (int, int)
+            Rows and columns of the hologram.
+
+        Returns
+        -------
+        numpy.ndarray, float32, shape (y, x)
+            Phases in [0, 2 pi) at the hologram's pixels; 0 where they lie beside the device.
+        """
+        phases = self.response(wavelength).phases(self.bits, wavelength).astype(np.float32)[levels]
+        if self.correction is not None:
+            phases = phases - self._scaled_correction(wavelength, phases.shape)
+        there, here = self._windows(shape, phases.shape)
+        seen = np.zeros(shape, np.float32)
+        seen[here] = np.mod(phases[there], np.float32(2 * math.pi))
+        return seen[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
+
+    def save(self, path):
+        """Write a JSON file, and beside it ``.npy`` for the correction.
+
+        Raises
+        ------
+        OSError
+        """
+        path = Path(path)
+        correction = None
+        if self.correction is not None:
+            name = path.stem + ".correction.npy"
+            part = path.with_name(f".part-{name}")
+            with open(part, "wb") as file:
+                np.save(file, self.correction)
+            os.replace(part, path.with_name(name))
+            correction = {"file": name, "wavelength_nm": self.correction_wavelength * 1e9}
+        said = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "device": self.device,
+            "bits": self.bits,
+            "size": list(self.size) if self.size else None,
+            "flip_x": self.flip_x,
+            "flip_y": self.flip_y,
+            "shift": list(self.shift),
+            "responses": [
+                {"wavelength_nm": r.wavelength * 1e9, "range": r.range, "curve": r.curve}
+                for r in self.responses
+            ],
+            "correction": correction,
+        }
+        part = path.with_name(f".part-{path.name}")
+        part.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+        os.replace(part, path)
+
+    @classmethod
+    def load(cls, path):
+        """Read what `save` wrote, or what was written by hand: all but ``format`` may be left out.
+
+        The correction may also be a picture of 8 bits, of which 256 levels are a turn, as makers of SLMs give it.
+
+        Raises
+        ------
+        InvalidInput
+            If the file cannot be read or says what no device has.
+        """
+        path = Path(path)
+        try:
+            said = json.loads(path.read_text(encoding="utf-8"))
+            if said["format"] != FORMAT or said.get("format_version", 1) != FORMAT_VERSION:
+                raise ValueError("another format, or a newer one")
+            correction, at = None, None
+            if said.get("correction"):
+                at = float(said["correction"]["wavelength_nm"]) * 1e-9
+                correction = _read_map(path.with_name(str(said["correction"]["file"])))
+            size = said.get("size")
+            return cls(
+                str(said.get("device", "")),
+                int(said.get("bits", 8)),
+                _pair(size) if size else None,
+                _truth(said.get("flip_x", False)),
+                _truth(said.get("flip_y", False)),
+                _pair(said.get("shift", (0, 0))),
+                tuple(
+                    Response(float(r["wavelength_nm"]) * 1e-9, float(r.get("range", 1.0)), r.get("curve"))
+                    for r in said.get("responses", ())
+                ),
+                correction,
+                at,
+            )
+        except InvalidInput as error:
+            raise InvalidInput(f"The calibration {path}: {error}") from None
+        except Exception as error:  # there is no end to what a file may hold
+            reason = f"it lacks {error}" if isinstance(error, KeyError) else error
+            raise InvalidInput(
+                f"The calibration {path} cannot be read ({reason}): see docs/slm.md."
+            ) from None
+
+
+def _truth(value):
+    if not isinstance(value, bool):
+        raise ValueError(f"{value!r} is neither true nor false")
+    return value
+
+
+def _pair(values):
+    first, second = values
+    return int(first), int(second)
+
+
+def _read_map(path):
+    """Phases in radians from an array or a picture."""
+    if path.suffix.lower() == ".npy":
+        return np.load(path, allow_pickle=False)
+    import mitsuba as mi
+
+    levels = np.array(mi.Bitmap(str(path)), copy=False)
+    if levels.dtype != np.uint8:
+        raise ValueError(f"{path.name} is no picture of 8 bits")
+    levels = levels if levels.ndim == 2 else levels[..., 0]
+    return (levels * (2 * math.pi / 256)).astype(np.float32)

@@ -1,0 +1,162 @@
+"""Packets on the serial line: how they are written, and found again among damaged bytes.
+
+The protocol is written down in docs/serial-protocol.md; all numbers are little-endian.
+"""
+
+import enum
+import struct
+import zlib
+from dataclasses import dataclass
+
+VERSION = 1
+SYNC = b"\xa5\x5a"
+HEADER = struct.Struct(
+    "<2sBBHHI"
+)  # sync, kind, session, sequence, length, CRC-32 of the six bytes in between
+CHECK = struct.Struct("<I")  # CRC-32 of the payload, where there is one
+OVERHEAD = HEADER.size + CHECK.size
+LONGEST = 0xFFFF  # bytes of payload
+
+HELLO = struct.Struct("<BBI")  # version, 0, stream
+FRAME = struct.Struct("<IHHBBII")  # number, width, height, bits, wavelength, bytes, CRC-32 of them all
+PART = struct.Struct("<I")  # bytes of the frame before this part
+TRIGGER = struct.Struct("<II")  # number, microseconds
+FOCUS = struct.Struct("<i")  # position
+# version, 1 if the stream goes on, longest payload, window, next sequence, frames, position, width, height, bits, can
+WELCOME = struct.Struct("<BBHHHIiHHBB")  # and the name, UTF-8
+REPORT = struct.Struct(
+    "<HBBIIi"
+)  # next sequence, 1 if something was damaged or missing, 1 in motion, frames, triggers,
+#                                    position
+
+
+class Kind(enum.IntEnum):
+    """Of packets: to the device, and from 128 on from it."""
+
+    HELLO = 1
+    FRAME = 2
+    PART = 3
+    TRIGGER = 4
+    FOCUS = 5
+    STATUS = 6
+    WELCOME = 129
+    REPORT = 130
+
+
+class Can(enum.IntFlag):
+    """What a device takes."""
+
+    FRAMES = 1
+    TRIGGERS = 2
+    FOCUS = 4
+
+
+@dataclass(frozen=True)
+class Packet:
+    """One packet that arrived whole.
+
+    Attributes
+    ----------
+    kind, session, sequence : int
+    payload : bytes
+    """
+
+    kind: int
+    session: int
+    sequence: int
+    payload: bytes
+
+
+def encode(kind, session, sequence, *payload):
+    """A packet's bytes.
+
+    Parameters
+    ----------
+    kind : int
+    session : int
+        0 to 255.
+    sequence : int
+        0 to 65535.
+    *payload : bytes-like
+        Pieces of it, together at most `LONGEST`.
+
+    Returns
+    -------
+    bytes
+    """
+    length = sum(map(len, payload))
+    body = struct.pack("<BBHH", kind, session, sequence, length)
+    head = SYNC + body + CHECK.pack(zlib.crc32(body))
+    if not length:
+        return head
+    check = 0
+    for piece in payload:
+        check = zlib.crc32(piece, check)
+    return b"".join((head, *payload, CHECK.pack(check)))
+
+
+class Decoder:
+    """Finds packets in what arrives, whatever else arrives.
+
+    Memory is bounded by the longest packet that is taken and what is fed at once.
+
+    Parameters
+    ----------
+    longest : int
+        Payload in bytes that is taken; a packet that claims more is skipped.
+
+    Attributes
+    ----------
+    damaged : int
+        Packets whose check failed.
+    """
+
+    def __init__(self, longest=LONGEST):
+        self._longest = longest
+        self._buffer = bytearray()
+        self.damaged = 0
+
+    def feed(self, data):
+        """The packets that are complete with these bytes.
+
+        After a damaged one the search goes on at the byte behind its first, so that nothing whole is lost with it.
+
+        Returns
+        -------
+        list of Packet
+        """
+        buffer, packets, at = self._buffer, [], 0
+        buffer += data
+        while True:
+            at = buffer.find(SYNC, at)
+            if at < 0:
+                at = len(buffer) - buffer.endswith(SYNC[:1])
+                break
+            if len(buffer) - at < HEADER.size:
+                break
+            _, kind, session, sequence, length, check = HEADER.unpack_from(buffer, at)
+            if zlib.crc32(buffer[at + 2 : at + 8]) != check or length > self._longest:
+                self.damaged += 1
+                at += 1
+                continue
+            begin = at + HEADER.size
+            if not length:
+                packets.append(Packet(kind, session, sequence, b""))
+                at = begin
+                continue
+            end = begin + length
+            if len(buffer) < end + CHECK.size:
+                break
+            payload = bytes(memoryview(buffer)[begin:end])
+            if zlib.crc32(payload) != CHECK.unpack_from(buffer, end)[0]:
+                self.damaged += 1
+                at += 1
+                continue
+            packets.append(Packet(kind, session, sequence, payload))
+            at = end + CHECK.size
+        del buffer[:at]
+        return packets
+
+    def __len__(self):
+        """Bytes that wait for the rest of their packet."""
+        return len(self._buffer)

@@ -1,0 +1,210 @@
+"""Which pictures are sent to a device, and in what order."""
+
+import math
+from collections import OrderedDict
+from dataclasses import replace
+from threading import Lock
+
+import numpy as np
+
+from ..engine.errors import InvalidInput
+from .calibration import Calibration
+from .driver import Picture
+
+# one hologram a picture; three of up to 8 bits in red, green and blue; 24 of one bit in their bits
+PACKINGS = {"time": 1, "colour": 3, "bits": 24}
+MOST_BYTES = 512 << 20  # of pictures that are kept
+
+
+def pack(levels, packing, order="RGB"):
+    """Put holograms into one picture, as field-sequential devices take them.
+
+    Parameters
+    ----------
+    levels : sequence of numpy.ndarray, uint8, shape (y, x)
+        One, three, or 24 of zeros and ones.
+    packing : str
+        Of `PACKINGS`.
+    order : str
+        In which channels are shown: the first holograms go into the first; within one, the lowest bit first.
+
+    Returns
+    -------
+    numpy.ndarray, uint8, shape (y, x) or (y, x, 3)
+    """
+    if packing == "time":
+        return levels[0]
+    picture = np.zeros((*levels[0].shape, 3), np.uint8)
+    for place, level in enumerate(levels):
+        channel = "RGB".index(order[place if packing == "colour" else place // 8])
+        picture[..., channel] |= level if packing == "colour" else level << np.uint8(place % 8)
+    return picture
+
+
+def unpack(picture, packing, order="RGB"):
+    """The holograms in a picture, in the order in which they are shown; the reverse of `pack`."""
+    if packing == "time":
+        return [picture]
+    channels = [picture[..., "RGB".index(c)] for c in order]
+    if packing == "colour":
+        return channels
+    return [(channel >> np.uint8(bit)) & np.uint8(1) for channel in channels for bit in range(8)]
+
+
+class Sequence:
+    """Holograms as pictures, one round of them.
+
+    A round shows every hologram `repeats` times, and each time every frame and wavelength of it the same number of
+    times, so that what the eye averages is balanced: eight frames in pictures of three take eight pictures.
+
+    Parameters
+    ----------
+    holograms : sequence of engine.PhaseHologram
+        More than one: an animation. All of one size and with the same wavelengths.
+    calibration : Calibration, optional
+        Default: even steps of one turn, of as many bits and pixels as the device has.
+    packing : str
+        Of `PACKINGS`.
+    order : str
+        See `pack`.
+    repeats : int
+        Times that each hologram is shown before the next.
+
+    Raises
+    ------
+    InvalidInput
+        If the holograms differ, or their levels do not go into such pictures.
+    """
+
+    def __init__(self, holograms, calibration=None, packing="time", order="RGB", repeats=1):
+        self.holograms = list(holograms)
+        self._any_bits = calibration is None and packing != "bits"
+        self.calibration = calibration or Calibration(bits=1 if packing == "bits" else 8)
+        self._free = self.calibration.size is None
+        self.packing, self.order = packing, order
+        if not self.holograms:
+            raise InvalidInput("There is no hologram to show: encode one first.")
+        if packing not in PACKINGS:
+            raise InvalidInput(f"There is no packing {packing}: choose one of {', '.join(PACKINGS)}.")
+        if sorted(order) != sorted("RGB"):
+            raise InvalidInput(f"The order of channels is RGB in some order, not {order}.")
+        if repeats < 1:
+            raise InvalidInput(f"A hologram is shown at least once, not {repeats} times.")
+        first = self.holograms[0]
+        for number, other in enumerate(self.holograms):
+            if (
+                other.data.shape != first.data.shape
+                or other.hologram.wavelengths != first.hologram.wavelengths
+            ):
+                raise InvalidInput(
+                    f"Hologram {number} has another size or wavelengths than the first: render it alike."
+                )
+        most = {"time": 16, "colour": 8, "bits": 1}[packing]
+        if self.calibration.bits > most:
+            raise InvalidInput(
+                f"The packing {packing} takes levels of {most} bit{'s' if most > 1 else ''} at most, the calibration "
+                f"says {self.calibration.bits}: choose another packing, or give bits in a calibration."
+            )
+        frames, wavelengths = first.data.shape[:2]
+        self._shown = [(m, k) for m in range(frames) for k in range(wavelengths)]
+        self.each = PACKINGS[packing]
+        self._of_one = math.lcm(len(self._shown), self.each) // self.each
+        self._repeats = repeats
+        self._tables, self._kept, self._bytes, self._lock = {}, OrderedDict(), 0, Lock()
+
+    def __len__(self):
+        """Pictures of a round."""
+        return len(self.holograms) * self._repeats * self._of_one
+
+    @property
+    def size(self):
+        """Width and height of the pictures: the calibration's, or the hologram's."""
+        hologram = self.holograms[0].hologram
+        return tuple(self.calibration.size or (hologram.width, hologram.height))
+
+    def fit(self, width, height, bits=0, name="the device"):
+        """Make pictures of a device's size and bits, with the hologram in the middle, where no calibration says others.
+
+        Parameters
+        ----------
+        width, height : int
+        bits : int
+            Of the device's levels; 0: any.
+        name : str
+            Of the device, for messages.
+
+        Raises
+        ------
+        InvalidInput
+            If it says others, or the hologram is larger.
+        """
+        if bits and self._any_bits and self.each == 1 and bits != self.calibration.bits:
+            self.calibration = replace(self.calibration, bits=bits)
+            self._forget()
+        if bits and self.packing != "bits" and bits != self.calibration.bits:
+            raise InvalidInput(
+                f"The levels have {self.calibration.bits} bits, {name} takes {bits}: give the calibration, or bits, "
+                "that belong to it."
+            )
+        if not width:
+            return
+        hologram = self.holograms[0].hologram
+        if self._free and (hologram.width > width or hologram.height > height):
+            raise InvalidInput(
+                f"The hologram has {hologram.width} x {hologram.height} pixels, the device only {width} x {height}: "
+                "render it for this device, or choose another."
+            )
+        if self._free and self.size != (width, height):
+            self.calibration = replace(self.calibration, size=(width, height))
+            self._forget()
+        if self.size != (width, height):
+            raise InvalidInput(
+                f"The calibration is of a device of {self.size[0]} x {self.size[1]} pixels, this one has {width} x "
+                f"{height}: give the calibration that belongs to it."
+            )
+
+    def _forget(self):
+        """The pictures that were made for another device."""
+        self._kept.clear()
+        self._tables.clear()
+        self._bytes = 0
+
+    def picture(self, number):
+        """The picture of that number, counted on through the rounds.
+
+        Returns
+        -------
+        Picture
+        """
+        at = number % len(self)
+        key = at // (self._of_one * self._repeats), at % self._of_one
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        picture = self._made(*key)
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = picture
+                self._bytes += picture.pixels.nbytes
+            while self._bytes > MOST_BYTES and len(self._kept) > 1:
+                _, old = self._kept.popitem(last=False)
+                self._bytes -= old.pixels.nbytes
+        return picture
+
+    def _made(self, index, place):
+        hologram = self.holograms[index]
+        wavelengths = hologram.hologram.wavelengths
+        begin = place * self.each
+        parts = tuple(self._shown[n % len(self._shown)] for n in range(begin, begin + self.each))
+        levels = [
+            self.calibration.levels(hologram.data[m, k], wavelengths[k], self._table(wavelengths[k]))
+            for m, k in parts
+        ]
+        pixels = np.ascontiguousarray(pack(levels, self.packing, self.order))
+        return Picture(pixels, (index, place), parts, self.calibration.bits)
+
+    def _table(self, wavelength):
+        if wavelength not in self._tables:
+            self._tables[wavelength] = self.calibration.table(wavelength)
+        return self._tables[wavelength]

@@ -1,0 +1,240 @@
+"""Shows a sequence on a device: in time, counting what came late, and going on after the device was lost."""
+
+import threading
+import time
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from ..engine.errors import Cancelled, InvalidInput
+from .driver import DROPPED, LATE, SHOWN
+from .errors import DeviceLost
+
+RING = 8  # pictures that are prepared ahead
+TOLD = 0.1  # seconds between two reports of progress
+AGAIN = 0.5  # seconds between two attempts to open a lost device
+
+
+@dataclass
+class Counts:
+    """What became of the pictures so far.
+
+    Attributes
+    ----------
+    shown : int
+        In time or late.
+    late : int
+        Of those shown, half a picture's time or more behind.
+    dropped : int
+        Left out, as their time had passed.
+    reconnected : int
+        Times that the device was lost and found again.
+    seconds : float
+        Since the first picture.
+    total : int or None
+        Pictures that are to be shown; None: until it is stopped.
+    lost : str
+        Why the device is lost just now, in a sentence; empty while it is there.
+    """
+
+    shown: int = 0
+    late: int = 0
+    dropped: int = 0
+    reconnected: int = 0
+    seconds: float = 0.0
+    total: int | None = None
+    lost: str = ""
+
+    def __str__(self):
+        rate = f", {self.shown / self.seconds:.1f} a second" if self.seconds > 0 and self.shown > 1 else ""
+        again = f", {self.reconnected} reconnected" if self.reconnected else ""
+        return f"{self.shown} shown{rate}, {self.late} late, {self.dropped} dropped{again}"
+
+
+@dataclass
+class _Tally:
+    """Takes in what a driver tells, from whatever thread."""
+
+    counts: Counts
+    trigger: object
+    next: int = 0  # the first picture of which nothing was told
+    done: int = 0  # and of which not all was done, its pulse too
+    error: BaseException | None = None
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def told(self, number, what):
+        with self.lock:
+            if number < self.next:
+                return  # of an earlier connection
+            self.next = number + 1
+            self.counts.dropped += what == DROPPED
+            self.counts.late += what == LATE
+            self.counts.shown += what != DROPPED
+            if what != DROPPED and self.trigger is not None and self.error is None:
+                try:
+                    self.trigger(number)
+                except Exception as error:
+                    self.error = error  # belongs to the streamer's thread
+            if self.error is None:
+                self.done = self.next
+
+
+def stream(sequence, driver, rate=None, loops=1, progress=None, trigger=None, patience=0.0):
+    """Show a sequence.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    driver : Driver
+    rate : float, optional
+        Pictures a second. Default: as the device does best, or as fast as it takes them.
+    loops : int or None
+        Rounds; None: until it is stopped.
+    progress : callable, optional
+        ``progress(counts)``, some times a second; may raise `engine.Cancelled`, which ends it.
+    trigger : callable, optional
+        ``trigger(number)`` as each picture is shown, in any thread.
+    patience : float
+        Seconds to wait for a lost device to come back; then it goes on with the first picture that was not shown.
+
+    Returns
+    -------
+    Counts
+
+    Raises
+    ------
+    engine.InvalidInput
+        If the pictures do not fit the device.
+    DeviceLost
+        If it is lost for longer than `patience`.
+    """
+    counts = Counts(total=None if loops is None else loops * len(sequence))
+    tally = _Tally(counts, trigger)
+    clock = _Clock(counts, progress)
+    workers = ThreadPoolExecutor(1, "HoloPath pictures")
+    try:
+        while not _shown(sequence, driver, rate, tally, clock, workers, patience):
+            pass
+    finally:
+        workers.shutdown(cancel_futures=True)
+    clock.stop()
+    return counts
+
+
+def _shown(sequence, driver, rate, tally, clock, workers, patience):
+    """Open the device, show what was not shown yet, close it; whether all was shown, or the device was lost."""
+    counts = tally.counts
+    try:
+        driver.open(rate, tally.told)
+        if counts.lost:
+            counts.reconnected, counts.lost = counts.reconnected + 1, ""
+        _show_all(sequence, driver, rate, tally, clock, workers)
+        if tally.error is not None:
+            raise tally.error
+        return True
+    except DeviceLost as error:
+        driver.close()
+        tally.error = None  # where it was the trigger's
+        clock.lose(error, patience, tally.done)
+        return False
+    except BaseException:
+        driver.close()
+        raise
+
+
+class _Clock:
+    """When the streaming began, how long the device is lost, and when progress is to be told."""
+
+    def __init__(self, counts, progress):
+        self._counts, self._progress = counts, progress
+        self._began = self._lost = None
+        self._next = 0  # picture at the last loss
+        self._told = 0.0
+
+    def begin(self):
+        """The first picture is about to be shown, or the next one after the device was lost; the time."""
+        now = time.perf_counter()
+        self._began = self._began or now
+        return now
+
+    def tell(self, always=False):
+        """Report progress, if it is time."""
+        now = time.perf_counter()
+        self._counts.seconds = now - self._began if self._began else 0.0
+        if self._progress is not None and (always or now - self._told >= TOLD):
+            self._told = now
+            self._progress(self._counts)
+
+    def stop(self):
+        """The last picture was shown: too late to cancel."""
+        with suppress(Cancelled):
+            self.tell(always=True)
+
+    def lose(self, error, patience, number):
+        """Wait a little before the next attempt; raise the error where patience has ended, or it was never there."""
+        now = time.perf_counter()
+        if self._lost is None or number > self._next:
+            self._lost, self._next = now, number
+        if self._began is None or now - self._lost >= patience:
+            raise error
+        self._counts.lost = str(error)
+        while time.perf_counter() - now < AGAIN:
+            self.tell(always=True)
+            time.sleep(0.05)
+
+
+def _show_all(sequence, driver, rate, tally, clock, workers):
+    """Show what was not shown yet, at a rate where the driver does not keep time itself."""
+    info, total = driver.info, tally.counts.total
+    _check_fits(sequence, info)
+    period = 1 / rate if rate and info.rate is None else 0.0
+    first = ahead = number = tally.next
+    ring = deque()
+    start = None
+    while total is None or number < total:
+        if tally.error is not None:
+            raise tally.error
+        while len(ring) < RING and (total is None or ahead < total):
+            ring.append(workers.submit(sequence.picture, ahead))
+            ahead += 1
+        if start is None:
+            while not ring[-1].done():  # one worker prepares them in order: all lie ready when time begins
+                clock.tell()
+                time.sleep(0.002)
+            start = clock.begin()
+        picture, behind = ring.popleft().result(), 0.0
+        if period:
+            due = start + (number - first) * period
+            _wait(due, clock)
+            behind = time.perf_counter() - due
+        if info.drops and behind > period:
+            tally.told(number, DROPPED)
+        else:
+            while driver.show(number, picture) is False:
+                clock.tell()
+            if info.rate is None:
+                tally.told(number, LATE if behind > period / 2 else SHOWN)
+        number += 1
+        clock.tell()
+    if period and start is not None:
+        _wait(start + (number - first) * period, clock)  # the last one has its time, too
+    while driver.close(finish=True) is False:
+        clock.tell()
+
+
+def _wait(due, clock):
+    """Until a time, reporting progress meanwhile."""
+    while (left := due - time.perf_counter()) > 0:
+        clock.tell()
+        # sleep may last a little too long: what is left is waited for awake
+        time.sleep(min(left - 1e-3, 0.05) if left > 2e-3 else 0)
+
+
+def _check_fits(sequence, info):
+    """Make the pictures as large as the device, and refuse before the first what it cannot show."""
+    if sequence.each > 1 and info.channels == 1:
+        raise InvalidInput(
+            f"{info.name} takes one hologram at a time, not {sequence.each} in one picture: use --packing time."
+        )
+    sequence.fit(info.width, info.height, info.bits, info.name)

@@ -1,0 +1,100 @@
+"""The panel of the device that shows the hologram."""
+
+from ..operators import devices
+from .text import wrapped
+
+
+def device(layout, context):
+    """Which device, what it is sent, and how it goes; the camera's focus."""
+    props = context.scene.holopath.device
+    row = layout.row(align=True)
+    row.prop(props, "driver")
+    row.operator("holopath.find_devices", text="", icon="FILE_REFRESH")
+    _DEVICE[props.driver](layout, props)
+    column = layout.column()
+    column.active = not devices.streaming()
+    column.prop(props, "calibration")
+    column.prop(props, "packing")
+    if props.packing != "time":
+        column.prop(props, "order")
+    if props.driver != "files":
+        column.prop(props, "rate", text="Rate (Hz)")
+        if props.driver != "virtual":
+            column.prop(props, "loops")
+    row = layout.row(heading="Trigger")
+    row.prop(props, "trigger", text="")
+    if props.trigger:
+        row.prop(props, "pulse", text="µs")
+        if props.driver != "serial":
+            _port(layout, props)
+    _progress(layout, context)
+    _focus(layout, context, props)
+
+
+def _display(layout, props):
+    layout.prop(props, "monitor")
+    layout.prop(props, "primary")
+
+
+def _port(layout, props):
+    layout.prop(props, "port")
+    layout.prop(props, "baud")
+
+
+def _slmsuite(layout, props):
+    layout.prop(props, "model")
+    layout.prop(props, "options")
+
+
+_DEVICE = {
+    "display": _display,
+    "serial": _port,
+    "slmsuite": _slmsuite,
+    "files": lambda layout, props: layout.prop(props, "folder"),
+    "virtual": lambda layout, props: None,
+}
+
+
+def _progress(layout, context):
+    """The button, or the counts while pictures are shown; what went wrong."""
+    current = devices.current
+    column = layout.column()
+    if devices.streaming():
+        counts = current.counts
+        column.operator("holopath.stop_streaming", icon="SNAP_FACE")
+        text = "Opening the device" if counts is None else f"{counts}"
+    else:
+        column.operator("holopath.stream", icon="PLAY")
+        counts, text = current.counts, f"Last: {current.counts}" if current.counts else ""
+    if text:
+        wrapped(layout, context, text, icon="INFO")
+    if devices.streaming() and counts is not None and counts.lost:
+        _alert(layout, context, f"{counts.lost} Waiting for it.")
+    elif current.error:
+        _alert(layout, context, current.error)
+    elif devices.streaming() and current.driver.info.note:
+        wrapped(layout, context, f"{current.driver.info.name}: {current.driver.info.note}")
+
+
+def _alert(layout, context, text):
+    box = layout.column()
+    box.alert = True
+    wrapped(box, context, text, icon="ERROR")
+
+
+def _focus(layout, context, props):
+    """The camera's planes."""
+    layout.separator()
+    layout.label(text="Camera")
+    row = layout.row(align=True)
+    row.prop(props, "planes")
+    row.operator("holopath.new_planes", text="", icon="FILE_NEW")
+    if props.driver != "virtual":
+        if props.driver != "serial" and not props.trigger:
+            _port(layout, props)
+        layout.prop(props, "camera", text="Command")
+    row = layout.row(align=True)
+    row.prop(props, "plane")
+    row.operator("holopath.focus_plane", text="", icon="VIEW_CAMERA")
+    row.operator("holopath.store_plane", text="", icon="IMPORT")
+    layout.operator("holopath.capture", icon="RENDER_STILL")

@@ -1,0 +1,499 @@
+"""Calibration: from phases to a device's levels and back, and its file."""
+
+import json
+import math
+import re
+
+import hypothesis.extra.numpy as hypothesis_numpy
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from holopath_addon import engine
+from holopath_addon.engine.modulator import grey_levels
+from holopath_addon.slm import Calibration, Response
+from tests.slm.refusals import refused
+
+TURN = 2 * math.pi
+STEP = TURN / 65536  # of the table from phase to level
+RED, GREEN, BLUE = 640e-9, 516.5e-9, 455.4e-9
+FORMAT = "HoloPath SLM calibration"
+
+quick = settings(max_examples=80, deadline=None, database=None)
+
+
+def apart(a, b):
+    """Distance of two phases around the circle, radians."""
+    difference = np.mod(np.subtract(a, b), TURN)
+    return np.minimum(difference, TURN - difference)
+
+
+def some_phases(shape=(64, 64), seed=1):
+    """Any in [0, 2 pi), and those at its ends."""
+    phases = (np.random.default_rng(seed).random(shape) * TURN).astype(np.float32)
+    phases = np.minimum(phases, np.nextafter(np.float32(TURN), np.float32(0)))
+    phases.flat[:4] = 0, np.nextafter(np.float32(TURN), np.float32(0)), math.pi, 1e-7
+    return phases
+
+
+# Levels
+
+
+@pytest.mark.parametrize("bits", [1, 2, 4, 8, 10, 16])
+def test_default_is_even_steps_of_a_turn(bits):
+    phases = some_phases()
+    levels = Calibration(bits=bits).levels(phases, GREEN)
+    assert levels.dtype == (np.uint8 if bits <= 8 else np.uint16)
+    np.testing.assert_array_equal(levels, grey_levels(phases, bits))
+    assert apart(levels.astype(float) * TURN / 2**bits, phases).max() <= math.pi / 2**bits + 1e-6
+
+
+def curve_of(kind, bits):
+    """A measured response in 33 points, radians, not wrapped."""
+    top = 2**bits - 1
+    at = np.unique(np.round(np.linspace(0, top, 33)))
+    share = at / max(top, 1)
+    phases = {
+        "1.6 turns": 1.6 * TURN * share**1.3,
+        "0.7 turns, falling": 1.0 - 0.7 * TURN * share**0.8,
+        "up and down": 0.9 * TURN * np.sin(2.5 * share),
+        "1.05 turns, in waves": 1.05 * TURN * share + 0.4 * np.sin(9 * share),
+    }[kind]
+    return tuple(zip(at.tolist(), phases.tolist(), strict=True))
+
+
+def phases_by_hand(response, bits, wavelength):
+    """Phase of each level, by the formula: 2 pi r n / N or straight lines between points, times ratio."""
+    shown = []
+    for level in range(2**bits):
+        if response.curve is None:
+            phase = TURN * response.range * level / 2**bits
+        else:
+            (a, low), (b, high) = next(
+                (p, q)
+                for p, q in zip(response.curve, response.curve[1:], strict=False)
+                if p[0] <= level <= q[0]
+            )
+            phase = low + (high - low) * (level - a) / (b - a)
+        shown.append(phase * response.wavelength / wavelength)
+    return np.array(shown)
+
+
+@pytest.mark.parametrize("bits", [1, 4, 8, 10])
+@pytest.mark.parametrize("wavelength", [GREEN, BLUE])
+@pytest.mark.parametrize(
+    "what", [0.7, 1.0, 1.6, "1.6 turns", "0.7 turns, falling", "up and down", "1.05 turns, in waves"]
+)
+def test_levels_are_the_nearest_there_are(what, bits, wavelength):
+    """Against all levels, one after the other; the table may err by its step."""
+    curve = curve_of(what, bits) if isinstance(what, str) else None
+    response = Response(GREEN, 1.0 if curve else what, curve)
+    phases = some_phases((40, 40))
+    levels = Calibration(bits=bits, responses=(response,)).levels(phases, wavelength)
+    shown = phases_by_hand(response, bits, wavelength)
+    best = np.min([apart(phase, phases) for phase in shown], axis=0)
+    assert (apart(shown[levels], phases) - best).max() <= STEP + 2e-6
+
+
+def test_less_than_a_turn():
+    """What cannot be reached becomes the nearer end: of 0.7 turns, 0.84 is the top's and 0.86 is level 0's."""
+    calibration = Calibration(bits=8, responses=(Response(GREEN, 0.7),))
+    turns = np.array([[0, 0.35, 0.69, 0.84, 0.86, 0.99]], np.float32)
+    np.testing.assert_array_equal(calibration.levels(turns * TURN, GREEN), [[0, 128, 252, 255, 0, 0]])
+
+
+def test_phase_goes_as_one_over_wavelength():
+    """A panel of 1.25 turns at 500 nm has one at 625 nm, half a turn at 1250 nm."""
+    response = Response(500e-9, 1.25)
+    calibration = Calibration(bits=8, responses=(response,))
+    phases = np.arange(256, dtype=np.float32)[None] * np.float32(TURN / 256)
+    np.testing.assert_array_equal(calibration.levels(phases, 625e-9), [range(256)])
+    np.testing.assert_allclose(response.phases(8, 1250e-9), np.arange(256) * math.pi / 256, rtol=1e-12)
+    curved = Response(500e-9, curve=((0, 0.5), (255, 0.5 + 4 * math.pi)))
+    assert curved.phases(8, 1000e-9)[255] == pytest.approx(0.25 + 2 * math.pi)
+    quarter = np.float32(0.25 * TURN)
+    assert calibration.levels(np.array([[quarter]]), 1250e-9) == 128
+    assert calibration.levels(np.array([[quarter]]), 500e-9) == round(0.25 * 256 / 1.25)
+
+
+def test_nearest_measurement_is_taken():
+    calibration = Calibration(responses=(Response(RED, 0.5), Response(BLUE, 2.0)))
+    quarter = np.array([[0.25 * TURN]], np.float32)
+    assert calibration.levels(quarter, RED) == 128
+    # 2 turns at 455.4 nm: n / 256 * 2 * 455.4 / 470 = 0.25
+    assert calibration.levels(quarter, 470e-9) == round(0.25 * 256 / 2 * 470 / 455.4)
+
+
+# Correction
+
+
+def test_correction_is_added_before_the_level_is_chosen():
+    """A flat hologram: the levels are those of what lacks, scaled to the wavelength."""
+    wanted = np.arange(64).reshape(8, 8)  # levels
+    correction = wanted * (TURN / 256) * 450 / 633
+    calibration = Calibration(correction=correction, correction_wavelength=633e-9)
+    np.testing.assert_array_equal(calibration.levels(np.zeros((8, 8)), 450e-9), wanted)
+    tilt = np.full((8, 8), TURN * 200 / 256, np.float32)
+    np.testing.assert_array_equal(calibration.levels(tilt, 450e-9), (wanted + 200) % 256)
+
+
+@pytest.mark.parametrize("what", [0.7, 1.6, "1.6 turns", "0.7 turns, falling"])
+def test_correction_and_response_together(what):
+    """Of many turns and of both signs, on a panel that reaches less or more than a turn."""
+    curve = curve_of(what, 8) if isinstance(what, str) else None
+    response = Response(GREEN, 1.0 if curve else what, curve)
+    phases, correction = some_phases((24, 20)), np.random.default_rng(2).normal(size=(24, 20)) * 20
+    calibration = Calibration(
+        responses=(response,), correction=correction, correction_wavelength=RED, size=(20, 24)
+    )
+    shown = phases_by_hand(response, 8, BLUE)
+    wanted = phases + correction.astype(np.float32) * RED / BLUE
+    best = np.min([apart(phase, wanted) for phase in shown], axis=0)
+    assert (apart(shown[calibration.levels(phases, BLUE)], wanted) - best).max() <= STEP + 3e-5
+
+
+# Where pixels land
+
+
+@quick
+@given(
+    hologram=st.tuples(st.integers(1, 6), st.integers(1, 6)),
+    margin=st.tuples(st.integers(0, 5), st.integers(0, 5)),
+    flips=st.tuples(st.booleans(), st.booleans()),
+    shift=st.tuples(st.integers(-9, 9), st.integers(-9, 9)),
+    corrected=st.booleans(),
+)
+@example((2, 3), (4, 3), (True, False), (1, -2), True)
+def test_where_each_pixel_lands(hologram, margin, flips, shift, corrected):
+    """Pixel by pixel: mirrored, put into the middle, moved right and down; what is beside it has phase 0."""
+    width, height = hologram
+    across, down = width + margin[0], height + margin[1]
+    numbers = np.arange(1, width * height + 1).reshape(height, width)
+    correction = np.arange(across * down).reshape(down, across) * 3
+    calibration = Calibration(
+        size=(across, down),
+        flip_x=flips[0],
+        flip_y=flips[1],
+        shift=shift,
+        correction=correction * (TURN / 256) if corrected else None,
+        correction_wavelength=GREEN if corrected else None,
+    )
+    expected, inside = np.zeros((down, across), int), 0
+    for row in range(height):
+        for column in range(width):
+            x = (width - 1 - column if flips[0] else column) + (across - width) // 2 + shift[0]
+            y = (height - 1 - row if flips[1] else row) + (down - height) // 2 + shift[1]
+            if 0 <= x < across and 0 <= y < down:
+                expected[y, x], inside = numbers[row, column], inside + 1
+    phases = (numbers * (TURN / 256)).astype(np.float32)
+    if not inside:
+        with refused("off the device"):
+            calibration.levels(phases, GREEN)
+        return
+    expected = (expected + correction * corrected) % 256
+    np.testing.assert_array_equal(calibration.levels(phases, GREEN), expected)
+
+
+@pytest.mark.parametrize("what", [1.0, 1.3, "1.6 turns", "1.05 turns, in waves"])
+def test_seen_reverses_levels(what):
+    """As near as the levels allow; where the hologram lies beside the panel there is nothing."""
+    curve = curve_of(what, 8) if isinstance(what, str) else None
+    rng = np.random.default_rng(3)
+    calibration = Calibration(
+        size=(30, 20),
+        flip_x=True,
+        flip_y=True,
+        shift=(9, -4),
+        responses=(Response(GREEN, 1.0 if curve else what, curve),),
+        correction=rng.normal(size=(20, 30)) * 9,
+        correction_wavelength=RED,
+    )
+    phases = some_phases((18, 28)) + np.float32(0.01)  # not 0, as what is beside the panel
+    seen = calibration.seen(calibration.levels(phases, GREEN), GREEN, (18, 28))
+    assert seen.min() >= 0 and seen.max() <= np.float32(TURN)
+    # moved by 9 to the right of 1 pixel's margin, and mirrored: 8 columns lie beside it, the first ones
+    there = np.zeros((18, 28), bool)
+    there[: 18 - 3, 8:] = True  # by 4 up of 1
+    assert not seen[~there].any()
+    steps = np.sort(np.mod(phases_by_hand(calibration.responses[0], 8, GREEN), TURN))
+    widest = max(np.diff(steps).max(), TURN - steps[-1] + steps[0])
+    assert apart(seen, phases)[there].max() <= widest / 2 + STEP + 1e-4
+
+
+def test_seen_by_the_formula():
+    """Levels that no one computed: the response's phase less the correction."""
+    rng = np.random.default_rng(4)
+    levels, correction = rng.integers(0, 1024, (6, 5)), rng.normal(size=(6, 5))
+    calibration = Calibration(
+        bits=10, responses=(Response(GREEN, 1.2),), correction=correction, correction_wavelength=GREEN
+    )
+    expected = levels * 1.2 * TURN / 1024 * GREEN / RED - correction * GREEN / RED
+    assert apart(calibration.seen(levels, RED, (6, 5)), expected).max() < 1e-5
+
+
+# Refusals
+
+
+def test_hologram_larger_than_the_device():
+    for size in ((7, 8), (8, 7)):
+        with refused(f"8 x 8 pixels, the device only {size[0]} x {size[1]}"):
+            Calibration(size=size).levels(np.zeros((8, 8)), GREEN)
+
+
+@pytest.mark.parametrize(("curve", "bits"), [(((1, 0), (255, 6)), 8), (((0, 0), (254, 6)), 8)])
+def test_curve_that_does_not_span_the_levels(curve, bits):
+    with refused(f"from 0 to {2**bits - 1}"):
+        Calibration(bits=bits, responses=(Response(GREEN, curve=curve),)).levels(np.zeros((2, 2)), GREEN)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"wavelength": 5.0}, "give one in nm"),
+        ({"wavelength": math.nan}, "give one in nm"),
+        ({"range": 0}, "near 1"),
+        ({"range": math.nan}, "near 1"),
+        ({"curve": ((0, 1),)}, "at least two"),
+        ({"curve": ((0, 1, 2), (1, 2, 3))}, "pairs"),
+        ({"curve": ((0, 0), (255, math.nan))}, "pairs"),
+        ({"curve": ((0, 0), (128, 1), (128, 2), (255, 6))}, "must rise"),
+        ({"curve": ((255, 0), (0, 6))}, "must rise"),
+    ],
+)
+def test_responses_that_are_none(values, says):
+    with refused(says):
+        Response(**{"wavelength": GREEN} | values)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"bits": 0}, "1 to 16"),
+        ({"bits": 17}, "1 to 16"),
+        ({"size": (0, 5)}, "cannot be"),
+        ({"correction": np.zeros((4, 4)), "size": (4, 5), "correction_wavelength": RED}, "4 x 4.*4 x 5"),
+        ({"correction": np.zeros((4, 4))}, "lacks the wavelength"),
+        ({"correction": np.full((4, 4), np.nan), "correction_wavelength": RED}, "finite"),
+        ({"correction": np.zeros(4), "correction_wavelength": RED}, "map"),
+        ({"correction": np.ones((4, 4)), "correction_wavelength": 0.0}, "wavelength"),
+        ({"correction": np.ones((4, 4)), "correction_wavelength": math.nan}, "wavelength"),
+        ({"correction": np.ones((4, 4)), "correction_wavelength": 633.0}, "wavelength"),
+    ],
+)
+def test_calibrations_that_are_none(values, says):
+    with refused(says):
+        Calibration(**values)
+
+
+def test_correction_of_another_size_than_what_is_shown():
+    calibration = Calibration(correction=np.zeros((4, 4)), correction_wavelength=RED)
+    with refused("4 x 4 pixels, what is shown 5 x 4"):
+        calibration.levels(np.zeros((4, 5)), GREEN)
+
+
+# The file
+
+finite = st.floats(-1e3, 1e3)
+wavelengths = st.floats(200e-9, 2000e-9)
+
+
+@st.composite
+def responses(draw):
+    curve = None
+    if draw(st.booleans()):
+        at = draw(st.lists(finite, min_size=2, max_size=6, unique=True))
+        curve = tuple((level, draw(finite)) for level in sorted(at))
+    return Response(draw(wavelengths), draw(st.floats(0.05, 20)), curve)
+
+
+@st.composite
+def calibrations(draw):
+    size = draw(st.none() | st.tuples(st.integers(1, 5), st.integers(1, 5)))
+    correction = at = None
+    if draw(st.booleans()):
+        shape = size[::-1] if size else (3, 2)
+        elements = st.floats(-(2**20), 2**20, width=32)
+        correction, at = (
+            draw(hypothesis_numpy.arrays(np.float32, shape, elements=elements)),
+            draw(wavelengths),
+        )
+    return Calibration(
+        draw(st.text('Pluto 2µ"\\\n漢', max_size=9)),
+        draw(st.integers(1, 16)),
+        size,
+        draw(st.booleans()),
+        draw(st.booleans()),
+        draw(st.tuples(st.integers(-2000, 2000), st.integers(-2000, 2000))),
+        tuple(draw(st.lists(responses(), max_size=3))),
+        correction,
+        at,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("calibration")
+
+
+def test_round_trip(folder):
+    @quick
+    @given(calibrations())
+    def check(calibration):
+        path = folder / "device.json"
+        calibration.save(path)
+        found = Calibration.load(path)
+        for name in ("device", "bits", "size", "flip_x", "flip_y", "shift"):
+            assert getattr(found, name) == getattr(calibration, name), name
+        assert len(found.responses) == len(calibration.responses)
+        for a, b in zip(found.responses, calibration.responses, strict=True):
+            assert (a.range, a.curve) == (b.range, b.curve)
+            assert a.wavelength == pytest.approx(b.wavelength, rel=1e-12)
+        if calibration.correction is None:
+            assert found.correction is None
+        else:
+            assert found.correction.dtype == np.float32
+            assert found.correction.tobytes() == calibration.correction.tobytes()
+            assert found.correction_wavelength == pytest.approx(calibration.correction_wavelength, rel=1e-12)
+
+    check()
+    assert {path.name for path in folder.iterdir()} == {"device.json", "device.correction.npy"}
+
+
+def write(folder, **said):
+    path = folder / "foreign.json"
+    path.write_text(json.dumps({"format": FORMAT} | said), encoding="utf-8")
+    return path
+
+
+def test_written_by_hand(folder):
+    found = Calibration.load(write(folder))
+    assert (found.bits, found.size, found.shift, found.responses) == (8, None, (0, 0), ())
+    found = Calibration.load(write(folder, responses=[{"wavelength_nm": 532}], bits=10))
+    assert found.bits == 10 and found.responses[0] == Response(found.responses[0].wavelength)
+    assert found.responses[0].wavelength == pytest.approx(532e-9)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_correction_from_a_picture(channels, tmp_path):
+    """As makers give it: 256 levels are a turn."""
+    import mitsuba as mi
+
+    levels = np.arange(256, dtype=np.uint8).reshape(8, 32)
+    picture = levels if channels == 1 else np.repeat(levels[..., None], 3, axis=-1)
+    mi.Bitmap(picture).write(str(tmp_path / "flat.png"))
+    found = Calibration.load(write(tmp_path, correction={"file": "flat.png", "wavelength_nm": 633}))
+    np.testing.assert_allclose(found.correction, levels * (TURN / 256), rtol=1e-6)
+    np.testing.assert_array_equal(found.levels(np.zeros((8, 32)), 633e-9), levels)
+
+
+def test_pictures_that_are_no_correction(tmp_path):
+    import mitsuba as mi
+
+    mi.Bitmap(np.zeros((4, 4), np.uint16)).write(str(tmp_path / "deep.png"))
+    with refused("no picture of 8 bits"):
+        Calibration.load(write(tmp_path, correction={"file": "deep.png", "wavelength_nm": 633}))
+    (tmp_path / "torn.png").write_bytes(b"\x89PNG\r\n\x1a\nno")
+    with refused("cannot be read"):
+        Calibration.load(write(tmp_path, correction={"file": "torn.png", "wavelength_nm": 633}))
+
+
+@pytest.mark.parametrize(
+    ("said", "says"),
+    [
+        ({"format": "another"}, "another format"),
+        ({"format_version": 2}, "newer"),
+        ({"bits": 99}, "1 to 16"),
+        ({"size": [1, 2, 3]}, "cannot be read"),
+        ({"responses": [{"range": 1}]}, "lacks 'wavelength_nm'"),
+        ({"responses": [{"wavelength_nm": 0.5}]}, "give one in nm"),
+        ({"correction": {"file": "map.npy"}}, "lacks 'wavelength_nm'"),
+        ({"correction": {"wavelength_nm": 633}}, "lacks 'file'"),
+        ({"correction": {"file": "missing.npy", "wavelength_nm": 633}}, "cannot be read"),
+        ({"correction": {"file": "missing.png", "wavelength_nm": 633}}, "cannot be read"),
+        ({"size": [5, 4], "correction": {"file": "map.npy", "wavelength_nm": 633}}, "3 x 2"),
+        ({"correction": {"file": "map.npy", "wavelength_nm": 0}}, "wavelength"),
+    ],
+)
+def test_files_that_are_refused(said, says, tmp_path):
+    np.save(tmp_path / "map.npy", np.zeros((2, 3), np.float32))
+    path = write(tmp_path, **said)
+    with refused(says) as _:
+        Calibration.load(path)
+    with pytest.raises(engine.InvalidInput, match=re.escape(str(path))):
+        Calibration.load(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no", b"\xff\xfe{", b"null", b"5", b'"x"', b"[]", b"{}", b"[" * 99999]
+)
+def test_foreign_files(content, tmp_path):
+    (tmp_path / "x.json").write_bytes(content)
+    with pytest.raises(engine.InvalidInput, match="x.json cannot be read"):
+        Calibration.load(tmp_path / "x.json")
+    with refused("cannot be read"):
+        Calibration.load(tmp_path / "missing.json")
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+KEYS = ("device", "bits", "size", "flip_x", "flip_y", "shift", "responses", "correction", "format_version")
+near_responses = st.fixed_dictionaries(
+    {"wavelength_nm": st.just(532) | json_values},
+    optional={"range": json_values, "curve": json_values | st.just([[0, 0], [255, 6]])},
+)
+near_corrections = st.fixed_dictionaries(
+    {"file": st.sampled_from(["map.npy", "", ".", "..", "/", "a\0b", "map"]) | json_values},
+    optional={"wavelength_nm": json_values},
+)
+near_values = (
+    st.fixed_dictionaries({}, optional={key: json_values for key in KEYS})
+    | st.fixed_dictionaries({"responses": st.lists(near_responses, max_size=2)})
+    | st.fixed_dictionaries({"correction": near_corrections})
+)
+
+
+def test_any_json_is_read_or_refused(folder):
+    np.save(folder / "map.npy", np.zeros((2, 3), np.float32))
+
+    @settings(quick, max_examples=200)
+    @given(json_values | near_values.map(lambda said: {"format": FORMAT} | said))
+    @example({"format": FORMAT, "bits": math.inf})
+    @example({"format": FORMAT, "responses": [{"wavelength_nm": 10**400}]})
+    @example({"format": FORMAT, "responses": [{"wavelength_nm": 532, "curve": [[0, 0], [255, 10**400]]}]})
+    def check(said):
+        (folder / "any.json").write_text(json.dumps(said), encoding="utf-8")
+        try:
+            found = Calibration.load(folder / "any.json")
+        except engine.InvalidInput as error:
+            assert "any.json" in str(error)
+        else:
+            assert 1 <= found.bits <= 16
+
+    check()
+
+
+def npy(header):
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"no array",
+        npy(b"{'descr':'<f4','fortran_order':False,'shape':(\n"),
+        npy(b"{'descr':'<f4','fortran_order':False,'shape':(2, 3)}\n") + b"short",
+        npy(b"{'descr':'<f4','fortran_order':False,'shape':(100000000, 100000)}\n"),
+        npy(b"{'descr':'|O','fortran_order':False,'shape':(2, 3)}\n"),
+    ],
+    ids=["empty", "text", "torn header", "torn", "much larger than memory", "objects"],
+)
+def test_damaged_corrections(content, tmp_path):
+    (tmp_path / "map.npy").write_bytes(content)
+    path = write(tmp_path, correction={"file": "map.npy", "wavelength_nm": 633})
+    with pytest.raises(engine.InvalidInput, match="foreign.json"):
+        Calibration.load(path)

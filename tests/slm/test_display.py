@@ -1,0 +1,358 @@
+"""The display driver on two virtual monitors: what stands on the second is what was sent, and only there."""
+
+import ctypes
+import ctypes.util
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import mss
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.errors import InvalidInput
+from holopath_addon.slm import (
+    Calibration,
+    DeviceLost,
+    DisplayDriver,
+    Monitor,
+    Picture,
+    Sequence,
+    display,
+    monitors,
+    stream,
+)
+from holopath_addon.slm.display import choose
+from tests.slm.conftest import FIRST, SECOND
+
+WIDTH, HEIGHT = 1920, 1080
+ROOT = Path(__file__).parents[2]
+# what a crash of the window's process loses is shown again by the next
+PATIENCE = 20.0
+
+
+def pictures(count, seed=0):
+    """Random levels: grey, and red, green and blue in turn."""
+    chance = np.random.default_rng(seed)
+    shapes = [(HEIGHT, WIDTH), (HEIGHT, WIDTH, 3)]
+    return [Picture(chance.integers(0, 256, shapes[n % 2], np.uint8), n, ((0, 0),)) for n in range(count)]
+
+
+def small():
+    """A hologram of five frames."""
+    volume = engine.Hologram(64, 64, 8e-6, (520e-9,))
+    data = np.random.default_rng(2).uniform(0, 6, (5, 1, 64, 64)).astype(np.float32)
+    return engine.PhaseHologram(data, volume, engine.Camera(np.eye(4), 0.7), 0.5, "dpac", (1,))
+
+
+def screenshot(left):
+    with mss.MSS() as screen:
+        grabbed = screen.grab({"left": left, "top": 0, "width": WIDTH, "height": HEIGHT})
+    return np.asarray(grabbed)[..., 2::-1]
+
+
+class Told:
+    """Takes in what a driver tells."""
+
+    def __init__(self):
+        self.what = {}
+
+    def __call__(self, number, what):
+        self.what[number] = what
+
+    def wait(self, number):
+        end = time.monotonic() + 10
+        while number not in self.what:
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        time.sleep(0.1)  # the X server may draw after the window says so
+
+
+def show(driver, number, picture):
+    """As the streamer does."""
+    while driver.show(number, picture) is False:
+        pass
+
+
+def finish(driver):
+    while driver.close(finish=True) is False:
+        pass
+
+
+def window_of(driver):
+    return driver._window._process.pid
+
+
+def test_monitors(two_monitors):
+    first, second = monitors()
+    assert (first.name, first.geometry, first.primary) == (FIRST, "1920x1080+0+0", True)
+    assert (second.name, second.geometry, second.primary) == (SECOND, "1920x1080+1920+0", False)
+    assert second.refresh == 60
+
+
+LEFT = Monitor("A", 0, 0, 1920, 1080, 60.0, True)
+RIGHT = Monitor("B", 1920, 0, 1920, 1080, 60.0, False)
+SMALL = Monitor("C", 3840, 0, 800, 600, 60.0, False)
+TWIN = Monitor("B", 3840, -200, 1920, 1080, 60.0, False)
+
+
+def test_choose():
+    assert choose([LEFT, RIGHT]) is RIGHT
+    assert choose([LEFT, RIGHT, SMALL], size=(1920, 1080)) is RIGHT
+    assert choose([LEFT, RIGHT, SMALL], "C") is SMALL
+    assert choose([LEFT, RIGHT, TWIN], "1920x1080+3840-200") is TWIN
+    assert choose([LEFT, RIGHT, TWIN], "B 1920x1080+1920+0") is RIGHT
+    assert choose([LEFT, RIGHT], "A", primary=True) is LEFT
+    assert choose([LEFT], primary=True) is LEFT
+
+
+@pytest.mark.parametrize(
+    "found, wanted, message",
+    [
+        ([LEFT, RIGHT], "A", "the primary monitor, where you work"),
+        ([LEFT], None, "no monitor for the SLM"),
+        ([], None, "no monitor"),
+        ([LEFT, RIGHT], "Z", "no monitor 'Z'"),
+        ([LEFT, RIGHT, TWIN], "B", "several monitors 'B'"),
+        ([LEFT, RIGHT, SMALL], None, "several monitors for the SLM"),
+    ],
+)
+def test_no_choice(found, wanted, message):
+    with pytest.raises(InvalidInput, match=message) as error:
+        choose(found, wanted)
+    assert all(str(monitor) in str(error.value) for monitor in found)
+
+
+def test_primary_is_refused(two_monitors):
+    with pytest.raises(InvalidInput, match="primary"):
+        DisplayDriver(FIRST).open(None, print)
+
+
+@pytest.mark.parametrize("renderer", [None, "software"])
+def test_every_pixel(two_monitors, monkeypatch, renderer):
+    """Screenshots of the second monitor are what was sent; the first one stays as it was."""
+    before = screenshot(0)
+    if renderer:
+        monkeypatch.setenv("SDL_RENDER_DRIVER", renderer)
+    driver, told = DisplayDriver(), Told()
+    driver.open(60, told)
+    assert renderer is None or f"({renderer})" in driver.info.note
+    try:
+        assert (driver.info.name, driver.info.width, driver.info.height) == (SECOND, WIDTH, HEIGHT)
+        assert not screenshot(WIDTH).any()
+        sent = pictures(6)
+        for number, which in enumerate((0, 1, 2, 3, 0, 4, 5)):  # one of them again
+            show(driver, number, sent[which])
+            told.wait(number)
+            pixels = sent[which].pixels
+            np.testing.assert_array_equal(
+                screenshot(WIDTH), pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, 2)
+            )
+        assert (screenshot(0) == before).all()
+    finally:
+        driver.close()
+    assert not (screenshot(WIDTH) == sent[5].pixels).all(), "the window is still there"
+
+
+def test_a_hologram(two_monitors):
+    """By `stream`, smaller than the monitor and in its middle, packed in colours; the last picture stays."""
+    volume = engine.Hologram(640, 480, 8e-6, (640e-9, 520e-9, 450e-9))
+    data = np.random.default_rng(1).uniform(0, 2 * np.pi, (2, 3, 480, 640)).astype(np.float32)
+    hologram = engine.PhaseHologram(data, volume, engine.Camera(np.eye(4), 0.7), 0.5, "dpac", (1, 1, 1))
+    taken = []
+
+    def look(counts):
+        if counts.shown >= 30 and not taken:
+            taken.append(screenshot(WIDTH))
+            raise engine.Cancelled
+
+    driver = DisplayDriver()
+    with pytest.raises(engine.Cancelled):
+        stream(Sequence([hologram], Calibration(flip_x=True), "colour", "BGR"), driver, 10, None, look)
+    levels = np.round(data * (256 / (2 * np.pi))).astype(int) % 256
+    expected = np.zeros((2, HEIGHT, WIDTH, 3), int)
+    # the first wavelength in blue, as the order says
+    expected[:, 300:780, 640:1280] = np.moveaxis(levels[:, ::-1, :, ::-1], 1, -1)
+    assert any((taken[0] == frame).all() for frame in expected)
+
+
+def test_sixty_a_second(two_monitors):
+    """The schedule is kept, whatever comes late or is left out: `python -m benchmarks slm` says how many do."""
+    driver, told = DisplayDriver(), Told()
+    driver.open(60, told)
+    sent = pictures(24)
+    start = time.monotonic()
+    for number in range(120):
+        show(driver, number, sent[number % len(sent)])
+    finish(driver)
+    assert abs(time.monotonic() - start - 2) < 1
+    assert sorted(told.what) == list(range(120))
+    assert Counter(told.what.values())["shown"] > 60
+
+
+def test_rate_below_the_monitors(two_monitors):
+    driver, told = DisplayDriver(), Told()
+    driver.open(20, told)
+    assert driver.info.rate == pytest.approx(20, rel=0.05)
+    start = time.monotonic()
+    for number, picture in enumerate(pictures(10)):
+        show(driver, number, picture)
+    finish(driver)
+    assert 0.4 < time.monotonic() - start < 1.5
+
+
+def test_a_crash_of_the_window(two_monitors):
+    """An error within two seconds; the streamer opens another and shows the rest, each once."""
+    driver, told, sent = DisplayDriver(), Told(), pictures(4)
+    driver.open(60, told)
+    show(driver, 0, sent[0])
+    told.wait(0)
+    os.kill(window_of(driver), signal.SIGKILL)
+    start = time.monotonic()
+    with pytest.raises(DeviceLost, match="window has crashed"):
+        for number in range(1, 1000):
+            show(driver, number, sent[number % 4])
+    assert time.monotonic() - start < 2
+    driver.close()
+
+    class Fragile(DisplayDriver):
+        shown = []
+
+        def show(self, number, picture):
+            if number == 20 and 20 not in self.shown:
+                self.shown.append(number)
+                os.kill(window_of(self), signal.SIGKILL)
+                raise DeviceLost("Killed.")
+            super().show(number, picture)
+
+    counts = stream(Sequence([small()]), Fragile(), 60, 8, patience=PATIENCE)
+    assert counts.shown + counts.dropped == 40 and counts.reconnected == 1
+
+
+def test_the_window_closes_with_its_program(two_monitors):
+    """However that ends."""
+    code = (
+        "import os, sys; sys.path.insert(0, sys.argv[1])\n"
+        "from holopath_addon.slm import DisplayDriver\n"
+        "driver = DisplayDriver(); driver.open(60, print)\n"
+        "print(driver._window._process.pid, flush=True)\n"
+        "os.kill(os.getpid(), 9)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, timeout=60)
+    window, end = int(done.stdout), time.monotonic() + 3
+    while Path(f"/proc/{window}").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    gone = not Path(f"/proc/{window}").exists() or "zombie" in Path(f"/proc/{window}/status").read_text()
+    assert gone
+
+
+def press_escape(display):
+    """A key pressed on the keyboard of an X server, by its extension for tests."""
+    server, test = (ctypes.CDLL(ctypes.util.find_library(name)) for name in ("X11", "Xtst"))
+    server.XOpenDisplay.restype = ctypes.c_void_p
+    server.XOpenDisplay.argtypes = [ctypes.c_char_p]
+    for function in (server.XFlush, server.XCloseDisplay):
+        function.argtypes = [ctypes.c_void_p]
+    server.XKeysymToKeycode.argtypes = [ctypes.c_void_p, ctypes.c_ulong]
+    test.XTestFakeKeyEvent.argtypes = [ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_ulong]
+    connection = server.XOpenDisplay(display.encode())
+    key = server.XKeysymToKeycode(connection, 0xFF1B)
+    for down in (1, 0):
+        test.XTestFakeKeyEvent(connection, key, down, 0)
+    server.XFlush(connection)
+    server.XCloseDisplay(connection)
+
+
+@pytest.mark.skipif(not ctypes.util.find_library("Xtst"), reason="libxtst6 is not installed")
+def test_the_users_escape(two_monitors):
+    """Closes a window on the primary monitor for good, however patient the streamer is."""
+    pressed = []
+
+    def press(counts):
+        if counts.shown > 20 and not pressed:
+            press_escape(two_monitors)
+            pressed.append(time.monotonic())
+        assert not pressed or time.monotonic() < pressed[0] + 3, "it is still shown"
+
+    driver = DisplayDriver(FIRST, primary=True)
+    with pytest.raises(engine.Cancelled, match="window was closed"):
+        stream(Sequence([small()]), driver, 60, None, press, patience=1e9)
+    assert pressed
+
+
+@pytest.mark.parametrize("rate, loops", [(0.1, None), (0.1, 1), (60, None)])
+def test_stopped_at_any_rate(two_monitors, rate, loops):
+    """Within half a second, whatever is waited for."""
+    start = []
+
+    def stop(counts):
+        start.append(time.monotonic())
+        if start[-1] > start[0] + 1.5:
+            raise engine.Cancelled
+
+    with pytest.raises(engine.Cancelled):
+        stream(Sequence([small()]), DisplayDriver(), rate, loops, stop)
+    assert time.monotonic() - start[-1] < 0.5
+
+
+def test_a_talkative_graphics_driver(two_monitors):
+    """What it writes to standard error is kept out of the way."""
+    driver, told = DisplayDriver(), Told()
+    driver.open(60, told)
+    os.write(driver._window._errors.fileno(), b"warning: this card is old\n" * 10000)
+    show(driver, 0, pictures(1)[0])
+    told.wait(0)
+    driver.close()
+
+
+def test_no_room_for_the_ring(monkeypatch, tmp_path):
+    """Asked for before it is used: a program that writes where there is none would die."""
+    asked = []
+
+    def full(file, size):
+        asked.append((Path(file.name) if isinstance(file.name, str) else file.name, size))
+        raise OSError(28, "No space left on device")
+
+    before = set(os.listdir("/dev/shm")) if Path("/dev/shm").exists() else set()
+    monkeypatch.setattr(display, "_allocate", full)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(InvalidInput, match="no room"):
+        display._shared(1 << 20)
+    assert {size for _, size in asked} == {64 << 20, 3 << 20}
+    assert not list(tmp_path.iterdir()) and (not before or set(os.listdir("/dev/shm")) <= before)
+
+
+def test_pictures_of_another_size(two_monitors):
+    driver = DisplayDriver()
+    driver.open(60, print)
+    try:
+        with pytest.raises(InvalidInput, match="800 x 600 .* 1920 x 1080"):
+            show(driver, 0, Picture(np.zeros((600, 800), np.uint8), 0, ((0, 0),)))
+        with pytest.raises(InvalidInput, match="16 bits"):
+            show(driver, 0, Picture(np.zeros((HEIGHT, WIDTH), np.uint16), 0, ((0, 0),)))
+    finally:
+        driver.close()
+
+
+def test_no_screen(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InvalidInput, match="log in at a desktop"):
+        monitors()
+    with pytest.raises(InvalidInput, match="log in at a desktop"):
+        DisplayDriver().open(60, print)
+
+
+def test_no_sdl(monkeypatch):
+    import importlib.util
+
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "sdl2" else find(name))
+    with pytest.raises(InvalidInput, match="pip install pysdl2"):
+        monitors()

@@ -1,0 +1,316 @@
+"""Which pictures are sent, in what order, and how holograms are packed into them."""
+
+import itertools
+import math
+import weakref
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from holopath_addon import engine
+from holopath_addon.slm import PACKINGS, Calibration, Response, Sequence
+from holopath_addon.slm import sequence as sequence_module
+from holopath_addon.slm.sequence import pack, unpack
+from tests.slm.refusals import refused
+
+ORDERS = ["".join(order) for order in itertools.permutations("RGB")]
+WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
+EACH = {"time": 1, "colour": 3, "bits": 24}
+BITS = {"time": 8, "colour": 8, "bits": 1}
+
+quick = settings(max_examples=60, deadline=None, database=None)
+
+
+def code(index, frame, wavelength):
+    """A level that tells which hologram it is from."""
+    return 1 + 60 * index + 3 * frame + wavelength
+
+
+def hologram(frames=2, wavelengths=3, size=(4, 3), index=0, value=code):
+    """One whose levels of 8 bits say `value(index, frame, wavelength)` everywhere."""
+    width, height = size
+    data = np.empty((frames, wavelengths, height, width), np.float32)
+    for frame, wavelength in np.ndindex(frames, wavelengths):
+        data[frame, wavelength] = value(index, frame, wavelength) * (2 * math.pi / 256)
+    grid = engine.Hologram(width, height, 8e-6, WAVELENGTHS[:wavelengths], depth_far=1e-3, depth_near=2e-3)
+    camera = engine.Camera(np.eye(4), 0.5)
+    return engine.PhaseHologram(data, grid, camera, 0.5, "dpac", (1.0,) * wavelengths)
+
+
+def made(count=1, packing="time", frames=2, wavelengths=3, **options):
+    """A sequence of coded holograms."""
+    holograms = [hologram(frames, wavelengths, index=index) for index in range(count)]
+    return Sequence(holograms, Calibration(bits=BITS[packing]), packing, **options)
+
+
+# Packing
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_three_in_red_green_and_blue(order):
+    levels = list(np.random.default_rng(1).integers(0, 256, (3, 4, 5), np.uint8))
+    picture = pack(levels, "colour", order)
+    assert picture.shape == (4, 5, 3) and picture.dtype == np.uint8
+    for place, level in enumerate(levels):
+        np.testing.assert_array_equal(picture[..., {"R": 0, "G": 1, "B": 2}[order[place]]], level)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_twenty_four_in_bits(order):
+    """Hologram n is bit n % 8 of the channel that is shown as the n // 8-th."""
+    levels = list(np.random.default_rng(2).integers(0, 2, (24, 4, 5), np.uint8))
+    picture = pack(levels, "bits", order)
+    assert picture.shape == (4, 5, 3) and picture.dtype == np.uint8
+    for y, x in np.ndindex(4, 5):
+        numbers = dict.fromkeys("RGB", 0)
+        for n in range(24):
+            numbers[order[n // 8]] += int(levels[n][y, x]) * 2 ** (n % 8)
+        assert picture[y, x].tolist() == [numbers[channel] for channel in "RGB"]
+
+
+@pytest.mark.parametrize("packing", PACKINGS)
+@pytest.mark.parametrize("order", ORDERS)
+def test_unpack_is_the_reverse(packing, order):
+    most = 2 if packing == "bits" else 256
+    levels = list(np.random.default_rng(3).integers(0, most, (EACH[packing], 4, 5), np.uint8))
+    found = unpack(pack(levels, packing, order), packing, order)
+    np.testing.assert_array_equal(found, levels)
+
+
+def test_unpacks_any_picture():
+    """Bit by bit, of a picture that `pack` did not make."""
+    picture = np.random.default_rng(4).integers(0, 256, (3, 2, 3), np.uint8)
+    found = unpack(picture, "bits", "BRG")
+    assert len(found) == 24
+    for n, level in enumerate(found):
+        channel = [2, 0, 1][n // 8]
+        expected = [[(int(pixel[channel]) // 2 ** (n % 8)) % 2 for pixel in row] for row in picture]
+        np.testing.assert_array_equal(level, expected)
+
+
+def test_what_is_packed_is_not_changed():
+    levels = [np.full((2, 2), 7, np.uint8) for _ in range(3)]
+    pack(levels, "colour")
+    assert all((level == 7).all() for level in levels)
+
+
+# A round
+
+
+@quick
+@given(
+    frames=st.integers(1, 12),
+    wavelengths=st.integers(1, 3),
+    packing=st.sampled_from(sorted(EACH)),
+    count=st.integers(1, 3),
+    repeats=st.integers(1, 3),
+)
+@example(8, 1, "colour", 1, 1)
+def test_a_round_is_balanced(frames, wavelengths, packing, count, repeats):
+    """Every frame and wavelength equally often, in the fewest pictures, one after the other."""
+    small = [hologram(frames, wavelengths, (1, 1), index) for index in range(count)]
+    sequence = Sequence(small, Calibration(bits=BITS[packing]), packing, repeats=repeats)
+    pictures = [sequence.picture(number) for number in range(len(sequence))]
+    of_one = len(pictures) // (count * repeats)
+    assert of_one * EACH[packing] == math.lcm(frames * wavelengths, EACH[packing])
+    parts = [part for picture in pictures for part in picture.parts]
+    shown = Counter(parts)
+    assert len(shown) == frames * wavelengths and len(set(shown.values())) == 1
+    assert all(len(picture.parts) == EACH[packing] for picture in pictures)
+    for slot, part in enumerate(parts):
+        assert part == (slot // wavelengths % frames, slot % wavelengths)
+
+
+def test_eight_frames_in_threes_take_eight_pictures():
+    sequence = made(frames=8, wavelengths=1, packing="colour")
+    assert len(sequence) == 8
+    assert [part[0] for part in sequence.picture(2).parts] == [6, 7, 0]
+
+
+@pytest.mark.parametrize("packing", ["time", "colour"])
+@pytest.mark.parametrize("order", ["RGB", "BRG"])
+def test_pictures_hold_what_their_parts_say(packing, order):
+    """Counted through frames, repeats, holograms and rounds, each pixel has its hologram's level."""
+    sequence = made(3, packing, frames=4, wavelengths=2, order=order, repeats=2)
+    each = EACH[packing]
+    of_one = math.lcm(8, each) // each
+    assert len(sequence) == 3 * 2 * of_one
+    for number in [*range(len(sequence) + 5), 10**12 * len(sequence) + 7]:
+        index, slot = number // (2 * of_one) % 3, number % of_one * each
+        parts = [((slot + n) // 2 % 4, (slot + n) % 2) for n in range(each)]
+        levels = [code(index, *part) for part in parts]
+        picture = sequence.picture(number)
+        assert list(picture.parts) == parts
+        if each == 3:
+            levels = [levels[order.index(channel)] for channel in "RGB"]
+        assert (picture.pixels.reshape(12, each) == levels).all()
+
+
+def test_bits_of_twenty_four_holograms():
+    """One bit each: those of the frames whose number is odd."""
+    data = hologram(8, 3, value=lambda index, frame, wavelength: 128 * ((frame + wavelength) % 2))
+    sequence = Sequence([data], Calibration(bits=1), "bits")
+    assert len(sequence) == 1
+    bits = [(frame + wavelength) % 2 for frame in range(8) for wavelength in range(3)]
+    expected = [sum(bit << n for n, bit in enumerate(bits[8 * c : 8 * c + 8])) for c in range(3)]
+    assert (sequence.picture(0).pixels == expected).all()
+
+
+def test_equal_keys_are_equal_pictures():
+    """Through repeats and rounds the same, between holograms and places others."""
+    sequence = made(2, frames=2, wavelengths=1, repeats=3)
+    pictures = [sequence.picture(number) for number in range(2 * len(sequence))]
+    for a, b in itertools.combinations(pictures, 2):
+        assert (a.key == b.key) == np.array_equal(a.pixels, b.pixels)
+    assert len({picture.key for picture in pictures}) == 4
+
+
+def test_ten_bits():
+    data = hologram(1, 1, value=lambda *_: 100.25)  # of 256: 401 of 1024
+    picture = Sequence([data], Calibration(bits=10)).picture(0)
+    assert picture.pixels.dtype == np.uint16 and (picture.pixels == 401).all()
+
+
+def test_each_wavelength_has_its_own_response():
+    """A turn at 455.4 nm is 455.4 / 640 turns at 640 nm: it takes the higher a level."""
+    data = hologram(1, 3, value=lambda *_: 64)
+    sequence = Sequence([data], Calibration(responses=(Response(455.4e-9),)))
+    found = [int(sequence.picture(k).pixels[0, 0]) for k in range(3)]
+    assert found == [round(64 * w / 455.4e-9) for w in WAVELENGTHS]
+
+
+# What is kept
+
+
+@pytest.mark.parametrize("room", [0, 1, 3])
+def test_memory_is_bounded(room, monkeypatch):
+    """Only so many pictures live at a time, and each is right."""
+    sequence = made(3, frames=4, wavelengths=1)
+    size = sequence.picture(0).pixels.nbytes
+    monkeypatch.setattr(sequence_module, "MOST_BYTES", room * size + size // 2)
+    alive = []
+    for number in itertools.chain(range(30), [7, 7, 0, 8, 7, 3]):
+        picture = sequence.picture(number)
+        assert (picture.pixels == code(number // 4 % 3, number % 4, 0)).all()
+        if all(other() is not picture for other in alive):
+            alive.append(weakref.ref(picture))
+        del picture
+        assert sum(other() is not None for other in alive) <= max(room, 1)
+
+
+def test_what_fits_is_made_once(monkeypatch):
+    """A second round costs nothing."""
+    sequence, calls = made(2, frames=3, wavelengths=1), []
+    levels = Calibration.levels
+    monkeypatch.setattr(Calibration, "levels", lambda *words: calls.append(1) or levels(*words))
+    for number in range(3 * len(sequence)):
+        sequence.picture(number)
+    assert len(calls) == len(sequence) == 6
+
+
+def test_in_several_threads(monkeypatch):
+    """As in one, and as bounded."""
+    sequence = made(3, frames=5, wavelengths=2)
+    monkeypatch.setattr(sequence_module, "MOST_BYTES", 4 * sequence.picture(0).pixels.nbytes)
+    numbers = np.random.default_rng(5).integers(0, 300, 600).tolist()
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda number: sequence.picture(number).pixels[0, 0], numbers))
+    for number, level in zip(numbers, found, strict=True):
+        assert level == code(number // 10 % 3, number // 2 % 5, number % 2)
+    assert sum(picture.pixels.nbytes for picture in sequence._kept.values()) == sequence._bytes
+    assert sequence._bytes <= sequence_module.MOST_BYTES
+
+
+# The device's size
+
+
+def test_fit_puts_the_hologram_in_the_middle():
+    sequence = made(frames=1, wavelengths=1)
+    assert sequence.size == (4, 3) and sequence.picture(0).pixels.shape == (3, 4)
+    sequence.fit(8, 7)
+    assert sequence.size == (8, 7)
+    expected = np.zeros((7, 8), int)
+    expected[2:5, 2:6] = code(0, 0, 0)
+    np.testing.assert_array_equal(sequence.picture(0).pixels, expected)
+    sequence.fit(8, 7)
+    sequence.fit(4, 3)  # another device
+    np.testing.assert_array_equal(sequence.picture(0).pixels, expected[2:5, 2:6])
+
+
+def test_fit_with_a_size_of_the_calibration():
+    sequence = Sequence([hologram()], Calibration(size=(6, 5)))
+    assert sequence.size == (6, 5)
+    sequence.fit(6, 5)
+    with refused("6 x 5 pixels, this one has 4 x 3"):
+        sequence.fit(4, 3)
+    assert sequence.picture(0).pixels.shape == (5, 6)
+
+
+def test_fit_to_what_is_smaller_is_refused_and_changes_nothing():
+    sequence = made()
+    with refused("4 x 3"):
+        sequence.fit(3, 3)
+    assert sequence.size == (4, 3) and sequence.picture(0).pixels.shape == (3, 4)
+
+
+def test_fit_where_the_correction_is_of_another_size():
+    calibration = Calibration(correction=np.zeros((3, 4)), correction_wavelength=640e-9)
+    sequence = Sequence([hologram()], calibration)
+    with refused("correction has 4 x 3 pixels, the device 6 x 5"):
+        sequence.fit(6, 5)
+    assert sequence.picture(0).pixels.shape == (3, 4)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("holograms", "options", "says"),
+    [
+        ([], {}, "no hologram"),
+        ([{}], {"packing": "magic"}, "time, colour, bits"),
+        ([{}], {"order": "RGG"}, "RGB in some order"),
+        ([{}], {"order": "RGBA"}, "RGB in some order"),
+        ([{}], {"order": ""}, "RGB in some order"),
+        ([{}], {"repeats": 0}, "at least once"),
+        ([{}, {"size": (4, 4)}], {}, "Hologram 1 has another size"),
+        ([{}, {}, {"frames": 3}], {}, "Hologram 2 has another size"),
+        ([{}, {"wavelengths": 2}], {}, "Hologram 1 has another size or wavelengths"),
+        ([{}], {"packing": "bits", "calibration": Calibration()}, "1 bit at most, the calibration says 8"),
+        ([{}], {"packing": "colour", "calibration": Calibration(bits=9)}, "8 bits at most.*says 9"),
+    ],
+)
+def test_refusals(holograms, options, says):
+    with refused(says):
+        Sequence([hologram(**words) for words in holograms], **options)
+
+
+def test_other_wavelengths_of_equal_number():
+    other = hologram(wavelengths=1)
+    grid = engine.Hologram(4, 3, 8e-6, (532e-9,), depth_far=1e-3, depth_near=2e-3)
+    other = engine.PhaseHologram(other.data, grid, other.camera, 0.5, "dpac", (1.0,))
+    with refused("Hologram 1"):
+        Sequence([hologram(wavelengths=1), other])
+
+
+def test_a_hologram_that_does_not_fit_its_calibration():
+    with refused("only 3 x 3"):
+        Sequence([hologram()], Calibration(size=(3, 3))).picture(0)
+
+
+def test_bits_of_the_device():
+    """Where no calibration says others, the levels span what the device has: half a turn is half of them."""
+    half = hologram(1, 1)
+    half.data[:] = np.pi
+    for bits in (4, 8, 10):
+        sequence = Sequence([half])
+        sequence.fit(4, 3, bits)
+        picture = sequence.picture(0)
+        assert picture.bits == bits and (picture.pixels == 2 ** (bits - 1)).all()
+    packed = Sequence([half], packing="bits")
+    packed.fit(4, 3, 8)
+    assert packed.picture(0).bits == 1 and (packed.picture(0).pixels == 255).all()
