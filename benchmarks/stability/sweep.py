@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from holopath_addon.engine.errors import HolopathError
+from holopath_addon.engine.errors import InvalidInput
 
 LIMITS = {"psnr": 1.0, "brightness": 0.05}  # largest step between neighbours: dB, and share
 
@@ -67,7 +67,7 @@ def walk(sweep, values=None, progress=None):
     for value in sweep.values if values is None else values:
         try:
             figures = sweep.measure(value)
-        except HolopathError as error:
+        except InvalidInput as error:
             figures = {"refused": str(error)}
         rows.append((value, figures))
         if progress:

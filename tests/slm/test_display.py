@@ -204,7 +204,7 @@ def test_rate_below_the_monitors(two_monitors):
     for number, picture in enumerate(pictures(10)):
         show(driver, number, picture)
     finish(driver)
-    assert 0.4 < time.monotonic() - start < 1.5
+    assert 0.4 < time.monotonic() - start < 10  # at 60 a second it would take 0.17
 
 
 def test_a_crash_of_the_window(two_monitors):
@@ -229,7 +229,7 @@ def test_a_crash_of_the_window(two_monitors):
                 self.shown.append(number)
                 os.kill(window_of(self), signal.SIGKILL)
                 raise DeviceLost("Killed.")
-            super().show(number, picture)
+            return super().show(number, picture)
 
     counts = stream(Sequence([small()]), Fragile(), 60, 8, patience=PATIENCE)
     assert counts.shown + counts.dropped == 40 and counts.reconnected == 1
