@@ -27,10 +27,20 @@ def main():
 
         print(encoding.run("out/bench", *sys.argv[2:]))
         return
+    if sys.argv[1:2] == ["planning"]:
+        from . import planning
+
+        print(planning.run(*sys.argv[2:]))
+        return
     if sys.argv[1:2] == ["slm"]:
         from . import slm
 
         print(slm.run(*sys.argv[2:]))
+        return
+    if sys.argv[1:2] == ["stability"]:
+        from .stability import report
+
+        print(report.run("out/bench", *sys.argv[2:]))
         return
     from . import (
         accuracy,
@@ -41,6 +51,7 @@ def main():
         kernel,
         optics,
         phase_fields,
+        planning,
         radiance_cache,
         scaling,
     )
@@ -53,6 +64,7 @@ def main():
     print(optics.run(), flush=True)
     print(phase_fields.run("out/bench"), flush=True)
     print(radiance_cache.run(), flush=True)
+    print(planning.run(), flush=True)
     print(encoding.run("out/bench"), flush=True)
     print(export_speed.run(), flush=True)
     print(exporter.run(pictures="out/bench/exporter"), flush=True)

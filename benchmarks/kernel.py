@@ -16,7 +16,7 @@ from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.phase_fields import random_phasors
 from holopath_addon.engine.radiance import PathTracer
 from holopath_addon.engine.rays import Rays
-from holopath_addon.engine.tracer import trace_field
+from holopath_addon.engine.tracer import Part, trace_field
 
 from .scenes import FOV, GREEN, Scenes
 
@@ -75,11 +75,10 @@ def run(size=512, repeats=5):
     optics, tracer = FirstHits(plan.coherent), PathTracer(8)
     radiance = measure_grains(scene, rays, optics, tracer, grid, (GREEN,), plan.passes, 0, lambda done: None)
     phasors = random_phasors(max(FRAMES), size, size)
+    part = Part(np.arange(size * size, dtype=np.uint32), rays, estimator, optics)
 
     def trace(frames):
-        trace_field(
-            scene, rays, hologram, estimator, optics, radiance, phasors[:frames], 0, lambda done: None
-        )
+        trace_field(scene, hologram, [part], radiance, phasors[:frames], 0, lambda done: None)
 
     works = {
         "ray_intersect loop": lambda: bare_loop(scene, rays, lattice, hologram, full_hit),

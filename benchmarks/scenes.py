@@ -195,12 +195,13 @@ class Scenes:
             },
         )
 
-    def room(self, lamp=1.0, pendant=1.0, moved=0.0, sharp=True):
+    def room(self, lamp=1.0, pendant=1.0, moved=0.0, sharp=True, **more):
         """A study that one lamp lights by way of its ceiling, 36 degrees wide: to measure pictures at 0.7 to 4 m in
         which most light has met several everyday surfaces, and how they follow when a lamp or an object changes.
 
         `lamp` and `pendant` scale the lamps below the ceiling and over the desk, the red box is `moved` to the right by
-        metres, and without `sharp` nothing reflects or refracts as a mirror or a lens does: no δ lobes.
+        metres, and without `sharp` nothing reflects or refracts as a mirror or a lens does: no δ lobes. `more` shapes
+        can be put into it.
         """
         T, grey, diffuse, box = self.T, self.grey, self.diffuse, self.box
 
@@ -333,4 +334,4 @@ class Scenes:
         for k, (x, y, z, surface) in enumerate(hanging):
             mobile[f"ball_{k}"] = self.ball(0.045, [x, y, z], surface)
             mobile[f"string_{k}"] = rod([x, y + 0.045, z], 0.002, 1.155 - y, black)
-        return self.scene(**walls, **shelf, **desk, **seats, **lamps, **mobile)
+        return self.scene(**walls, **shelf, **desk, **seats, **lamps, **mobile, **more)

@@ -245,7 +245,16 @@ def _add_scene(parser, store):
         metavar="NM[,NM..]",
         help="default: the file's, 640,516.5,455.4",
     )
-    add("--frames", type=int, metavar="M", help="time-multiplexed frames (default: the file's, 8)")
+    frames = parser.add_mutually_exclusive_group()
+    frames.add_argument(
+        "--frames", type=int, metavar="M", help="time-multiplexed frames (default: the file's, 8)"
+    )
+    frames.add_argument(
+        "--speckle",
+        type=float,
+        metavar="CONTRAST",
+        help="as many frames as this speckle contrast takes, 0.1 for 10 percent",
+    )
     add(
         "--method",
         choices=choices.METHODS,
@@ -289,6 +298,13 @@ def _add_scene(parser, store):
         help="fit the scene into the depth range, or map it as an eyepiece does",
     )
     add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
+    add(
+        "--fix",
+        dest="fixed",
+        type=_argument(engine.parse_fixed),
+        metavar="NAME=N[,..]",
+        help=f"decisions of the plan that you take yourself: {', '.join(engine.FIXABLE)}",
+    )
     add("--seed", type=int, metavar="S")
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
 
@@ -374,10 +390,12 @@ def _hologram_of(args, base):
 
 def _settings_of(args, base):
     names = ("frames", "method", "estimator", "phase_field", "radiance", "quality", "spp", "wrp", "seed")
-    names += ("virtual_image", "most_hits", "planes", "paths", "despeckle")
+    names += ("virtual_image", "most_hits", "planes", "paths", "despeckle", "speckle", "fixed")
     changes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if "quality" in changes:
         changes["spp"] = None
+    if "frames" in changes:
+        changes["speckle"] = None
     return replace(base, **changes)
 
 

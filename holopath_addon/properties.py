@@ -316,6 +316,20 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         max=256,
         soft_max=32,
     )
+    wish_speckle: BoolProperty(
+        name="Frames by Speckle",
+        description="Take as many frames as a wished speckle contrast needs",
+    )
+    speckle: FloatProperty(
+        name="Speckle",
+        description="Contrast of the speckle that may be left, as a share of the picture's intensity",
+        subtype="FACTOR",
+        default=0.15,
+        min=0.01,
+        max=1.0,
+        soft_max=0.6,
+        precision=2,
+    )
     phase_field: EnumProperty(
         name="Phase Fields",
         description="Where the phases of the frames come from",
@@ -393,6 +407,13 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         min=0,
         max=64,
         soft_max=16,
+    )
+    fixed: StringProperty(
+        name="Fix Decisions",
+        description=(
+            "Decisions of the plan that you take yourself, for example: chain=4 passes=64. "
+            f"There are {', '.join(engine.FIXABLE)}"
+        ),
     )
     virtual_image: EnumProperty(
         name="Virtual Images",
@@ -640,6 +661,7 @@ def settings_of(props):
     """Engine's settings, see `hologram_of`."""
     return engine.Settings(
         frames=props.frames,
+        speckle=_tidy(props.speckle) if props.wish_speckle else None,
         method=props.method,
         phase_field=props.phase_field,
         despeckle=props.despeckle,
@@ -654,6 +676,7 @@ def settings_of(props):
         most_hits=props.most_hits,
         virtual_image=props.virtual_image,
         seed=props.seed,
+        fixed=engine.parse_fixed(props.fixed),
     )
 
 

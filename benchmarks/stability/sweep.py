@@ -34,6 +34,8 @@ class Sweep:
         Whether the parameter spans orders of magnitude.
     limits : dict
         Instead of `LIMITS`.
+    rises : tuple of str
+        Figures that physics lets rise with the parameter: only falls count.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Sweep:
     quick: tuple = ()
     log: bool = False
     limits: dict = field(default_factory=lambda: dict(LIMITS))
+    rises: tuple = ()
 
 
 def walk(sweep, values=None, progress=None):
@@ -83,11 +86,24 @@ def faults(sweep, rows):
             if name not in ("refused", "warned") and not math.isfinite(figure):
                 found.append(f"{sweep.name}: {name} is {figure} at {value:g} {sweep.parameter}")
     for name, limit in sweep.limits.items():
-        known = [(value, figures[name]) for value, figures in rows if name in figures]
-        for (a, before), (b, after) in zip(known[:-1], known[1:], strict=True):
-            step = abs(after - before) if name == "psnr" else abs(after / before - 1)
+        for (a, before), (b, after), step in steps(sweep, rows, name):
             if step > limit:
-                found.append(
-                    f"{sweep.name}: {name} steps from {before:.4g} to {after:.4g} between {a:g} and {b:g} {sweep.parameter}"
-                )
+                step = f"{name} steps from {before:.4g} to {after:.4g}"
+                found.append(f"{sweep.name}: {step} between {a:g} and {b:g} {sweep.parameter}")
+    return found
+
+
+def steps(sweep, rows, name):
+    """Steps of a figure between neighbours.
+
+    Returns
+    -------
+    list of ((value, figure), (value, figure), step)
+        dB for "psnr", else a share; a rise that physics allows is none.
+    """
+    known = [(value, figures[name]) for value, figures in rows if name in figures]
+    found = []
+    for (a, before), (b, after) in zip(known[:-1], known[1:], strict=True):
+        step = after - before if name == "psnr" else after / before - 1
+        found.append(((a, before), (b, after), max(-step, 0.0) if name in sweep.rises else abs(step)))
     return found

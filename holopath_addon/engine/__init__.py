@@ -12,7 +12,7 @@ from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram, Settings
 from .metrics import psnr, ssim
 from .modulator import Modulator
-from .planner import Decision, Plan, plan
+from .planner import FIXABLE, Decision, Plan, parse_fixed, plan
 from .preview import Preview
 from .reconstruction import Pupil, Refocuser, reconstruct, to_rgb
 from .reference import reference
@@ -27,6 +27,7 @@ __all__ = [
     "DISPLAYS",
     "Decision",
     "Display",
+    "FIXABLE",
     "Hologram",
     "InvalidInput",
     "Modulator",
@@ -39,6 +40,7 @@ __all__ = [
     "WaveField",
     "depth_map",
     "encode",
+    "parse_fixed",
     "plan",
     "psnr",
     "reconstruct",

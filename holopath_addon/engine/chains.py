@@ -1,5 +1,6 @@
 """Coherent chains: what a ray meets through mirrors and clear surfaces (stages s4 and s6 of the paper)."""
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -9,6 +10,11 @@ from .differentials import after_hit, crossing, start
 from .lobes import SpecularLobes
 from .rays import intersect
 
+NARROW = (
+    2.0,
+    6.0,
+)  # widths of a lobe that the view turns across the pupil, from which and up to which it is one
+LEAST_ALBEDO = 1e-3
 SPLITS = 2  # hits of a chain at which more than one way on is followed
 FAR = 1e4  # metres: stands for infinity where a ray leaves the scene
 
@@ -36,7 +42,17 @@ class View:
     whole : mitsuba.Bool
         Whether P shows all its light; otherwise its δ lobes are left to other branches.
     path : mitsuba.Float
-        Optical path length to P, metres.
+        The distance if images lay at the optical path length, metres.
+    image : mitsuba.Float
+        How far glossy light is taken to come from its image, 1, rather than from the surface itself, 0.
+    colour : mitsuba.Color3f
+        Part of `weight` that P's radiance has too, and is to be divided by.
+    hits : mitsuba.UInt32
+        Mirrors and clear surfaces on the way.
+    cut : mitsuba.Bool
+        Whether the chain goes on beyond the hits that are followed.
+    parts : (mitsuba.Float, mitsuba.Bool) or None
+        Share of P's glossy light, and whether its other light, that this branch shows; None for all.
     """
 
     distance: object
@@ -48,6 +64,11 @@ class View:
     weight: object
     whole: object
     path: object
+    image: object
+    colour: object
+    hits: object
+    cut: object
+    parts: object = None
 
 
 class FirstHits:
@@ -66,12 +87,77 @@ class FirstHits:
     def __init__(self, coherent=True, sky=True):
         self.coherent, self.sky = coherent, sky
 
-    def view(self, scene, ray, branch):
+    def view(self, scene, ray, branch, drawn=False):
         """The `View` along a ray."""
         surface = intersect(scene, ray, self.coherent)
         hit = surface.is_valid()
         exists = _lit(scene, hit, self.sky)
-        return View(surface.t, hit, ray, surface, exists, mi.UInt32(0), None, mi.Bool(True), surface.t)
+        return View(
+            surface.t,
+            hit,
+            ray,
+            surface,
+            exists,
+            mi.UInt32(0),
+            None,
+            mi.Bool(True),
+            surface.t,
+            mi.Float(0),
+            mi.Color3f(1),
+            mi.UInt32(0),
+            mi.Bool(False),
+        )
+
+
+@dataclass
+class _Rough:
+    """Nearly smooth surfaces that a chain has gone over (Dr.Jit types).
+
+    Attributes
+    ----------
+    ray : mitsuba.Ray3f
+    surface : mitsuba.PreliminaryIntersection3f
+        The first one.
+    share : mitsuba.Float
+        Of the image point's vergence, left to what lies beyond.
+    own, own_path : mitsuba.Float
+        What their own places add to it, by curvature and by optical path.
+    colour : mitsuba.Color3f
+        Albedo of the first one.
+    gloss, rest : mitsuba.Float, mitsuba.Bool
+        Share of P's glossy light that this branch shows, and whether it shows the other light.
+    """
+
+    ray: object
+    surface: object
+    share: object
+    own: object
+    own_path: object
+    colour: object
+    gloss: object
+    rest: object
+
+    @classmethod
+    def none(cls, ray):
+        """Before the first."""
+        nowhere = dr.zeros(mi.PreliminaryIntersection3f)
+        one, zero = mi.Float(1), mi.Float(0)
+        return cls(mi.Ray3f(ray), nowhere, one, zero, mi.Float(0), mi.Color3f(1), mi.Float(1), mi.Bool(True))
+
+    def over(self, where, coated, narrow, ray, surface, place, path, albedo):
+        """Go over one more: light comes from its image as far as its lobe is `narrow`, if no branch is for the rest."""
+        first = where & ~self.surface.is_valid()
+        near = dr.select(coated, 0, self.share * (1 - narrow))
+        return _Rough(
+            dr.select(first, ray, self.ray),
+            dr.select(first, surface, self.surface),
+            dr.select(where & ~coated, self.share * narrow, self.share),
+            dr.select(where, self.own + near / place, self.own),
+            dr.select(where, self.own_path + near / path, self.own_path),
+            dr.select(first, dr.maximum(albedo, LEAST_ALBEDO), self.colour),
+            self.gloss,
+            self.rest & ~(first & coated),
+        )
 
 
 class SpecularChains:
@@ -97,27 +183,64 @@ class SpecularChains:
         Whether rays that were neither reflected nor refracted see the environment.
     """
 
-    def __init__(self, scene, virtual_image, most_hits, splits=SPLITS, coherent=True, sky=True):
-        self.lobes = SpecularLobes(scene)
-        self.curvature, self.most_hits, self.splits = virtual_image == "curvature", most_hits, splits
+    def __init__(self, scene, virtual_image, most_hits, splits=SPLITS, coherent=True, sky=True, pupil=0.0):
+        self.lobes, self.pupil = SpecularLobes(scene), pupil
+        self.curvature, self.splits = virtual_image == "curvature", splits
+        self.most_hits = dr.opaque(mi.UInt32, most_hits)  # no literal: one kernel for all lengths
         self.branches, self.coherent, self.sky = 1 << splits, coherent, sky
 
-    def view(self, scene, ray, branch):
-        """The `View` of a branch along a ray."""
+    def view(self, scene, ray, branch, drawn=False):
+        """The `View` of a branch along a ray; of one `drawn` at random, bits that nothing divides by do not count."""
         chain = self._follow(scene, ray, branch)
-        last, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves = chain
+        last, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves, rough = (
+            chain
+        )
         hit = surface.is_valid()
         # a chain that was cut off, or whose light is zero, shows nothing
-        exists = ended & ((branch >> splits) == 0) & dr.any(weight > 0)
-        reach = surface.t + ahead
-        path = length + index * dr.select(hit, reach, dr.inf)
-        distance = path
-        if self.curvature:
-            image = crossing(moves, last, dr.select(hit, reach, FAR))
-            distance = dr.select(hits > 0, image, path)
-        taken = branch & ((1 << splits) - 1)
+        cut = ~ended
+        if self.pupil:
+            ended |= rough.surface.is_valid()
+        exists = ended & (drawn | ((branch >> splits) == 0)) & dr.any(weight > 0)
+        path = length + index * dr.select(hit, surface.t + ahead, dr.inf)
+        distance = self._distance(moves, last, surface.t + ahead, hit, hits, path)
+        taken, colour, image, parts = branch & ((1 << splits) - 1), mi.Color3f(1), mi.Float(0), None
+        if self.pupil:
+            nearly = rough.surface.is_valid()
+            # where nothing is mirrored there is no image either
+            distance = dr.select(nearly & ~_lit(scene, hit, self.sky), dr.inf, distance)
+            distance, path = (
+                dr.rcp(rough.own + rough.share / distance),
+                dr.rcp(rough.own_path + rough.share / path),
+            )
+            last, surface = dr.select(nearly, rough.ray, last), dr.select(nearly, rough.surface, surface)
+            hit |= nearly
+            colour, weight = rough.colour, weight * rough.colour
+            image = dr.select(nearly, rough.share, 1 - rough.gloss)
+            if self.lobes.coated:
+                parts = rough.gloss, rough.rest
         exists &= _lit(scene, hit, self.sky | ~straight)
-        return View(distance, dr.isfinite(distance), last, surface, exists, taken, weight, whole, path)
+        return View(
+            distance,
+            dr.isfinite(distance),
+            last,
+            surface,
+            exists,
+            taken,
+            weight,
+            whole,
+            path,
+            image,
+            colour,
+            hits,
+            cut,
+            parts,
+        )
+
+    def _distance(self, moves, last, reach, hit, hits, path):
+        """Distance of the image of a point, `reach` beyond the last surface, where there is one."""
+        if not self.curvature:
+            return path
+        return dr.select(hits > 0, crossing(moves, last, dr.select(hit, reach, FAR)), path)
 
     def _follow(self, scene, ray, branch):
         """The chain: last piece, what it meets, how far from the last surface it starts, the radiance's share, the
@@ -137,18 +260,51 @@ class SpecularChains:
             mi.Bool(False),
             mi.Bool(True),
             start(ray) if self.curvature else [],
+            _Rough.none(ray) if self.pupil else None,
             mi.Bool(True),
         )
 
         def body(
-            ray, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves, active
+            ray,
+            surface,
+            ahead,
+            weight,
+            length,
+            index,
+            hits,
+            splits,
+            whole,
+            ended,
+            straight,
+            moves,
+            rough,
+            active,
         ):
             si = surface.compute_surface_interaction(ray, mi.RayFlags.All, active)
             scatters, reflected, transmitted = self.lobes.at(si, active & si.is_valid())
+            free = (splits < self.splits) & (hits < self.most_hits)
+            if self.pupil:
+                free &= ~rough.surface.is_valid()
+                lobe, density, coated = self.lobes.glossy(si, active & si.is_valid())
+                path = length + index * (surface.t + ahead)
+                narrow = _narrow(lobe, density, path, self.pupil)
+                place = self._distance(moves, ray, surface.t + ahead, mi.Bool(True), hits, path)
+                over = narrow > 0
+                parts = over & coated & free
+                over &= ~coated | (parts & (((branch >> splits) & 1) == 1))
+                rough = rough.over(over, coated, narrow, ray, surface, place, path, lobe.weight)
+                rough.gloss = dr.select(parts & ~over, 1 - narrow, rough.gloss)
+                weight = dr.select(over & coated, weight * narrow, weight)
+                scatters &= ~over | coated
+                through = over & (dr.dot(lobe.direction, si.n) * dr.dot(ray.d, si.n) > 0)
+                lobe.weight = mi.Color3f(1)
+                reflected = dr.select(over & ~through, lobe, reflected)
+                transmitted = dr.select(over & through, lobe, transmitted)
             leaves = reflected.exists | transmitted.exists
+            if self.pupil:
+                leaves |= parts
             # stay at P, or go on
             dividing = active & leaves & scatters
-            free = (splits < self.splits) & (hits < self.most_hits)
             stays = ~leaves | (scatters & (~free | (((branch >> splits) & 1) == 0)))
             whole &= ~(dividing & free & stays)
             splits = dr.select(dividing & free, splits + 1, splits)
@@ -156,12 +312,14 @@ class SpecularChains:
             active &= ~stays & (hits < self.most_hits)
             # reflect, or transmit
             both = active & reflected.exists & transmitted.exists
-            free = splits < self.splits
+            free &= splits < self.splits
             stronger = dr.max(transmitted.weight) > dr.max(reflected.weight)
             through = dr.select(both & free, ((branch >> splits) & 1) == 1, stronger)
             splits = dr.select(both & free, splits + 1, splits)
+            # beyond a rough surface the chain is only followed to where the image lies
+            counts = active & ~rough.surface.is_valid() if self.pupil else active
             weight = dr.select(
-                active, weight * dr.select(through, transmitted.weight, reflected.weight), weight
+                counts, weight * dr.select(through, transmitted.weight, reflected.weight), weight
             )
             if self.curvature:
                 after = after_hit(moves, ray, surface, ahead, ~through, transmitted.eta, active)
@@ -193,10 +351,25 @@ class SpecularChains:
                 ended,
                 straight,
                 moves,
+                rough,
                 active,
             )
 
         return dr.while_loop(state, lambda *s: s[-1], body, label="specular chain")[:-1]
+
+
+def nearly_smooth(scene, si, distance, pupil):
+    """How far surfaces' glossy light is taken to come from its image, 1, rather than from themselves, 0."""
+    lobe, density, _ = SpecularLobes(scene).glossy(si, si.is_valid())
+    return _narrow(lobe, density, distance, pupil)
+
+
+def _narrow(lobe, density, distance, pupil):
+    """The same for lobes seen at a distance in metres, of a density along their middle, by a pupil of this radius."""
+    # a lobe of constant density over a cap of half-angle a has a = 1 / sqrt(pi density)
+    turn = 2 * pupil / distance * dr.sqrt(math.pi * density) / lobe.eta
+    x = dr.clip((turn - NARROW[0]) / (NARROW[1] - NARROW[0]), 0, 1)
+    return x * x * (3 - 2 * x)
 
 
 def _lit(scene, hit, sky):

@@ -7,7 +7,6 @@ import mitsuba as mi
 import numpy as np
 
 from .buffers import gather_row, packed
-from .kernel_table import LEVELS
 
 
 class LatticeEstimator:
@@ -24,11 +23,14 @@ class LatticeEstimator:
     def __init__(self, hologram, lattice, tables):
         self.rays = lattice.rays
         self.colours = len(tables)
-        self.spacing = lattice.spacing
-        self.level_scale = LEVELS / lattice.depth_limit
+        # not literals: all lattices then share one kernel
+        self.spacing = dr.opaque(mi.Float, lattice.spacing)
+        self.level_scale = dr.opaque(mi.Float, lattice.levels / lattice.depth_limit)
+        self.last = dr.opaque(mi.Float, lattice.levels - 1)
         self.directions = packed(lattice.indices.astype(np.float32))
         offsets = lattice.offsets(hologram.pitch)
-        self.indices, self.side = offsets.shape[1], int(offsets.max()) + 1
+        self.indices = dr.opaque(mi.UInt32, offsets.shape[1])
+        self.side = dr.opaque(mi.UInt32, int(offsets.max()) + 1)
         self.offsets = mi.Int(offsets.ravel())
         self.table = packed(np.stack(tables, axis=-1).reshape(-1, self.colours).view(np.float32))
 
@@ -47,7 +49,7 @@ class LatticeEstimator:
         The kernel of a surface on the SLM's side of the plane is the conjugate.
         """
         i, j = dr.round(slope_x / self.spacing), dr.round(slope_y / self.spacing)
-        level = mi.UInt32(dr.minimum(dr.abs(dz) * self.level_scale, LEVELS - 1))
+        level = mi.UInt32(dr.minimum(dr.abs(dz) * self.level_scale, self.last))
         over = dr.gather(mi.Int, self.offsets, level * self.indices + mi.UInt32(dr.abs(i)))
         up = dr.gather(mi.Int, self.offsets, level * self.indices + mi.UInt32(dr.abs(j)))
         entry = (level * self.side + mi.UInt32(up)) * self.side + mi.UInt32(over)

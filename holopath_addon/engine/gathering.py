@@ -14,7 +14,7 @@ REST = 0.03  # of the texels may stay noisier than wished
 ROUND = 16  # samples of a texel between two looks at the noise
 SETTLED = 1e-3  # of all light: bounces that add less are left out
 SMOOTH_OVER = 0.15  # of the harmonic mean distance to other surfaces: light from them varies little over that
-STRIDES = (1, 2, 4, 8, 16)  # texels
+STRIDES = (1, 2, 4, 8, 16)  # groups of texels
 
 
 def solve(scene, cache, max_depth, seed, progress):
@@ -110,7 +110,7 @@ def gather(scene, cache, groups, max_depth, limit, noise, most, seed, progress):
     cache.fine = zeros(dr.width(fine))  # rays look up the source alone, whatever is baked already
     tracer = PathTracer(max_depth, limit, cache)
     sums = np.zeros((len(groups), len(SUMS)), np.float32)
-    filter = _Filter(cache, groups.leaders, before)
+    filter = _Filter(cache, groups, before)
     left, taken, done = np.arange(len(groups)), 0, 0
     while len(left) > REST * len(groups) and done < most:
         # few groups take several rounds at once
@@ -148,15 +148,16 @@ class _Filter:
     Parameters
     ----------
     cache : RadianceCache
-    texels : numpy.ndarray of uint32
-        One of each group.
+    groups : Groups
+        Neighbours are as many of them apart as texels elsewhere.
     first : int
         The groups' first slot.
     """
 
-    def __init__(self, cache, texels, first):
+    def __init__(self, cache, groups, first):
         self._atlas, self._slots, self._first = cache.atlas, cache.slots, first
-        self._texels = mi.UInt32(texels)
+        self._texels = mi.UInt32(groups.leaders)
+        self._sides = mi.Int(np.broadcast_to(groups.sides, len(groups)))
         surface, front = self._atlas.place(self._texels, mi.Point2f(0.5))
         si = surface.compute_surface_interaction(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
         normal = dr.select(front, si.n, -si.n)
@@ -187,7 +188,7 @@ class _Filter:
         total, variance, share = mi.Color3f(0), mi.Float(0), mi.Float(0)
         for over in (-1, 0, 1):
             for down in (-1, 0, 1):
-                x, y = column + over * stride, line + down * stride
+                x, y = column + over * stride * self._sides, line + down * stride * self._sides
                 inside = (x >= 0) & (x < width) & (y >= 0) & (y < size // width)
                 slot = dr.gather(mi.UInt32, self._slots, 2 * mi.UInt32(y * width + x), inside)
                 inside &= slot >= self._first

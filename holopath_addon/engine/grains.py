@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .buffers import gather_row, row_stride
 from .hologram import channel
 from .lobes import SHARP
+from .regions import DEPTHS, TILE, Look, tiles_of
 
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
 BINNED = 8 / (
@@ -17,6 +19,9 @@ BINNED = 8 / (
 # Sums are whole numbers: their order, which threads decide, then does not change the last bit.
 RADIANCE_STEPS = 2.0**26
 RADIANCE_LIMIT = 2.0**30
+SUMS = 8  # of a row: three channels and paths, and those of every second path
+NOISIER = 1.1  # than wished is good enough
+ROUNDS = 3  # of paths at most
 
 
 @dataclass(frozen=True)
@@ -74,13 +79,18 @@ class RadianceMap:
     """Mean radiances of the grains in view.
 
     Only cells that hold a surface have values. `numbers` gives each cell of the grid twice its first row, 0 for
-    none, and 1 more where it has all pupil bins.
+    none, and 1 more where it has all pupil bins. `colours` is 1 where all wavelengths share one radiance. `passes`
+    paths a pixel left the relative standard error `error` of the wave field, see `_field_error`; `look` is what their
+    rays saw from each tile.
     """
 
     grid: GrainGrid
     numbers: "mi.UInt32"
     radiances: "mi.Float"
     colours: int
+    passes: int
+    error: float
+    look: Look
 
     def sampler(self, seed, size):
         """No random numbers are needed."""
@@ -95,7 +105,7 @@ class RadianceMap:
         number = dr.gather(mi.UInt32, self.numbers, cell, inside)
         first = number >> 1
         if self.grid.bins == 1:
-            return [dr.sqrt(value) for value in gather_row(self.radiances, first, self.colours)]
+            return self._roots(gather_row(self.radiances, first, self.colours), channels)
         binned = (number & 1) == 1
         over, up = (self.grid.bin_place(s) for s in slope)
         i, j = mi.UInt32(over), mi.UInt32(up)
@@ -111,10 +121,27 @@ class RadianceMap:
             at = first + dr.select(binned, (j + j_step) * self.grid.bins + i + i_step, 0)
             values = gather_row(self.radiances, at, self.colours)
             total = [sum_ + share * value for sum_, value in zip(total, values, strict=True)]
-        return [dr.sqrt(value) for value in total]
+        return self._roots(total, channels)
+
+    def _roots(self, radiances, channels):
+        roots = [dr.sqrt(value) for value in radiances]
+        return roots if self.colours > 1 else roots * len(channels)
 
 
-def measure_grains(scene, rays, optics, tracer, grid, wavelengths, passes, seed, progress):
+def measure_grains(
+    scene,
+    rays,
+    optics,
+    tracer,
+    grid,
+    wavelengths,
+    passes,
+    seed,
+    progress,
+    wanted=math.inf,
+    most=1,
+    white=math.inf,
+):
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
     A pixel takes the root of a mean over paths, since the root of a noisy sample is biased dark.
@@ -133,55 +160,144 @@ def measure_grains(scene, rays, optics, tracer, grid, wavelengths, passes, seed,
     seed : int
     progress : callable
         ``progress(done)``, may raise.
+    wanted : float
+        Standard error of the field, see `_field_error`, for which more paths are taken.
+    most : int
+        Paths through each pixel at most.
+    white : float
+        Radiance of the bright parts of the view.
 
     Returns
     -------
     RadianceMap
     """
     pixels = grid.columns * grid.rows
-    together = max(1, CHUNK_PATHS // passes)
-    chunks = [(first, min(together, pixels - first)) for first in range(0, pixels, together)]
     occupied = dr.zeros(mi.UInt32, pixels * grid.slabs * grid.branches)
-    for first, count in chunks:
-        _, _, cell, inside, _, binned = _grains(scene, rays, optics, grid, first, count, passes, seed)
-        dr.scatter_reduce(
-            dr.ReduceOp.Max, occupied, dr.select(binned, mi.UInt32(grid.bins**2), 1), cell, inside
-        )
+    for grains, part in _chunks(scene, rays, optics, grid, passes, seed):
+        kind = dr.select(grains.binned, mi.UInt32(grid.bins**2), 1)
+        dr.scatter_reduce(dr.ReduceOp.Max, occupied, kind, grains.cell, grains.inside)
         dr.eval(occupied)
         dr.sync_thread()
-        progress(0.1 * (first + count) / pixels)
+        progress(0.1 * part)
     numbers, rows = _numbered(occupied, grid)
     if not dr.any((numbers & 1) == 1):
         grid = replace(grid, bins=1)
 
-    sums = dr.zeros(mi.UInt64, 4 * rows)
-    for first, count in chunks:
-        sampler, seen, cell, inside, slope, _ = _grains(scene, rays, optics, grid, first, count, passes, seed)
-        light = tracer.radiance(scene, sampler, seen.ray, seen.surface, seen.whole)
-        inside &= dr.all(dr.isfinite(light))
-        number = dr.gather(mi.UInt32, numbers, cell, inside)
-        over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (slope.x, slope.y))
-        at = 4 * ((number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0))
-        for k, value in enumerate((*light, mi.Float(1))):
-            steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
-            dr.scatter_add(sums, steps, at + k, inside)
-        dr.eval(sums)
-        dr.sync_thread()
-        progress(0.1 + 0.9 * (first + count) / pixels)
-    return RadianceMap(grid, numbers, _means(sums, numbers, grid, wavelengths), len(wavelengths))
+    sums, tiles = dr.zeros(mi.UInt64, SUMS * rows), _Tiles(grid, rays.limit)
+    taken, error, done, wait = 0, math.inf, 0.1, passes
+    for _ in range(ROUNDS):
+        for grains, part in _chunks(scene, rays, optics, grid, passes, seed, taken):
+            seen, inside, slope = grains.seen, grains.inside, grains.slope
+            light = tracer.radiance(
+                scene, grains.sampler, seen.ray, seen.surface, seen.whole, parts=seen.parts
+            )
+            light /= seen.colour
+            # cells that the first round did not meet may have borrowed a neighbour's row
+            inside &= dr.all(dr.isfinite(light)) & (dr.gather(mi.UInt32, occupied, grains.cell, inside) != 0)
+            number = dr.gather(mi.UInt32, numbers, grains.cell, inside)
+            over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (slope.x, slope.y))
+            at = SUMS * ((number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0))
+            half = dr.select((grains.number & 1) == 0, mi.Float(1), 0)
+            for k, value in enumerate((*light, mi.Float(1), *(light * half), half)):
+                steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
+                dr.scatter_add(sums, steps, at + k, inside)
+            tiles.add(grains, inside & dr.any(light > 0))
+            dr.eval(sums)
+            dr.sync_thread()
+            progress(done + (1 - done) * part * passes / wait)
+        done += (1 - done) * passes / wait
+        taken += passes
+        error = _field_error(sums, white)
+        if error <= NOISIER * wanted or taken >= most:
+            break
+        wait = passes = min(most - taken, math.ceil(taken * ((error / wanted) ** 2 - 1)))
+    means = _means(sums, numbers, grid, wavelengths)
+    return RadianceMap(grid, numbers, means, len(wavelengths), taken, error, tiles.look())
 
 
-def _grains(scene, rays, optics, grid, first, count, passes, seed):
-    """What rays through `count` pixels from number `first` on see, all passes; the same at every call.
+def _field_error(sums, white):
+    """Relative standard error of the field that the radiances' noise makes.
 
-    Returns the sampler, the `View`, cell, whether it is on the grid, slope, and whether its surface looks
-    different across the pupil.
+    An amplitude sqrt(L) errs by dL / (2 sqrt(L)), so the field by sqrt(sum L (dL / L)^2 / 4 / sum L), where the
+    factors L count at most as `white`: lamps in view must not hide the rest. dL is half the difference of the means of
+    every second path, two halves that know nothing of each other.
     """
+    row = dr.arange(mi.UInt32, dr.width(sums) // SUMS)
+    sum_of = [mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + k)) for k in range(SUMS)]
+    count, evens = sum_of[3], sum_of[7]
+    both = (evens > 0) & (count > evens)
+    wrong, whole = mi.Float(0), mi.Float(0)
+    for total, even in zip(sum_of[:3], sum_of[4:7], strict=True):
+        mean = total / dr.maximum(count, 1)
+        difference = 0.5 * (even / dr.maximum(evens, 1) - (total - even) / dr.maximum(count - evens, 1))
+        weight = dr.select(both & (mean > 0), count * dr.minimum(mean, white), 0)
+        wrong += weight * dr.square(difference / dr.maximum(mean, 1e-30)) / 4
+        whole += weight
+    wrong, whole = dr.sum(wrong), dr.sum(whole)
+    wrong, whole = float(wrong[0]), float(whole[0])
+    return math.sqrt(wrong / whole) if whole > 0 else 0.0
+
+
+class _Tiles:
+    """Takes in what rays saw from the tiles of the recording plane."""
+
+    def __init__(self, grid, limit):
+        self._shape, self._limit = tiles_of(grid.width, grid.height), limit
+        self._width, self._height = grid.width, grid.height
+        self._depth, self._chains = (dr.zeros(mi.UInt32, self._shape[0] * self._shape[1]) for _ in range(2))
+
+    def add(self, grains, lit):
+        """Grains, and which of them shine."""
+        column, row = mi.Int(dr.round(grains.column)), mi.Int(dr.round(grains.row))
+        inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
+        tile = mi.UInt32(row // TILE * self._shape[1] + column // TILE)
+        part = 1 + mi.UInt32(dr.minimum(dr.abs(grains.dz) / self._limit, 1) * (DEPTHS - 1))
+        dr.scatter_reduce(dr.ReduceOp.Max, self._depth, part, tile, inside & lit)
+        dr.scatter_reduce(dr.ReduceOp.Max, self._chains, mi.UInt32(1), tile, inside & (grains.seen.hits > 0))
+        dr.eval(self._depth, self._chains)
+
+    def look(self):
+        """The `Look`."""
+        depth, chains = (np.array(values).reshape(self._shape) for values in (self._depth, self._chains))
+        return Look(depth, chains > 0)
+
+
+@dataclass
+class _Grains:
+    """Grains that rays saw (Dr.Jit types): the sampler after them, number of the path and of the pixel's place
+    on the plane, slope, the `View`, distance from the plane, cell, whether it is on the grid and shows anything, and
+    whether its surface looks different across the pupil.
+    """
+
+    sampler: object
+    number: object
+    column: object
+    row: object
+    slope: object
+    seen: object
+    dz: object
+    cell: object
+    inside: object
+    binned: object
+
+
+def _chunks(scene, rays, optics, grid, passes, seed, before=0):
+    """The `_Grains` of all pixels, some at a time, and the part that is done; `before` is how many passes were."""
+    pixels = grid.columns * grid.rows
+    together = max(1, CHUNK_PATHS // passes)
+    for first in range(0, pixels, together):
+        count = min(together, pixels - first)
+        yield _grains(scene, rays, optics, grid, first, count, passes, seed, before), (first + count) / pixels
+
+
+def _grains(scene, rays, optics, grid, first, count, passes, seed, before):
+    """The `_Grains` of `count` pixels from number `first` on, all passes; the same at every call."""
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed * 9973 + first, count * passes)
+    sampler.seed((seed * 9973 + first + 0x9E3779B1 * before) & 0xFFFFFFFF, count * passes)
     # the passes of a pixel side by side: their rays stay near each other, which fine meshes repay
-    index = dr.arange(mi.UInt32, count * passes)
-    number, pixel = index % passes, index // passes + dr.opaque(mi.UInt32, first)
+    index, each = dr.arange(mi.UInt32, count * passes), dr.opaque(mi.UInt32, passes)
+    number = index % each + dr.opaque(mi.UInt32, before)
+    pixel = index // each + dr.opaque(mi.UInt32, first)
     jitter = sampler.next_2d()
     column = mi.Float(pixel % grid.columns) - grid.margin + jitter.x - 0.5
     row = mi.Float(pixel // grid.columns) - grid.margin + jitter.y - 0.5
@@ -191,16 +307,16 @@ def _grains(scene, rays, optics, grid, first, count, passes, seed):
     slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
     branch = mi.UInt32(sampler.next_1d() * optics.branches) if optics.branches > 1 else mi.UInt32(0)
-    seen = optics.view(scene, ray, branch)
+    seen = optics.view(scene, ray, branch, drawn=True)
     dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)
-    column = mi.Int(dr.round(column + slope.x * dz / rays.pitch))
-    row = mi.Int(dr.round(row - slope.y * dz / rays.pitch))
-    cell, inside = grid.cell(column, row, rays.plane + dz, seen.branch)
+    over = mi.Int(dr.round(column + slope.x * dz / rays.pitch))
+    down = mi.Int(dr.round(row - slope.y * dz / rays.pitch))
+    cell, inside = grid.cell(over, down, rays.plane + dz, seen.branch)
     binned = mi.Bool(False)
     if grid.bins > 1:
         flags = seen.surface.shape.bsdf().flags()
         binned = mi.has_flag(flags, mi.BSDFFlags.Glossy) | (seen.whole & ((flags & SHARP) != 0))
-    return sampler, seen, cell, inside & seen.exists, slope, binned
+    return _Grains(sampler, number, column, row, slope, seen, dz, cell, inside & seen.exists, binned)
 
 
 def _numbered(occupied, grid):
@@ -233,11 +349,11 @@ def _numbered(occupied, grid):
 
 def _means(sums, numbers, grid, wavelengths):
     """Mean radiances; a pupil bin that no path came through takes the mean of its cell."""
-    rows, stride = dr.width(sums) // 4, row_stride(len(wavelengths))
+    rows, stride = dr.width(sums) // SUMS, row_stride(len(wavelengths))
     radiances = dr.zeros(mi.Float, rows * stride)
 
     def stored(row):
-        return mi.Vector4f(*(mi.Float(dr.gather(mi.UInt64, sums, 4 * row + k)) for k in range(4)))
+        return mi.Vector4f(*(mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + k)) for k in range(4)))
 
     def store(total, row, active=True):
         for k, wavelength in enumerate(wavelengths):

@@ -1,7 +1,7 @@
 """What is to be displayed: the hologram's grid, colours and depth volume; and how it is to be computed."""
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 from .errors import InvalidInput
 
@@ -114,6 +114,8 @@ class Settings:
     ----------
     frames : int
         Time-multiplexed frames M; more have less speckle.
+    speckle : float, optional
+        Speckle contrast to reach: as many frames as that takes, in place of `frames`.
     method : {'auto', 'full', 'fast', 'direct'}
         Where diffuse light comes from: paths for this view alone (`full`), or a cache of baked light, which other
         views share (`fast`); `auto` takes the sooner. `direct` traces straight from the SLM with the paper's
@@ -147,6 +149,8 @@ class Settings:
         Gradient steps that take speckle out of this scene's own fields, see `despeckle`; 0: none.
     seed : int
         Of every random number used.
+    fixed : dict
+        Values of decisions that the planner would else take, see `planner.FIXABLE`.
 
     Raises
     ------
@@ -155,6 +159,7 @@ class Settings:
     """
 
     frames: int = 8
+    speckle: float | None = None
     method: str = "auto"
     estimator: str = "lattice"
     phase_field: str = "designed"
@@ -169,6 +174,7 @@ class Settings:
     most_hits: int = 8
     despeckle: int = 0
     seed: int = 0
+    fixed: dict = field(default_factory=dict)
 
     def __post_init__(self):
         for name, known in (
@@ -186,6 +192,8 @@ class Settings:
                 )
         if not 1 <= self.frames <= 256:
             raise InvalidInput(f"The number of frames must be between 1 and 256, not {self.frames}.")
+        if self.speckle is not None and not 0 < self.speckle <= 1:
+            raise InvalidInput(f"The speckle contrast must be above 0 and at most 1, not {self.speckle:g}.")
         if self.spp is not None and not 1 <= self.spp <= 1 << 20:
             raise InvalidInput(f"Rays a pixel must be between 1 and {1 << 20}, not {self.spp}.")
         if self.wrp != "auto" and not (isinstance(self.wrp, (int, float)) and math.isfinite(self.wrp)):
@@ -206,5 +214,16 @@ class Settings:
             raise InvalidInput(f"The seed must not be negative, not {self.seed}.")
 
     def resolved(self):
-        """These settings with what the method implies: `direct` is the paper's estimator."""
-        return replace(self, estimator="paper") if self.method == "direct" else self
+        """These settings with what the method implies, `direct` the paper's estimator, and a wished speckle the frames.
+
+        Raises
+        ------
+        InvalidInput
+            If no number of frames has so little speckle.
+        """
+        from .phase_fields import frames_for
+
+        changes = {"estimator": "paper"} if self.method == "direct" else {}
+        if self.speckle is not None:
+            changes["frames"] = frames_for(self.phase_field, self.speckle)
+        return replace(self, **changes)

@@ -11,6 +11,8 @@ PASSAGE = int(mi.BSDFFlags.Null)  # straight on: a thin pane, a mask
 SHARP = REFLECTION | REFRACTION | PASSAGE
 DIFFUSE = int(mi.BSDFFlags.Diffuse)
 TRANSLUCENT = int(mi.BSDFFlags.DiffuseTransmission)
+GLOSSY_TRANSMISSION = int(mi.BSDFFlags.GlossyTransmission)
+GLOSSY = int(mi.BSDFFlags.GlossyReflection) | GLOSSY_TRANSMISSION
 SMOOTH = int(mi.BSDFFlags.Smooth)  # Mitsuba's word for all lobes that are not δ
 
 
@@ -39,7 +41,8 @@ class Lobe:
 
 
 class SpecularLobes:
-    """Samples the δ lobes of any BSDF without chance: component by component, so that blends keep their shares.
+    """Samples the δ lobes of any BSDF without chance: component by component, so that blends keep their shares; and
+    tells of narrow lobes as if they were δ.
 
     Parameters
     ----------
@@ -48,9 +51,13 @@ class SpecularLobes:
 
     def __init__(self, scene):
         self.components, self.mixed, self.passes = set(), False, False
+        self.rough, self.coated = set(), False
         for bsdf, emits in _surfaces(scene):
             flags = int(bsdf.flags())
             if not flags & SHARP:
+                for number in range(bsdf.component_count()):
+                    self.rough |= {(number, bsdf.flags(number) & GLOSSY)} - {(number, 0)}
+                self.coated |= bool(flags & GLOSSY) and bool(flags & DIFFUSE)
                 continue
             self.mixed |= emits or bool(flags & SMOOTH)
             self.passes |= bool(flags & PASSAGE)
@@ -62,7 +69,7 @@ class SpecularLobes:
     @property
     def refracts(self):
         """Whether any surface changes the index of refraction."""
-        return any(lobe == REFRACTION for _, lobe in self.components)
+        return any(lobe in (REFRACTION, GLOSSY_TRANSMISSION) for _, lobe in self.components | self.rough)
 
     def at(self, si, active):
         """Whether a surface scatters or emits, and its reflecting and transmitting `Lobe`."""
@@ -79,6 +86,31 @@ class SpecularLobes:
             transmitted.direction = dr.select(straight, -si.to_world(si.wi), transmitted.direction)
             transmitted.weight += share
         return scatters, reflected, transmitted
+
+    def glossy(self, si, active):
+        """The stronger glossy lobe of a surface without δ lobes, followed as if it were smooth: its `Lobe`, its density
+        in that direction, 0 where there is none, and whether the surface scatters otherwise, too.
+        """
+        bsdf, lobe, density = si.bsdf(), Lobe(mi.Vector3f(0, 0, 1), mi.Color3f(0), mi.Float(1)), mi.Float(0)
+        flags = bsdf.flags()
+        active &= ~is_specular(flags)
+        for number, kind in sorted(self.rough):
+            context = mi.BSDFContext()
+            context.type_mask, context.component = kind, number
+            there = active & ((flags & kind) != 0)
+            direction, eta = mi.reflect(si.wi), mi.Float(1)
+            if kind == GLOSSY_TRANSMISSION:
+                sample, _ = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), there)
+                eta = dr.select(sample.eta > 0, sample.eta, 1)
+                _, cosine, _, inverse = mi.fresnel(si.wi.z, dr.select(si.wi.z > 0, eta, dr.rcp(eta)))
+                direction = mi.refract(si.wi, cosine, inverse)
+            value, seen = bsdf.eval_pdf(context, si, direction, there)
+            value = dr.select(there & (seen > 0), value / seen, 0)
+            stronger = dr.max(value) > dr.max(lobe.weight)
+            lobe = dr.select(stronger, Lobe(direction, value, eta), lobe)
+            density = dr.select(stronger, seen, density)
+        lobe.direction = si.to_world(lobe.direction)
+        return lobe, density, (flags & DIFFUSE) != 0
 
     def _lobe(self, bsdf, si, kind, active):
         direction, weight, eta = mi.Vector3f(0, 0, 1), mi.Color3f(0), mi.Float(1)

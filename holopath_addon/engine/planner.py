@@ -2,23 +2,26 @@
 
 import math
 from dataclasses import asdict, dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
-from . import backend, despeckle
+from . import backend, costs, despeckle
 from .errors import InvalidInput
 from .hologram import Settings
-from .kernel_table import LEVELS, Lattice
 from .mapping import DepthMapping
+from .memory import available, shortage
 from .phase_fields import REACH, SETS, speckle_contrast
 from .probing import LEAST_SHARE, Pilot, near_end, vergence_range
+from .propagation import grid_bytes, padded_shape
+from .recording_planes import (
+    CONE,
+    best_place,
+    depth_of_focus,
+    max_slope,
+    plane_at,
+    slab_planes,
+)
 
-CONE = {
-    "preview": 1.0,
-    "balanced": 1.15,
-    "full": 1.3,
-}  # of the recordable slope: how much of the kernel's tails
 GRAIN_NOISE = {
     "preview": 0.5,
     "balanced": 0.3,
@@ -29,64 +32,69 @@ PASSES = {
     "balanced": (16, 256),
     "full": (32, 1024),
 }  # fewest and most radiance paths a pixel
-PAPER_RAYS = {"preview": 256, "balanced": 1024, "full": 4096}
 FIREFLY = 1.0  # times the bright parts of the view: most that one indirect path may add to a grain's mean
-SLAB = 0.15e-3  # metres; a small part of the depth of focus, 2 wavelength / slope^2 = 1 mm at 8 µm
+SLAB = 0.15  # of the depth of focus
 MOST_SLABS = 48
 GLOSSY_BINS = (2, 6)  # fewest and most along each axis of the pupil
 GLOSSY_TURN = 0.15  # of a lobe's width across the pupil: less is not seen
+RAY_OFFSET = 9e-5  # that Mitsuba starts rays above surfaces, times 1 m + their largest coordinate
+MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
 IMAGE_LIMITS = (-0.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
-DEPTH_BINS = 128  # that recording planes are fitted to
-MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
-CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 MAP_BYTES = 1 << 30  # largest index of the radiance map, and its largest pupil bins
-CELL_BYTES = 48  # of an occupied cell: three sums and a count of 8 bytes, and the amplitudes made of them
-SURFACES = 2  # occupied slabs of a pixel column, roughly
 CACHED_PASSES = 4  # fewest where light is looked up
-BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
-BAKED_SAMPLES = 32  # of each, roughly
-BAKED_SPEED = 2.0  # times that of paths, which follow every bounce
-BAKE_START = 5.0  # seconds, for kernels and for the light between surfaces
-ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
-MOST_TEXELS = 1 << 25
-TEXEL_BYTES = 48  # with what making them takes
 CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
 LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
+GREY = 0.01  # of the radiance: channels that differ less are one
+CHUNK_BYTES = 128 << 20  # of the sums of pixels that are traced at once, at most
+
+# What `Settings.fixed` may fix: lowest and highest value, and what it is.
+FIXABLE = {
+    "chain": (0, 64, "longest chain of mirrors and clear surfaces"),
+    "splits": (0, 2, "hits of a chain at which more than one way on is followed"),
+    "max_depth": (1, 1 << 16, "vertices of a radiance path"),
+    "passes": (1, 1 << 16, "radiance paths a pixel, without a look at their noise"),
+    "slabs": (1, MOST_SLABS, "depth slabs of the radiance map"),
+    "bins": (1, GLOSSY_BINS[1], "pupil bins along each axis of the radiance map"),
+    "grey": (0, 1, "whether all wavelengths share one radiance"),
+    "dispersion": (0, 1, "whether each wavelength has rays of its own where glass disperses"),
+    "regions": (0, 1, "whether each tile has as many rays as it needs"),
+    "chunk": (1, 1 << 40, "bytes of the sums of pixels that are traced at once"),
+}
 
 
 @dataclass(frozen=True)
 class Decision:
-    """One choice of the plan: what, which value, and why, in plain words."""
+    """One choice of the plan, in plain words.
+
+    Attributes
+    ----------
+    name, value : str
+        What was decided, and how.
+    reason : str
+    saving : str
+        What is not done because of it; empty where nothing is saved.
+    error : float or None
+        Estimated error of the wave field that comes of it, relative to the field; None where there is no estimate.
+    """
 
     name: str
     value: str
     reason: str
+    saving: str = ""
+    error: float | None = None
 
+    @property
+    def why(self):
+        """Reason, saving and error in one."""
+        notes = [self.reason]
+        if self.saving:
+            notes.append(f"saves {self.saving}")
+        if self.error is not None:
+            notes.append(f"error about {self.error:.2%}" if self.error >= 5e-5 else "no error")
+        return "; ".join(notes)
 
-@dataclass(frozen=True)
-class RecordingPlane:
-    """A plane that rays start from, and the slab of the volume that it records. Distances from the SLM in metres.
-
-    Attributes
-    ----------
-    z : float
-        Of the plane.
-    far, near : float
-        Ends of the slab, within which its rays see surfaces; infinite for the outermost.
-    low : float
-        Depth of its farthest surface.
-    depth_limit : float
-        Largest distance of a surface from the plane.
-    rays : int
-        A pixel.
-    """
-
-    z: float
-    far: float
-    near: float
-    low: float
-    depth_limit: float
-    rays: int
+    def __str__(self):
+        return f"{self.name}: {self.value} ({self.why})"
 
 
 @dataclass(frozen=True)
@@ -102,12 +110,24 @@ class Plan:
     planes : tuple of RecordingPlane
         From the far end to the near one.
     rays_per_pixel, passes, margin, slabs, bins : int
-        Rays of the wave on all planes, radiance paths, and the radiance map's pixels beyond each edge, depth slabs
-        and pupil bins.
+        Rays of the wave on all planes where they need most, radiance paths, and the radiance map's pixels beyond each
+        edge, depth slabs and pupil bins.
+    most_passes, wanted_error : int, float
+        Paths that may be taken until the radiance's noise leaves so small an error of the wave field.
+    white : float
+        Radiance of the bright parts of the view.
+    grey : bool
+        Whether all wavelengths share one radiance.
+    traversals : int
+        Times that rays are traced: once for all wavelengths, or for each where glass in view disperses.
+    regions : bool
+        Whether each tile of the recording plane has as many rays as it needs, and chains only where they are seen.
     cached : bool
         Whether diffuse light comes from the radiance cache.
     texel_noise, texel_samples : float, int
         Relative standard error that its texels in view are baked to, and most samples of each.
+    max_depth : int
+        Vertices of a radiance path.
     radiance_limit : float
         Most that indirect light may add to one path.
     chain : int
@@ -116,12 +136,18 @@ class Plan:
         Hits of a chain at which more than one way on is followed.
     virtual_image : str
         'curvature', or 'opl' where it is asked for or exact.
+    pupil : float
+        Radius of the pupil that nearly smooth mirrors are followed for, metres; 0 where none is in view.
     coherent : bool
         Whether neighbouring rays are traced in packets.
     cone : float
         Half-angle of the lattice in recordable slopes.
+    chunk : int
+        Bytes of the sums of pixels that are traced at once.
     seconds : float
         Estimated time on this machine.
+    error : float
+        Estimated error of the wave field by the radiance's noise, relative to the field.
     memory_bytes : int
         Estimated peak of the arrays.
     decisions : tuple of Decision
@@ -134,19 +160,29 @@ class Plan:
     planes: tuple
     rays_per_pixel: int
     passes: int
+    most_passes: int
+    wanted_error: float
+    white: float
+    grey: bool
+    traversals: int
     margin: int
     slabs: int
     bins: int
+    regions: bool
     cached: bool
     texel_noise: float
     texel_samples: int
+    max_depth: int
     radiance_limit: float
     chain: int
     splits: int
     virtual_image: str
+    pupil: float
     coherent: bool
     cone: float
+    chunk: int
     seconds: float
+    error: float
     memory_bytes: int
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
@@ -156,8 +192,11 @@ class Plan:
         return _finite(asdict(self))
 
     def __str__(self):
-        lines = [f"{d.name}: {d.value} ({d.reason})" for d in self.decisions]
-        lines.append(f"time: about {self.seconds:.0f} s, memory: about {self.memory_bytes / 1e6:.0f} MB")
+        lines = [str(decision) for decision in self.decisions]
+        lines.append(
+            f"time: about {self.seconds:.0f} s, memory: about {self.memory_bytes / 1e6:.0f} MB, "
+            f"error of the field: about {self.error:.1%}"
+        )
         return "\n".join(lines + [f"warning: {w}" for w in self.warnings])
 
 
@@ -179,6 +218,7 @@ def plan(scene, camera, hologram, settings=None, store=None):
     camera : Camera
     hologram : Hologram
     settings : Settings, optional
+        Its `fixed` overrides decisions, see `FIXABLE`.
     store : BakeStore, optional
         Where baked light may be found.
 
@@ -189,32 +229,38 @@ def plan(scene, camera, hologram, settings=None, store=None):
     Raises
     ------
     InvalidInput
-        If nothing is in view.
+        If nothing is in view, or the machine has too little memory.
     BackendUnavailable
         If Mitsuba cannot compute here.
     """
     backend.activate()
-    from .chains import FirstHits, SpecularChains
+    from .chains import FirstHits
     from .radiance import PathTracer
 
     settings = (settings or Settings()).resolved()
-    decisions, warnings = [], []
+    check_fixed(settings.fixed)
+    fixed, decisions, warnings = settings.fixed, [], []
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
     pilot = Pilot(scene, hologram, camera, mapping, settings.seed)
     seen, optics = pilot.first_hits(), FirstHits(sky=camera.sees_sky)
-    image = settings.virtual_image
-    chain = settings.most_hits if seen.specular > LEAST_SHARE else 0
-    if chain:
-        optics = SpecularChains(scene, image, chain, sky=camera.sees_sky)
-        seen = pilot.images(seen, optics)
-        image = image if seen.bent else "opl"
-    light = pilot.light(PathTracer(settings.max_depth), optics)
+    chain, splits, image, pupil = 0, 0, settings.virtual_image, 0.0
+    if seen.specular + seen.nearly > LEAST_SHARE or fixed.get("chain"):
+        seen, optics, chain, splits, image, pupil = _chains(scene, camera, settings, pilot, seen, decisions)
+    if not chain and seen.specular > LEAST_SHARE:
+        warnings.append(
+            f"{seen.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
+            f"surface, not at the depth of what it reflects; allow chains of mirrors to change that."
+        )
+    most_depth = fixed.get("max_depth", settings.max_depth)
+    least_depth = most_depth if "max_depth" in fixed else 1
+    light = pilot.light(PathTracer, optics, most_depth, least_depth, slab_of(hologram), firefly_of(settings))
     low, high = vergence_range(seen, chain)
     if chain:
-        low, high = max(low, IMAGE_LIMITS[0] / near), min(high, IMAGE_LIMITS[1] / near)
+        low, high = (min(max(end, IMAGE_LIMITS[0] / near), IMAGE_LIMITS[1] / near) for end in (low, high))
     z_low, z_high = mapping.z_far + mapping.beta * low, mapping.z_far + mapping.beta * high
-    decisions.append(
+    decisions.insert(
+        0,
         Decision(
             "depth",
             f"{near:.3g} m to {'infinity' if z_low <= mapping.z_far else f'{mapping.z_to_depth(z_low):.3g} m'} "
@@ -222,31 +268,48 @@ def plan(scene, camera, hologram, settings=None, store=None):
             "the volume ends at the nearest surface in view"
             if hologram.depth_mapping == "fit" and not hologram.near
             else f"{hologram.depth_mapping} mapping",
-        )
+        ),
     )
     depths = np.clip(mapping.z_far + mapping.beta * np.array([low, *seen.vergence, high]), z_low, z_high)
     gloss = mapping.z_far + mapping.beta * seen.gloss if seen.turn > GLOSSY_TURN else np.empty(0)
-    planes = _planes(hologram, settings, z_low, z_high, depths, gloss, chain, decisions, warnings)
+    planes, regions = _planes(
+        hologram, settings, z_low, z_high, depths, gloss, chain, seen.places, decisions, warnings
+    )
     rays = sum(plane.rays for plane in planes)
     middle = 0.5 * (planes[0].z + planes[-1].z)
-    reach = 1.02 * CONE[settings.quality] * _slope(hologram) * max(z_high - middle, middle - z_low)
+    reach = 1.02 * CONE[settings.quality] * max_slope(hologram) * max(z_high - middle, middle - z_low)
     margin = math.ceil(reach / hologram.pitch) + 3
-    cached = _cached(scene, hologram, settings, seen, light, margin, store, decisions)
-    passes, slabs, bins = _radiance(
-        hologram, settings, seen, light, margin, z_high - z_low, cached, decisions
+    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
+    texture = _texture(scene, hologram, settings, seen, light, columns, store, decisions)
+    max_depth = _bounces(settings, light, most_depth, texture, decisions)
+    passes, slabs, bins, error = _radiance(
+        hologram, settings, seen, light, columns, z_high - z_low, texture, splits, decisions
     )
-
-    if chain:
-        reason = f"{seen.specular:.1%} of the view mirrors or lets through; images by "
-        reason += "curvature" if image == "curvature" else "optical path"
-        if image != settings.virtual_image:
-            reason += ", which is exact here"
-        reason += f"; {1 << seen.splits} branches of each ray" if seen.splits else ""
-        decisions.append(Decision("specular hits", f"up to {chain}", reason))
-    elif seen.specular > LEAST_SHARE:
+    grey, traversals = _wavelengths(scene, hologram, settings, chain, light, decisions)
+    _frames(hologram, settings, z_high - z_low, decisions)
+    chunk = fixed.get("chunk") or min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
+    reason = "as asked" if "chunk" in fixed else "an eighth of what is free at most"
+    decisions.append(Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason))
+    farthest = max(abs(planes[-1].z), 0.0)
+    padded = padded_shape(
+        (hologram.height, hologram.width), hologram.pitch, max(hologram.wavelengths), farthest
+    )
+    decisions.append(
+        Decision(
+            "padding",
+            f"{padded[1]} x {padded[0]} pixels",
+            f"the least that {farthest * 1e3:.3g} mm to the SLM need without wrapping around",
+            f"{4 * hologram.width * hologram.height / (padded[0] * padded[1]):.1f} x against twice the size"
+            if padded[0] * padded[1] < 3.6 * hologram.width * hologram.height
+            else "",
+            0.0,
+        )
+    )
+    offset = RAY_OFFSET * (1 + abs(camera.position).max())
+    if offset > MOST_OFFSET * near:
         warnings.append(
-            f"{seen.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
-            f"surface, not at the depth of what it reflects; allow chains of mirrors to change that."
+            f"Mitsuba's rays start {offset:.1g} m off surfaces here, much for a scene {near:.2g} m from the camera: "
+            f"mirrors shift and light leaks; move the scene to the origin, or enlarge it."
         )
     captured = captured_share(hologram, 0.5 * (z_low + z_high))
     if captured < 0.75:
@@ -254,112 +317,169 @@ def plan(scene, camera, hologram, settings=None, store=None):
             f"Only {captured:.0%} of the light fits through the SLM's aperture at {z_high * 1e3:.0f} mm: edges darken; "
             f"bring the depth range nearer to the SLM or use more pixels."
         )
-
-    speckle = speckle_contrast(settings.phase_field, settings.frames)
-    reason = f"{settings.phase_field} phase fields leave a speckle contrast of about {speckle:.0%}"
-    reach = REACH * hologram.pitch**2 / max(hologram.wavelengths)
-    if settings.phase_field == "designed" and reach < z_high - z_low:
-        reason += f" up to {reach * 1e3:.2g} mm from focus, {speckle_contrast('random', settings.frames):.0%} beyond"
-    decisions.append(Decision("frames", str(settings.frames), reason))
-    if settings.despeckle:
-        decisions.append(
-            Decision(
-                "despeckling",
-                f"{settings.despeckle} steps",
-                f"towards the mean of {despeckle.BATCHES * SETS[-1]} frames of the same paths, which are traced too",
-            )
-        )
-    seconds, memory = _costs(
-        hologram, settings, seen, light, rays << seen.splits, passes, margin, slabs, bins, cached
-    )
+    plain, chained = (sum(getattr(plane, kind) for plane in planes) for kind in ("plain", "chained"))
+    work = costs.Work(columns, plain, chained * (1 << splits) if chain else 0.0, passes, texture, traversals)
+    seconds = costs.seconds(hologram, settings, seen, light, work)
+    memory = costs.memory(hologram, settings, work, margin, slabs, bins, _binned(seen), splits)
+    size, farthest = (hologram.height, hologram.width), max(abs(z_low), abs(z_high))
+    memory += max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
+    warnings += shortage(memory, "This hologram")
     return Plan(
-        near,
-        z_low,
-        z_high,
-        planes,
-        rays,
-        passes,
-        margin,
-        slabs,
-        bins,
-        cached is not None,
-        texel_noise(settings),
-        PASSES[settings.quality][1],
-        FIREFLY * light.bright * (passes or PASSES[settings.quality][1]),
-        chain,
-        seen.splits,
-        image,
-        seen.coherent,
-        CONE[settings.quality],
-        seconds,
-        memory,
-        tuple(decisions),
-        tuple(warnings),
+        near=near,
+        z_low=z_low,
+        z_high=z_high,
+        planes=planes,
+        rays_per_pixel=rays,
+        passes=passes,
+        most_passes=passes if "passes" in fixed else PASSES[settings.quality][1],
+        wanted_error=0.5 * wanted_noise(settings),
+        white=light.bright,
+        grey=grey,
+        traversals=traversals,
+        margin=margin,
+        slabs=slabs,
+        bins=bins,
+        regions=regions,
+        cached=texture is not None,
+        texel_noise=texel_noise(settings),
+        texel_samples=PASSES[settings.quality][1],
+        max_depth=max_depth,
+        radiance_limit=FIREFLY * light.bright * (passes or PASSES[settings.quality][1]),
+        chain=chain,
+        splits=splits,
+        virtual_image=image,
+        pupil=pupil,
+        coherent=seen.coherent,
+        cone=CONE[settings.quality],
+        chunk=chunk,
+        seconds=seconds,
+        error=error,
+        memory_bytes=memory,
+        decisions=tuple(decisions),
+        warnings=tuple(warnings),
     )
 
 
-def _planes(hologram, settings, z_low, z_high, depths, gloss, chain, decisions, warnings):
-    """The recording planes, each in the middle of its slab of the depths in view."""
-    count = settings.planes
+def parse_fixed(text):
+    """Decisions to fix, from words as ``chain=4 passes=64``, with or without commas between; see `FIXABLE`.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InvalidInput
+    """
+    fixed = {}
+    for word in text.replace(",", " ").split():
+        name, _, value = word.partition("=")
+        try:
+            fixed[name] = int(value)
+        except ValueError:
+            raise InvalidInput(
+                f"'{word}' fixes no decision: write NAME=NUMBER, for example chain=4."
+            ) from None
+    check_fixed(fixed)
+    return fixed
+
+
+def check_fixed(fixed):
+    """Refuse names and values that no decision has."""
+    for name, value in fixed.items():
+        if name not in FIXABLE:
+            raise InvalidInput(f"There is no decision '{name}' to fix: choose one of {', '.join(FIXABLE)}.")
+        low, high, what = FIXABLE[name]
+        if not (isinstance(value, (int, bool)) and low <= value <= high):
+            raise InvalidInput(
+                f"The fixed {name} ({what}) must be a whole number from {low} to {high}, not {value}."
+            )
+
+
+def _chains(scene, camera, settings, pilot, seen, decisions):
+    """How mirrors and clear surfaces are followed: what is seen by them, the optics, the longest chain, the hits that
+    divide it, how images are placed, and the pupil's radius where there are nearly smooth mirrors.
+    """
+    from .chains import SPLITS, SpecularChains
+
+    fixed, image = settings.fixed, settings.virtual_image
+    most = fixed.get("chain", settings.most_hits)
+    if not most:
+        return seen, None, 0, 0, image, 0.0
+    pupil = pilot.pupil if seen.nearly > LEAST_SHARE else 0.0
+
+    def optics_of(hits, splits=SPLITS):
+        return SpecularChains(scene, image, hits, splits, sky=camera.sees_sky, pupil=pupil)
+
+    optics = optics_of(most)
+    seen = pilot.images(seen, optics)
+    chain, lost = (most, 0.0) if "chain" in fixed else pilot.longest_chain(optics_of, most)
+    splits = fixed.get("splits", seen.splits)
+    exact = not seen.bent and "chain" not in fixed
+    reason = f"{seen.specular + seen.nearly:.1%} of the view mirrors or lets through; images by "
+    reason += "optical path" if image == "opl" or exact else "curvature"
+    reason += ", which is exact here" if exact and image != "opl" else ""
+    reason += f"; {1 << splits} branches of each ray" if splits else ""
+    saving = f"{most - chain} hits of {most}" if chain < most else ""
+    decisions.append(Decision("specular hits", f"up to {chain}", reason, saving, math.sqrt(lost)))
+    image = "opl" if exact else image
+    return seen, optics_of(chain, splits), chain, splits, image, pupil
+
+
+def _planes(hologram, settings, z_low, z_high, depths, gloss, chain, places, decisions, warnings):
+    """The recording planes, and whether their tiles are traced by what each needs."""
+    several = settings.planes > 1 and not chain and not len(gloss)
+    placed = settings.method != "direct" and settings.wrp == "auto"
+    if placed and several:
+        planes = slab_planes(hologram, settings, depths, chain, warnings)
+        where = ", ".join(f"{plane.z * 1e3:.2f}" for plane in planes)
+        decisions.append(
+            Decision("recording planes", f"{where} mm from the SLM", "fitted to the depths in view")
+        )
+        decisions.append(_ray_decision(settings, planes))
+        return planes, False
+    able = settings.radiance == "grain" and settings.estimator == "lattice"
+    regions = able and bool(settings.fixed.get("regions", 1))
     if settings.method == "direct":
         z, reason = 0.0, "the SLM itself: method direct"
-    elif settings.wrp != "auto":
+    elif not placed:
         z, reason = float(settings.wrp), "as asked"
-    elif count > 1 and not chain and not len(gloss):
-        slabs = depth_slabs(depths, count)
-        ends = [-math.inf, *(0.5 * (a[1] + b[0]) for a, b in pairwise(slabs)), math.inf]
-        planes = tuple(
-            RecordingPlane(
-                0.5 * (low + high),
-                far,
-                near,
-                low,
-                *_rays(hologram, settings, 0.5 * (high - low), warnings, len(slabs)),
-            )
-            for (low, high), far, near in zip(slabs, ends[:-1], ends[1:], strict=True)
-        )
-        places = ", ".join(f"{plane.z * 1e3:.2f}" for plane in planes)
-        decisions.append(
-            Decision("recording planes", f"{places} mm from the SLM", "fitted to the depths in view")
-        )
-        decisions.append(_ray_decision(settings, sum(plane.rays for plane in planes), planes))
-        return planes
     else:
-        z, reason = 0.5 * (z_low + z_high), "the middle of the depths in view needs the fewest rays"
-        if len(gloss):
-            z = _beside_gloss(z_low, z_high, gloss, depth_of_focus(hologram))
-            reason = "a depth of focus beside gloss, which looks different across the pupil"
-        if count > 1:
+        # images in mirrors and glass lose where the plane is far from them: only without them it may leave the middle
+        z, reason = best_place(hologram, settings, z_low, z_high, gloss, places, regions and not chain)
+        if settings.planes > 1:
             reason += "; one only, since "
             reason += (
                 "silhouettes do not hold for images in mirrors" if chain else "gloss needs it beside itself"
             )
-    decisions.append(Decision("recording plane", f"{z * 1e3:.3f} mm from the SLM", reason))
-    limit, rays = _rays(hologram, settings, max(z_high - z, z - z_low), warnings)
-    planes = (RecordingPlane(z, -math.inf, math.inf, z_low, limit, rays),)
-    decisions.append(_ray_decision(settings, rays, planes))
-    return planes
+    plane = plane_at(hologram, settings, z, z_low, z_high, chain, places, regions, warnings)
+    far = max(abs(hologram.depth_near - hologram.depth_far), 1e-9)
+    saving = ""
+    if settings.estimator == "lattice" and plane.depth_limit < 0.9 * far:
+        saving = (
+            f"{1 - (plane.depth_limit / far) ** 2:.0%} of the rays that a plane at the volume's end needs"
+        )
+    decisions.append(Decision("recording plane", f"{z * 1e3:.3f} mm from the SLM", reason, saving))
+    decisions.append(_ray_decision(settings, [plane]))
+    if regions:
+        mean, chained = plane.plain + plane.chained, plane.chained / max(plane.plain + plane.chained, 1e-9)
+        value = f"{mean:.0f} of {plane.rays} rays a pixel on average"
+        if chain:
+            value += f", {chained:.0%} of them followed over mirrors"
+        share = 1 - mean / plane.rays
+        reason = "tiles that see no light have none, others one a grain at their own farthest surface"
+        decisions.append(
+            Decision("regions", value, reason, f"{share:.0%} of the rays" if share > 0.005 else "", 0.0)
+        )
+    return (plane,), regions
 
 
-def depth_of_focus(hologram):
-    """Depth of focus 2 wavelength / slope^2 in metres, of the wavelength that has the longest."""
-    return max(2 * w / hologram.max_slope(w) ** 2 for w in hologram.wavelengths)
-
-
-def _beside_gloss(z_low, z_high, gloss, distance):
-    """The plane nearest to the middle that has hardly any glossy surface within a distance.
-
-    Nearer than about a depth of focus all directions of a grain fall into one pixel, which cannot hold that
-    they differ.
-    """
-    middle = 0.5 * (z_low + z_high)
-    candidates = np.linspace(z_low - 1.05 * distance, z_high + 1.05 * distance, DEPTH_BINS)
-    candidates = candidates[np.argsort(abs(candidates - middle), kind="stable")]
-    near = [(abs(gloss - z) < distance).mean() for z in candidates]
-    return float(candidates[np.argmax(np.array(near) < 0.01)])
-
-
-def _ray_decision(settings, rays, planes):
+def _ray_decision(settings, planes):
+    rays = sum(plane.rays for plane in planes)
     if settings.estimator == "paper":
         return Decision("rays a pixel", str(rays), "random directions, the paper's estimator")
     limit = max(plane.depth_limit for plane in planes)
@@ -368,61 +488,14 @@ def _ray_decision(settings, rays, planes):
     return Decision("rays a pixel", str(rays), reason)
 
 
-def depth_slabs(depths, count):
-    """Split depths into at most `count` slabs that need the fewest rays, whose number goes as the thickness squared.
-
-    Parameters
-    ----------
-    depths : numpy.ndarray
-    count : int
-
-    Returns
-    -------
-    list of (float, float)
-        Lowest and highest depth in each slab, from low to high.
-    """
-    low, high = float(depths.min()), float(depths.max())
-    bins = np.minimum(((depths - low) / max(high - low, 1e-12) * DEPTH_BINS).astype(int), DEPTH_BINS - 1)
-    used = np.unique(bins)
-    first = np.array([depths[bins == b].min() for b in used])
-    last = np.array([depths[bins == b].max() for b in used])
-    cost = (last[None, :] - first[:, None]) ** 2  # of one slab from bin i to bin j
-    best, cuts = cost[0], []
-    for _ in range(min(count, len(used)) - 1):
-        options = best[:-1, None] + cost[1:]
-        options[np.tril_indices_from(options)] = np.inf
-        cuts.append(options.argmin(0))
-        best = options.min(0)
-    slabs, end = [], len(used) - 1
-    for cut in cuts[::-1]:
-        begin = cut[end] + 1
-        slabs.append((float(first[begin]), float(last[end])))
-        end = cut[end]
-    return [(float(first[0]), float(last[end])), *slabs[::-1]]
+def firefly_of(settings):
+    """Most that one path may count, in radiances of the bright parts of the view, where there are the fewest."""
+    return FIREFLY * PASSES[settings.quality][0]
 
 
-def _rays(hologram, settings, thickness, warnings, planes=1):
-    """Depth limit of a plane, one of several, with surfaces up to `thickness` away, and its rays a pixel."""
-    slope, cone = _slope(hologram), CONE[settings.quality]
-    # rays between the probe's may meet surfaces a little beyond what it saw
-    limit = 1.02 * thickness + 0.1 * hologram.pitch / slope
-    if settings.estimator == "paper":
-        return limit, settings.spp or PAPER_RAYS[settings.quality]
-    if cone * slope * limit / hologram.pitch > MOST_REACH:
-        raise InvalidInput(
-            f"The recording plane is {limit * 1e3:.1f} mm from a surface, which would need over "
-            f"{math.pi * MOST_REACH**2:.0f} rays a pixel: put it nearer to the scene (auto does), reduce the depth "
-            f"range, or use the paper's estimator."
-        )
-    whole = Lattice.of(slope, limit, hologram.pitch, cone)
-    most = settings.spp and max(1, settings.spp // planes)
-    lattice = Lattice.of(slope, limit, hologram.pitch, cone, most)
-    if lattice.rays < whole.rays:
-        warnings.append(
-            f"{lattice.rays} rays a pixel are fewer than the {whole.rays} that this depth range needs: the farthest "
-            f"depths lose contrast; raise the rays a pixel or reduce the depth range."
-        )
-    return limit, lattice.rays
+def slab_of(hologram):
+    """Thickness of the radiance map's depth slabs in metres."""
+    return SLAB * depth_of_focus(hologram)
 
 
 def wanted_noise(settings):
@@ -437,11 +510,13 @@ def texel_noise(settings):
 
 def passes_for(settings, noise, fewest=None):
     """Radiance paths a pixel where one has a relative variance of `noise`."""
+    if "passes" in settings.fixed:
+        return settings.fixed["passes"]
     least, most = PASSES[settings.quality]
     return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
 
 
-def _cached(scene, hologram, settings, seen, light, margin, store, decisions):
+def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
     """Seconds that the radiance cache will take, None where it is not used."""
     if settings.method == "direct" or settings.max_depth < 2:
         return None
@@ -450,16 +525,12 @@ def _cached(scene, hologram, settings, seen, light, margin, store, decisions):
         return None
     from .baking import is_baked
 
-    pixels = hologram.width * hologram.height
-    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    paths = 0.6 * columns * passes_for(settings, light.noise) / light.paths_per_second
+    paths = costs.path_seconds(light, columns * passes_for(settings, light.noise))
     if settings.radiance == "ray":
         paths = math.inf
     most = PASSES[settings.quality][1]
     baked = store is not None and is_baked(scene, settings, texel_noise(settings), most, store)
-    seconds = 0.6 * columns * CACHED_PASSES / light.paths_per_second
-    if not baked:
-        seconds += BAKE_START + pixels * BAKED_TEXELS * BAKED_SAMPLES / (BAKED_SPEED * light.paths_per_second)
+    seconds = costs.baking_seconds(hologram, light, columns, CACHED_PASSES, baked)
     compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
     compared = f"light baked before, {compared}" if baked else f"to be baked, {compared}"
     if settings.method == "fast":
@@ -472,34 +543,61 @@ def _cached(scene, hologram, settings, seen, light, margin, store, decisions):
         decisions.append(Decision("diffuse light", "paths of this view", reason))
         return None
     better = seconds < CLEARLY * paths
-    decisions.append(
-        Decision("diffuse light", "radiance cache" if better else "paths of this view", compared)
-    )
+    saving = f"about {abs(paths - seconds):.0f} s" if abs(paths - seconds) >= 1 else ""
+    value = "radiance cache" if better else "paths of this view"
+    decisions.append(Decision("diffuse light", value, compared, saving))
     return seconds if better else None
 
 
-def _radiance(hologram, settings, seen, light, margin, thickness, cached, decisions):
-    """Radiance paths a pixel, depth slabs and pupil bins."""
+def _bounces(settings, light, most, texture, decisions):
+    """Vertices of a radiance path."""
+    if texture is not None:
+        decisions.append(Decision("light bounces", f"{most} vertices", "the radiance cache has them all"))
+        return most
+    if "max_depth" in settings.fixed:
+        reason = "as asked"
+    elif light.max_depth < most:
+        reason = f"more add {light.lost:.1%} of the light"
+    else:
+        reason = "as many as are allowed"
+    saving = f"{most - light.max_depth} vertices of {most}" if light.max_depth < most else ""
+    decisions.append(Decision("light bounces", f"{light.max_depth} vertices", reason, saving, light.lost / 2))
+    return light.max_depth
+
+
+def _radiance(hologram, settings, seen, light, columns, thickness, texture, splits, decisions):
+    """Radiance paths a pixel, depth slabs, pupil bins, and the error that the paths' noise leaves in the field."""
     if settings.radiance == "ray":
-        reason = "as asked" if cached is not None else "as asked; dark where light is indirect"
+        reason = "as asked" if texture is not None else "as asked; dark where light is indirect"
         decisions.append(Decision("radiance", f"{settings.paths} paths a ray", reason))
-        return 0, 1, 1
+        return 0, 1, 1, 0.0
+    fixed = settings.fixed
     passes = passes_for(settings, light.noise)
-    left, speckle = math.sqrt(light.noise / passes), speckle_contrast("random", settings.frames)
+    noise, speckle = math.sqrt(light.noise / passes), speckle_contrast("random", settings.frames)
+    if texture is not None:
+        noise = texel_noise(settings)
     glossy = seen.turn > 0 or seen.specular > LEAST_SHARE
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
-    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    room = MAP_BYTES / (columns * SURFACES * _binned(seen) * CELL_BYTES)
-    bins = max(1, min(bins, math.floor(math.sqrt(room))))
-    most_slabs = min(MOST_SLABS, MAP_BYTES // (4 * columns << seen.splits))
-    slabs = max(1, min(most_slabs, math.ceil(thickness / SLAB)))
+    room = MAP_BYTES / (columns * costs.SURFACES * _binned(seen) * costs.CELL_BYTES)
+    bins = max(1, min(fixed.get("bins", bins), math.floor(math.sqrt(room))))
+    most_slabs = min(MOST_SLABS, MAP_BYTES // (4 * columns << splits))
+    slabs = math.ceil(thickness / slab_of(hologram))
+    slabs = max(1, min(most_slabs, fixed.get("slabs", slabs)))
+    most = PASSES[settings.quality][1]
     decisions.append(
         Decision(
             "radiance paths a pixel",
-            str(passes) if cached is None else f"{CACHED_PASSES} to {passes}",
-            "as many as what shines and mirrors needs once diffuse light is baked"
-            if cached is not None
-            else f"leaves {left:.1%} noise in a grain's mean where frames of random phase leave {speckle:.0%} speckle",
+            str(passes) if texture is None else f"{CACHED_PASSES} to {passes}",
+            "as asked"
+            if "passes" in fixed
+            else "as many as what shines and mirrors needs once diffuse light is baked"
+            if texture is not None
+            else f"leave {noise:.1%} noise in a grain's mean where frames of random phase leave {speckle:.0%} speckle; "
+            "more if their halves differ by more",
+            f"{1 - passes / most:.0%} of the paths that may be taken"
+            if passes < most and texture is None
+            else "",
+            0.5 * noise,
         )
     )
     decisions.append(
@@ -509,9 +607,12 @@ def _radiance(hologram, settings, seen, light, margin, thickness, cached, decisi
             f"across the pupil the view turns {seen.turn:.2g} widths of the sharpest gloss"
             if glossy
             else "all surfaces in view are diffuse",
+            f"{1 - slabs * bins**2 / (MOST_SLABS * GLOSSY_BINS[1] ** 2):.0%} of the largest map"
+            if slabs * bins**2 < MOST_SLABS * GLOSSY_BINS[1] ** 2
+            else "",
         )
     )
-    return passes, slabs, bins
+    return passes, slabs, bins, 0.5 * noise
 
 
 def _binned(seen):
@@ -519,31 +620,43 @@ def _binned(seen):
     return min(1.0, max(0.01, len(seen.gloss) / max(len(seen.vergence), 1) + seen.specular))
 
 
-def _costs(hologram, settings, seen, light, rays, passes, margin, slabs, bins, cached):
-    """Estimated seconds and bytes, from the probe's speed and the sizes of the arrays."""
-    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
-    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    seconds = 2.0 + pixels * rays * (1.3 / seen.rays_per_second + (2 + 0.3 * frames * colours) * 1e-9)
-    paths = columns * passes if settings.radiance == "grain" else pixels * rays * settings.paths
-    seconds += cached if cached is not None else 0.6 * paths / light.paths_per_second
-    seconds += pixels * frames * colours * 0.1e-6
-    fields = pixels * frames * (colours + 1) * 8
+def _wavelengths(scene, hologram, settings, chain, light, decisions):
+    """Whether all wavelengths share one radiance, and how often rays are traced."""
+    from .dispersion import wavelength_groups
+
+    fixed, colours = settings.fixed, len(hologram.wavelengths)
+    groups = len(wavelength_groups(scene, hologram.wavelengths))
+    if not fixed.get("dispersion", bool(chain)):
+        groups = 1
+    grey = bool(fixed.get("grey", light.chroma < GREY)) and settings.radiance == "grain" and colours > 1
+    if colours > 1:
+        value = "rays for each" if groups > 1 else "rays once for all"
+        reason = "glass in view disperses" if groups > 1 else "no glass that disperses is in view"
+        if grey:
+            value, reason = f"{value}, one radiance", f"{reason}; colours differ by {light.chroma:.1%}"
+        saving = f"{colours - 1} of {colours} tracings" if groups == 1 else ""
+        decisions.append(Decision("wavelengths", value, reason, saving, 0.5 * light.chroma if grey else 0.0))
+    return grey, groups
+
+
+def _frames(hologram, settings, thickness, decisions):
+    """Frames, what speckle they leave, and steps against it."""
+    speckle = speckle_contrast(settings.phase_field, settings.frames)
+    reason = f"{settings.phase_field} phase fields leave a speckle contrast of about {speckle:.0%}"
+    reach = REACH * hologram.pitch**2 / max(hologram.wavelengths)
+    if settings.phase_field == "designed" and reach < thickness:
+        reason += f" up to {reach * 1e3:.2g} mm from focus, {speckle_contrast('random', settings.frames):.0%} beyond"
+    if settings.speckle is not None:
+        reason += f", {settings.speckle:.0%} wished"
+    decisions.append(Decision("frames", str(settings.frames), reason))
     if settings.despeckle:
-        many = despeckle.BATCHES * SETS[-1]
-        seconds += pixels * rays * despeckle.BATCHES * 1.3 / seen.rays_per_second
-        seconds += pixels * many * colours * (rays * 0.3e-9 + 1e-6)
-        seconds += pixels * frames * colours * settings.despeckle * 25e-9
-        # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
-        fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
-    tables = LEVELS * margin**2 * 8 * colours
-    rows = 1 + (bins**2 - 1) * _binned(seen)
-    radiance = columns * ((4 * slabs << seen.splits) + SURFACES * rows * CELL_BYTES)
-    texels = 0 if cached is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
-    return seconds, fields + tables + radiance + texels + CHUNK_BYTES
-
-
-def _slope(hologram):
-    return max(hologram.max_slope(w) for w in hologram.wavelengths)
+        decisions.append(
+            Decision(
+                "despeckling",
+                f"{settings.despeckle} steps",
+                f"towards the mean of {despeckle.BATCHES * SETS[-1]} frames of the same paths, which are traced too",
+            )
+        )
 
 
 def captured_share(hologram, distance):
@@ -556,7 +669,7 @@ def captured_share(hologram, distance):
     axis = np.linspace(-1, 1, n)
     slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
     disk = slope_x**2 + slope_y**2 <= 1
-    walk = _slope(hologram) * abs(distance) / hologram.pitch
+    walk = max_slope(hologram) * abs(distance) / hologram.pitch
     kept = np.clip(1 - np.abs(slope_x) * walk / hologram.width, 0, 1) * np.clip(
         1 - np.abs(slope_y) * walk / hologram.height, 0, 1
     )

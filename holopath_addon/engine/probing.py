@@ -8,6 +8,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .mapping import DepthMapping
+from .regions import DEPTHS, Look
 
 PILOT_GRAINS, PILOT_PATHS = 4096, 32
 DIRECTIONS = 16  # a pixel
@@ -18,6 +19,9 @@ LEAST_SHARE = (
     1e-4  # of the view: less sky may be cracks between triangles, fewer mirrors are not worth their cost
 )
 BENT = 1e-3  # of the vergence, and dioptres
+LEAST_LIGHT = 0.005  # of the light: bounces that add less are left out
+OUTLIERS = 0.005  # of the grains: a few at the edges of lamps' images would else decide
+DEPTHS_TRIED = (1, 2, 3, 4, 6)  # vertices of a path
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,8 @@ class Probe:
         Whether rays that hit nothing meet an environment.
     specular : float
         Share of rays that meet surfaces with a δ lobe.
+    nearly : float
+        Share of rays that meet rough surfaces with a narrow lobe.
     turn : float
         Turn of the view across the pupil in widths of the sharpest glossy lobes in view; 0 without gloss.
     gloss : numpy.ndarray
@@ -42,22 +48,71 @@ class Probe:
         Whether rays are faster in packets, as they are where triangles are large.
     rays_per_second : float
         Speed of this machine on this scene.
+    chains_per_second : float
+        The same of rays that are followed over mirrors and through clear surfaces.
     splits : int
         Hits at which chains divide.
     diffuse : float
         Share of rays that meet surfaces, no mirrors, that scatter diffusely.
+    places : Places
+        What each ray saw.
     """
 
     vergence: np.ndarray
     bent: bool
     sky: bool
     specular: float
+    nearly: float
     turn: float
     gloss: np.ndarray
     coherent: bool
     rays_per_second: float
+    chains_per_second: float
     splits: int
     diffuse: float
+    places: "Places"
+
+
+@dataclass(frozen=True)
+class Places:
+    """What rays saw, from anywhere.
+
+    Attributes
+    ----------
+    column, row : numpy.ndarray
+        Where rays cross the far end of the volume, pixels.
+    slope_x, slope_y : numpy.ndarray
+        To the right and up.
+    z : numpy.ndarray
+        Depth of what is seen, metres from the SLM; NaN where there is nothing.
+    chains : numpy.ndarray of bool
+        Whether it is seen through mirrors or clear surfaces.
+    z_far, pitch : float
+        Metres.
+    """
+
+    column: np.ndarray
+    row: np.ndarray
+    slope_x: np.ndarray
+    slope_y: np.ndarray
+    z: np.ndarray
+    chains: np.ndarray
+    z_far: float
+    pitch: float
+
+    def look(self, plane, limit, width, height, cell):
+        """The `Look` from the tiles, `cell` pixels wide, of a plane of so many pixels, at a distance from the SLM."""
+        walk = (plane - self.z_far) / self.pitch
+        column = np.floor((self.column + self.slope_x * walk + 0.5) / cell).astype(int)
+        row = np.floor((self.row - self.slope_y * walk + 0.5) / cell).astype(int)
+        shape = -(-height // cell), -(-width // cell)
+        inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0]) & np.isfinite(self.z)
+        tile = (row * shape[1] + column)[inside]
+        part = np.minimum(np.abs(self.z[inside] - plane) / limit, 1.0)
+        depth, chains = np.zeros(shape[0] * shape[1], np.uint32), np.zeros(shape[0] * shape[1], bool)
+        np.maximum.at(depth, tile, 1 + (part * (DEPTHS - 1)).astype(np.uint32))
+        chains[tile[self.chains[inside]]] = True
+        return Look(depth.reshape(shape), chains.reshape(shape))
 
 
 @dataclass(frozen=True)
@@ -68,6 +123,10 @@ class Light:
     ----------
     noise : float
         Variance of one path relative to its grain's squared mean, weighted by brightness.
+    chroma : float
+        Largest difference of the colour channels relative to their mean, weighted by brightness.
+    max_depth, lost : int, float
+        Vertices of a path that are enough, and the share of the light that is lost with longer ones.
     bright : float
         Radiance of the bright parts of the view, the 95th percentile of what is lit.
     paths_per_second : float
@@ -77,6 +136,9 @@ class Light:
     noise: float
     bright: float
     paths_per_second: float
+    chroma: float
+    max_depth: int
+    lost: float
 
 
 class Pilot:
@@ -98,7 +160,7 @@ class Pilot:
 
         from .rays import Rays
 
-        self.scene, self.camera, self.seed = scene, camera, seed
+        self.scene, self.camera, self.seed, self._mapping = scene, camera, seed, mapping
         rays = Rays(hologram, camera, mapping, mapping.z_far)
         stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / (1 << 16))))
         columns, rows = -(-hologram.width // stride), -(-hologram.height // stride)
@@ -117,6 +179,8 @@ class Pilot:
         slope = limit * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
         self.ray, self.depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
         self.sampler = sampler
+        self._from = column, row, slope
+        self._rays = rays
 
     def nearest(self):
         """Depth of the nearest surface in metres, None if there is none."""
@@ -130,6 +194,7 @@ class Pilot:
         import drjit as dr
         import mitsuba as mi
 
+        from .chains import nearly_smooth
         from .lobes import is_specular
 
         si = self.scene.ray_intersect(self.ray)
@@ -143,13 +208,18 @@ class Pilot:
         glossy = hit & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Glossy) & (sample.pdf > 0)
         # a lobe of constant density over a cap of half-angle a has a = 1 / sqrt(pi pdf)
         turns = 2 * self.pupil / depth * dr.sqrt(math.pi * sample.pdf)
+        nearly = float(np.asarray(nearly_smooth(self.scene, si, depth, self.pupil) > 0).mean())
         turns, gloss = (np.asarray(values)[np.asarray(glossy)] for values in (turns, 1 / depth))
         turn = float(np.quantile(turns, 0.9)) if len(turns) > LEAST_SHARE * self.size else 0.0
         specular = float(np.asarray(hit & is_specular(bsdf.flags())).mean())
         exists = hit | self.camera.sees_sky
-        vergence, sky = self._seen(depth, np.asarray(hit), np.broadcast_to(exists, self.size))
+        exists = np.broadcast_to(exists, self.size)
+        vergence, sky = self._seen(depth, np.asarray(hit), exists)
         diffuse = float(np.asarray(hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)).mean())
-        return Probe(vergence, False, sky, specular, turn, gloss, coherent, speed, 0, diffuse)
+        places = self.places(depth, np.asarray(hit), exists & (np.asarray(hit) | sky), False)
+        return Probe(
+            vergence, False, sky, specular, nearly, turn, gloss, coherent, speed, speed, 0, diffuse, places
+        )
 
     def images(self, probe, optics):
         """The `Probe` with the images that chains of mirrors and clear surfaces show."""
@@ -157,7 +227,14 @@ class Pilot:
         import mitsuba as mi
 
         branch = mi.UInt32(self.sampler.next_1d() * optics.branches)
-        view = optics.view(self.scene, self.ray, branch)
+        view = None
+
+        def follow():
+            nonlocal view
+            view = optics.view(self.scene, self.ray, branch, drawn=True)
+            dr.eval(view)
+
+        speed = self.size / _timed(follow)
         depth = self.camera.clip_start + view.distance * self.depth_rate
         exists = np.broadcast_to(view.exists, self.size)
         vergence, sky = self._seen(depth, np.asarray(view.hit), exists)
@@ -166,39 +243,173 @@ class Pilot:
         path = dr.rcp(view.path)
         bent = dr.abs(dr.rcp(view.distance) - path) > BENT * (path + 1)
         bent = bool((np.asarray(bent) & exists).mean() > LEAST_SHARE)
-        return replace(probe, vergence=vergence, sky=sky, splits=splits, bent=bent)
+        # light that is seen at its image hardly differs across the pupil
+        flags = view.surface.shape.bsdf().flags()
+        glossy = view.surface.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Glossy) & (view.image < 1)
+        gloss = np.asarray(1 / depth)[exists & np.asarray(glossy)]
+        hit = np.asarray(view.hit)
+        places = self.places(depth, hit, exists & (hit | sky), np.asarray(view.hits) > 0)
+        return replace(
+            probe,
+            vergence=vergence,
+            sky=sky,
+            gloss=gloss,
+            splits=splits,
+            bent=bent,
+            places=places,
+            chains_per_second=speed,
+        )
 
-    def light(self, tracer, optics):
-        """What radiance paths along some of the rays find."""
+    def longest_chain(self, optics_of, most):
+        """Hits of a chain that are enough, and the share of what is seen that is lost with them.
+
+        Parameters
+        ----------
+        optics_of : callable
+            ``optics_of(most_hits)`` gives `SpecularChains`.
+        most : int
+            Hits that are followed at most.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        branch = mi.UInt32(self.sampler.next_1d() * optics_of(most).branches)
+        dr.eval(branch)
+
+        def seen(hits):
+            view = optics_of(hits).view(self.scene, self.ray, branch, drawn=True)
+            return float(
+                np.asarray(dr.select(view.exists & ~view.cut, dr.mean(view.weight), 0), np.float64).sum()
+            )
+
+        whole = seen(most)
+        for hits in (1, 2, 3, 4, 6):
+            if hits >= most:
+                break
+            lost = 1 - seen(hits) / max(whole, 1e-30)
+            if lost < LEAST_SHARE:
+                return hits, max(lost, 0.0)
+        return most, 0.0
+
+    def places(self, depth, hit, exists, chains):
+        """The `Places` that rays saw, of world depths in metres."""
+        column, row, slope = self._from
+        vergence = np.where(hit, 1 / np.asarray(depth), 0)
+        z = np.where(exists, self._mapping.z_far + self._mapping.beta * vergence, np.nan)
+        arrays = (np.asarray(values) for values in (column, row, slope.x, slope.y))
+        return Places(*arrays, z, np.broadcast_to(chains, z.shape), self._mapping.z_far, self._rays.pitch)
+
+    def light(self, tracer_of, optics, max_depth, least, slab, firefly):
+        """What radiance paths find in the grains that some of the rays see.
+
+        Parameters
+        ----------
+        tracer_of : callable
+            ``tracer_of(max_depth)`` gives a `PathTracer`.
+        optics : FirstHits or SpecularChains
+        max_depth : int
+            Vertices of a path.
+        least : int
+            So many at least.
+        slab : float
+            Thickness of a grain, metres.
+        firefly : float
+            Most that a path counts, in radiances of the bright parts of the view.
+
+        Returns
+        -------
+        Light
+        """
         import drjit as dr
         import mitsuba as mi
 
         grains = min(self.size, PILOT_GRAINS)
         index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
-        chosen = dr.gather(mi.Ray3f, self.ray, mi.UInt32(mi.Float(index) * (self.size / grains)))
-        dr.eval(chosen)
-        light = None
+        chosen = mi.UInt32(mi.Float(index) * (self.size / grains))
+        column, row, slope = (dr.gather(type(values), values, chosen) for values in self._from)
+        branches, pitch = optics.branches, self._rays.pitch
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(self.seed, grains * PILOT_PATHS)
+        turn = sampler.next_2d()  # the surface of a grain differs from place to place, too
+        place = self._rays.place(column + turn.x - 0.5, row + turn.y - 0.5)
+        ray, depth_rate = self._rays.world(*place, slope.x, slope.y)
+        branch = mi.UInt32(0)
+        if branches > 1:
+            branch = mi.UInt32(dr.gather(mi.Float, self._chance(grains), index) * branches)
+        dr.eval(ray, depth_rate, branch)
+        light = cell = None
 
-        def trace():
-            nonlocal light
-            sampler = mi.load_dict({"type": "independent"})
-            sampler.seed(self.seed, grains * PILOT_PATHS)
-            seen = optics.view(self.scene, chosen, mi.UInt32(0))
-            colour = tracer.radiance(self.scene, sampler, seen.ray, seen.surface, seen.whole)
-            light = dr.select(seen.exists, colour.x + colour.y + colour.z, 0)
-            dr.eval(light)
+        def trace(tracer):
+            nonlocal light, cell
+            paths = mi.load_dict({"type": "independent"})
+            paths.seed(self.seed + 1, grains * PILOT_PATHS)
+            seen = optics.view(self.scene, ray, branch, drawn=True)
+            colour = tracer.radiance(self.scene, paths, seen.ray, seen.surface, seen.whole, parts=seen.parts)
+            colour /= seen.colour
+            if seen.weight is not None:
+                colour *= seen.weight
+            light = dr.select(seen.exists, colour, 0)
+            dz = self._rays.height_over_plane(seen.distance, depth_rate, seen.hit)
+            over, down = turn.x + slope.x * dz / pitch, turn.y - slope.y * dz / pitch
+            cell = [mi.Int(dr.floor(over)), mi.Int(dr.floor(down)), mi.Int(dr.floor(dz / slab)), seen.branch]
+            dr.eval(light, cell)
 
-        seconds = _timed(trace)
-        light = np.nan_to_num(np.asarray(light, np.float64)).reshape(grains, PILOT_PATHS)
-        mean, variance = light.mean(1), light.var(1, ddof=1)
-        lit = mean > 0
+        def found():
+            return np.nan_to_num(np.asarray(light, np.float64)).reshape(3, grains, PILOT_PATHS)
+
+        def of_one_cell():
+            parts = [np.broadcast_to(np.asarray(part, np.int64), grains * PILOT_PATHS) for part in cell]
+            parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
+            return (parts == parts[..., :1]).all(0)
+
+        seconds = _timed(lambda: trace(tracer_of(max_depth)))
+        all_light, same = found(), of_one_cell()
+        count = same.sum(1)
+
+        def mean_of(light):
+            return (light * same).sum(-1) / count
+
+        mean = mean_of(all_light.sum(0))
+        if not (mean > 0).any():
+            return Light(0.0, 0.0, grains * PILOT_PATHS / seconds, 0.0, least, 0.0)
+        # as the rendering's paths are limited
+        most = firefly * np.percentile(mean[mean > 0], 95) / 3
+        all_light = np.minimum(all_light, most)
+        means, mean = mean_of(all_light), mean_of(all_light.sum(0))
+        variance = ((all_light - means[..., None]) ** 2 * same).sum(-1) / np.maximum(count - 1, 1)
+        lit = (mean > 0) & (count > 1)
         speed = grains * PILOT_PATHS / seconds
         if not lit.any():
-            return Light(0.0, 0.0, speed)
+            return Light(0.0, 0.0, speed, 0.0, least, 0.0)
         # weighted by brightness, in which lamps in view must not hide the rest
-        weight = np.minimum(mean[lit], np.percentile(mean[lit], 75))
-        noise = (weight * variance[lit] / mean[lit] ** 2).sum() / weight.sum()
-        return Light(float(noise), float(np.percentile(mean[lit], 95)) / 3, speed)
+        weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
+        weight /= weight.sum()
+
+        def share(values):
+            return float((weight * values[lit] / mean[lit]).sum())
+
+        # of each channel by itself
+        weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
+        relative = variance[:, lit] / np.maximum(means[:, lit], 1e-30) ** 2
+        relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
+        noise = float((weights * relative).sum() / max(weights.sum(), 1e-30))
+        chroma = share(3 * np.ptp(means, axis=0))
+        depth, lost = max_depth, 0.0
+        for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
+            trace(tracer_of(fewer))
+            less = share(mean - mean_of(np.minimum(found(), most).sum(0)))
+            if less < LEAST_LIGHT:
+                depth, lost = fewer, max(less, 0.0)
+                break
+        return Light(noise, float(np.percentile(mean[lit], 95)) / 3, speed, chroma, depth, lost)
+
+    def _chance(self, size):
+        """A random number for each grain."""
+        import mitsuba as mi
+
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(self.seed + 2, size)
+        return sampler.next_1d()
 
     def _seen(self, depth, hit, exists):
         """Vergences of what is seen, and whether sky is."""

@@ -9,6 +9,9 @@ import os
 import numpy as np
 import scipy.fft
 
+BLOCK = 1 << 18  # numbers that are worked on at a time
+BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
+
 
 def spectral_u(shape, pitch, wavelength):
     """(wavelength x spatial frequency)^2 on the FFT grid: the squared sine of each plane wave's angle.
@@ -54,16 +57,21 @@ def transfer_function(shape, pitch, wavelength, distance, band="circular"):
     -------
     numpy.ndarray, complex64, `shape`, in FFT order
     """
-    keep = circular_band(shape) if band == "circular" else spectral_u(shape, pitch, wavelength) < 1
+    fy, fx = (scipy.fft.fftfreq(n) for n in shape)
     rows, columns = representable(shape, pitch, wavelength, distance)
-    keep = keep & rows[:, None] & columns[None, :]
-    phase = -distance * lag(shape, pitch, wavelength)
-    # whole turns taken off in double precision, the rest is exact to 1e-6 rad in single
-    phase = np.where(keep, np.remainder(phase, 2 * math.pi), 0).astype(np.float32)
     transfer = np.empty(shape, np.complex64)
-    np.cos(phase, out=transfer.real, where=keep)
-    np.sin(phase, out=transfer.imag, where=keep)
-    transfer[~keep] = 0
+    height = max(1, BLOCK // shape[1])
+    for first in range(0, shape[0], height):  # double precision, of a few rows at a time
+        part = slice(first, first + height)
+        square = fx[None, :] ** 2 + fy[part, None] ** 2
+        u = (wavelength / pitch) ** 2 * square
+        keep = square <= 0.25 if band == "circular" else u < 1
+        keep &= rows[part, None] & columns[None, :]
+        phase = (-2 * math.pi / wavelength * distance) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
+        # whole turns taken off in double precision, the rest is exact to 1e-6 rad in single
+        phase = np.remainder(phase, 2 * math.pi).astype(np.float32)
+        transfer[part].real = np.where(keep, np.cos(phase), 0)
+        transfer[part].imag = np.where(keep, np.sin(phase), 0)
     return transfer
 
 
@@ -122,6 +130,11 @@ def padded_shape(shape, pitch, wavelength, distance):
     """
     walk = math.ceil(math.tan(math.asin(wavelength / (2 * pitch))) * abs(distance) / pitch) + 8
     return tuple(scipy.fft.next_fast_len(max(n + walk, 2 * walk)) for n in shape)
+
+
+def grid_bytes(shape, pitch, wavelength, distance):
+    """Memory that propagating one field of `shape` by a distance takes, bytes."""
+    return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance))
 
 
 def spectrum(field, shape):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from .lobes import SMOOTH
+from .lobes import DIFFUSE, GLOSSY, SMOOTH
 
 
 class PathTracer:
@@ -24,10 +24,13 @@ class PathTracer:
     """
 
     def __init__(self, max_depth, limit=dr.inf, cache=None):
-        self.max_depth, self.limit, self.cache = max_depth, dr.opaque(mi.Float, limit), cache
-        self._all = mi.BSDFContext()
+        # no literals: one kernel for all
+        self.max_depth, self.limit = dr.opaque(mi.UInt32, max_depth), dr.opaque(mi.Float, limit)
+        self.cache = cache
+        self._all, self._glossy, self._matt = mi.BSDFContext(), mi.BSDFContext(), mi.BSDFContext()
+        self._glossy.type_mask, self._matt.type_mask = GLOSSY, DIFFUSE
 
-    def radiance(self, scene, sampler, ray, surface, whole, active=True):
+    def radiance(self, scene, sampler, ray, surface, whole, active=True, parts=None):
         """Radiance along a ray from where it meets a surface, one path.
 
         Parameters
@@ -40,12 +43,14 @@ class PathTracer:
         whole : mitsuba.Bool
             False leaves out what the surface's δ lobes add.
         active : mitsuba.Bool
+        parts : (mitsuba.Float, mitsuba.Bool), optional
+            Share of the surface's glossy light, and whether its other light counts.
 
         Returns
         -------
         mitsuba.Color3f
         """
-        path = self._followed(scene, _Path(ray, surface, sampler, active), whole)
+        path = self._followed(scene, _Path(ray, surface, sampler, active), whole, parts)
         return path.direct + self._limited(path.indirect)
 
     def scattered(self, scene, sampler, si, context, turn, active=True):
@@ -80,7 +85,7 @@ class PathTracer:
     def _limited(self, light):
         return light * dr.minimum(1, self.limit / dr.maximum(dr.max(light), 1e-30))
 
-    def _followed(self, scene, path, whole):
+    def _followed(self, scene, path, whole, parts=None):
         """The path at its end."""
         state = path.state()
 
@@ -93,17 +98,26 @@ class PathTracer:
             seen = mi.DirectionSample3f(scene, si, path.before)
             by_lamp = scene.pdf_emitter_direction(path.before, seen, active & ~path.sharp)
             weight = path.share * _power(path.density, by_lamp)
-            path.gather(0, weight * si.emitter(scene, active).eval(si, active))
+            gloss = matt = mi.Bool(False)
+            if parts is not None:
+                share, rest = parts
+                gloss = (path.depth == 0) & ~rest
+                matt = (path.depth == 0) & rest & (path.sampler.next_1d() >= share)
+            path.gather(0, dr.select(gloss, 0, weight * si.emitter(scene, active).eval(si, active)))
             active &= si.is_valid()
-            lobes = [(self._all, active)]
+            lobes = [(self._all, active & ~gloss & ~matt)]
+            if parts is not None:
+                lobes += [(self._glossy, active & gloss), (self._matt, active & matt)]
             if self.cache is not None:
                 light, cached = self.cache.diffuse(
                     path.surface, si, bsdf, path.sampler, path.depth == 0, active
                 )
-                path.gather(1, dr.select(cached & (path.depth + 1 < self.max_depth), path.share * light, 0))
-                lobes = [(self.cache.others, active & cached)]
-                if not self.cache.complete:
-                    lobes.append((self._all, active & ~cached))
+                shown = cached & ~gloss & (path.depth + 1 < self.max_depth)
+                path.gather(1, dr.select(shown, path.share * light, 0))
+                others = (
+                    [] if self.cache.complete else [(context, lanes & ~cached) for context, lanes in lobes]
+                )
+                lobes = [(self.cache.others, active & cached & ~matt), *others]
             active &= path.depth + 1 < self.max_depth
             lobes = [(context, lanes & active) for context, lanes in lobes]
             near = self._next_event(scene, si, bsdf, lobes, path.sampler.next_2d(), active)
@@ -208,7 +222,10 @@ class PathsPerRay:
         """Roots of the radiance in each of the channels along a ray."""
 
         def body(number, total, sampler):
-            light = self.tracer.radiance(scene, sampler, seen.ray, seen.surface, seen.whole, seen.exists)
+            light = self.tracer.radiance(
+                scene, sampler, seen.ray, seen.surface, seen.whole, seen.exists, seen.parts
+            )
+            light /= seen.colour
             return number + 1, total + dr.select(dr.isfinite(light), light, 0), sampler
 
         paths = dr.opaque(mi.UInt32, self.paths)

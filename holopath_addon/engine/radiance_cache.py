@@ -425,11 +425,14 @@ class Groups:
         Texels, those of a group side by side.
     starts, counts : numpy.ndarray of uint32
         Where each group begins in the pool, and how many texels it has.
+    sides : numpy.ndarray of uint32 or int
+        Side of each group's square in texels.
     """
 
     pool: np.ndarray
     starts: np.ndarray
     counts: np.ndarray
+    sides: np.ndarray | int = 1
 
     @classmethod
     def of(cls, atlas, texels, side):
@@ -442,7 +445,8 @@ class Groups:
         order = np.argsort(key, kind="stable")
         starts = np.flatnonzero(np.diff(key[order], prepend=-1))
         counts = np.diff(starts, append=len(order))
-        return cls(*(values.astype(np.uint32) for values in (texels[order], starts, counts)))
+        sides = np.broadcast_to(side, texels.shape)[order][starts]
+        return cls(*(values.astype(np.uint32) for values in (texels[order], starts, counts, sides)))
 
     @classmethod
     def all_of(cls, atlas, side):

@@ -23,7 +23,7 @@ class Rays:
     """
 
     def __init__(self, hologram, camera, mapping, plane, limit=math.inf, span=(-math.inf, math.inf)):
-        self.plane, self.limit = plane, limit
+        self.plane, self.limit = plane, dr.opaque(mi.Float, limit)  # no literal: one kernel for all limits
         far, near = (z - mapping.z_far for z in span)
         self.start = max(camera.clip_start, mapping.beta / near)
         self.end = min(camera.clip_end, mapping.beta / far if far > 0 else math.inf)

@@ -8,7 +8,8 @@ import numpy as np
 
 from .errors import InvalidInput
 from .hologram import channel
-from .propagation import field_of, padded_shape, spectral_u, spectrum, transfer_function
+from .memory import shortage
+from .propagation import field_of, grid_bytes, padded_shape, spectral_u, spectrum, transfer_function
 
 MOST_BYTES = (
     1 << 29
@@ -78,10 +79,14 @@ class Refocuser:
         field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
         distances = mapping.depth_to_z(list(focus))
         frames, colours, *shape = field.data.shape
+        farthest = float(np.abs(distances).max())
+        for wavelength in hologram.wavelengths:
+            needed = grid_bytes(shape, hologram.pitch, wavelength, farthest)
+            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from the SLM")
         images = np.empty((len(distances), *shape, colours), np.float32)
         for k, wavelength in enumerate(hologram.wavelengths):
             sums = np.zeros((len(distances), *shape), np.float32)
-            padded = self._padded(k, float(np.abs(distances).max()))
+            padded = self._padded(k, farthest)
             transfers = [transfer_function(padded, hologram.pitch, wavelength, z) for z in distances]
             if pupil is not None:
                 mask = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil)

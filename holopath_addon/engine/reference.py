@@ -7,7 +7,7 @@ import numpy as np
 from . import backend
 from .hologram import channel
 from .mapping import DepthMapping
-from .preview import Preview, path_tracer
+from .preview import FARTHEST, Preview, path_tracer
 from .probing import near_end
 
 
@@ -88,8 +88,8 @@ def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth, seed):
             "fov_axis": "x",
             "aperture_radius": radius,
             "focus_distance": depth,
-            "near_clip": max(camera.clip_start, 1e-4),
-            "far_clip": min(camera.clip_end, 1e6),
+            "near_clip": max(camera.clip_start, min(1e-4, 1e-3 * depth)),
+            "far_clip": min(camera.clip_end, FARTHEST),
             "film": {
                 "type": "hdrfilm",
                 "width": hologram.width,

@@ -71,8 +71,10 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
                 lambda done, message: progress(0.04 + 0.46 * done, message),
             )
         start = 0.5
-    groups = wavelength_groups(scene, hologram.wavelengths)
-    fields, rays_traced = [], {}
+    groups = (
+        (hologram.wavelengths,) if plan.traversals == 1 else wavelength_groups(scene, hologram.wavelengths)
+    )
+    fields, errors, rays_traced = [], [], {}
     for number, group in enumerate(groups):
         part = replace(hologram, wavelengths=group)
 
@@ -82,6 +84,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
         with tuned(scene, group):
             recording = Recording(scene, camera, part, settings, plan, clock, cache)
             fields.append(_field_at_slm(recording, phasors, at))
+            errors.append(recording.error)
         for name, count in recording.rays_traced.items():
             rays_traced[name] = rays_traced.get(name, 0) + count
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
@@ -90,10 +93,26 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
         "rays": rays_traced,
         "variant": backend.activate(),
         "frames": settings.frames,
+        "radiance_passes": recording.passes,
+        "foretold": {
+            "seconds": {
+                "plan": plan.seconds,
+                "measured": sum(clock.seconds.values()) - clock.seconds["plan"],
+            },
+            "field_error": {"plan": plan.error, "measured": _error_of(errors, plan, baked)},
+        },
     }
     if baked is not None:
         report["bake"] = asdict(baked)
     return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
+
+
+def _error_of(errors, plan, baked):
+    """Relative standard error of the field, of the radiance map's halves and of baked light; None where unknown."""
+    if None in errors:
+        return None
+    texels = 0.0 if baked is None else 0.5 * (baked.noise or plan.texel_noise)
+    return float(np.hypot(max(errors), texels))
 
 
 def _field_at_slm(recording, phasors, progress):
@@ -213,8 +232,9 @@ class Recording:
         self.settings, self.plan, self.clock = settings, plan, clock
         self.mapping = DepthMapping.of(hologram, camera, plan.near)
         self.max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
-        self.tracer = PathTracer(settings.max_depth, plan.radiance_limit, cache)
-        self.rays_traced, self._estimators = {}, {}
+        self.tracer = PathTracer(plan.max_depth, plan.radiance_limit, cache)
+        self.rays_traced, self._parts, self._estimators = {}, {}, {}
+        self.error = self.passes = None
         self.optics = optics_of(scene, camera, plan)
 
     def _rays(self, plane):
@@ -249,66 +269,96 @@ class Recording:
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
         with self.clock("radiance"):
             passes = self._passes()
-            self.rays_traced["radiance paths"] = grid.columns * grid.rows * passes
-            return measure_grains(
+            radiance = measure_grains(
                 self.scene,
                 rays,
                 self.optics,
                 self.tracer,
                 grid,
-                hologram.wavelengths,
+                hologram.wavelengths[:1] if plan.grey else hologram.wavelengths,
                 passes,
                 settings.seed,
                 progress,
+                plan.wanted_error,
+                plan.most_passes,
+                plan.white,
             )
+        self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
+        self.error, self.passes = radiance.error, radiance.passes
+        return radiance
 
     def _passes(self):
         """Radiance paths a pixel: what is not cached decides, where there is a cache."""
         cache, settings = self.tracer.cache, self.settings
-        if cache is None:
+        if cache is None or "passes" in settings.fixed:
             return self.plan.passes
         from .probing import Pilot
 
         pilot = Pilot(self.scene, self.hologram, self.camera, self.mapping, settings.seed)
-        noise = pilot.light(self.tracer, self.optics).noise
+        most, slab, firefly = (
+            self.plan.max_depth,
+            planner.slab_of(self.hologram),
+            planner.firefly_of(settings),
+        )
+        noise = pilot.light(lambda _: self.tracer, self.optics, most, most, slab, firefly).noise
         return min(planner.passes_for(settings, noise, planner.CACHED_PASSES), self.plan.passes)
 
     def field(self, plane, radiance, phasors, progress):
         """The wave field on a recording plane, as `tracer.trace_field`."""
-        from .chains import FirstHits
         from .tracer import trace_field
 
-        hologram, optics = self.hologram, self.optics
-        if plane.far > self.mapping.z_far:
-            optics = FirstHits(self.plan.coherent, sky=False)
         with self.clock("kernel tables"):
-            if plane not in self._estimators:
-                self._estimators[plane] = self._estimator(plane)
-            estimator = self._estimators[plane]
-        count = hologram.width * hologram.height * plane.rays * optics.branches
+            if plane not in self._parts:
+                self._parts[plane] = self._parts_of(plane, radiance)
+            parts = self._parts[plane]
+        count = sum(len(part.pixels) * part.rays_per_pixel for part in parts)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
         with self.clock("wave tracing"):
             return trace_field(
                 self.scene,
-                self._rays(plane),
-                hologram,
-                estimator,
-                optics,
+                self.hologram,
+                parts,
                 radiance,
                 phasors,
                 self.settings.seed,
                 progress,
+                self.plan.chunk,
             )
 
-    def _estimator(self, plane):
+    def _parts_of(self, plane, radiance):
+        """The `Part` of each region of a plane."""
+        from .chains import FirstHits
+        from .rays import Rays
+        from .regions import Region, regions_of
+        from .tracer import Part
+
+        hologram, plan = self.hologram, self.plan
+        behind = plane.far > self.mapping.z_far
+        if plan.regions:
+            reach = plan.cone * self.max_slope * plane.depth_limit / hologram.pitch
+            regions = regions_of(radiance.look, hologram.width, hologram.height, plane.depth_limit, reach)
+        else:
+            pixels = np.arange(hologram.width * hologram.height, dtype=np.uint32)
+            regions = [Region(pixels, plane.depth_limit, True)]
+        parts, span = [], (plane.far, plane.near)
+        first_hits = FirstHits(plan.coherent, self.camera.sees_sky and not behind)
+        for region in regions:
+            rays = Rays(hologram, self.camera, self.mapping, plane.z, region.depth_limit, span)
+            optics = self.optics if region.chains and not behind else first_hits
+            parts.append(Part(region.pixels, rays, self._estimator(region.depth_limit, plane.rays), optics))
+        return parts
+
+    def _estimator(self, depth_limit, most):
         from .estimators import LatticeEstimator, RandomEstimator
 
         hologram = self.hologram
         if self.settings.estimator == "paper":
-            return RandomEstimator(hologram, plane.rays, self.settings.seed)
-        lattice = Lattice.of(self.max_slope, plane.depth_limit, hologram.pitch, self.plan.cone, plane.rays)
-        tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
-        return LatticeEstimator(hologram, lattice, tables)
+            return RandomEstimator(hologram, most, self.settings.seed)
+        if depth_limit not in self._estimators:
+            lattice = Lattice.of(self.max_slope, depth_limit, hologram.pitch, self.plan.cone, most)
+            tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
+            self._estimators[depth_limit] = LatticeEstimator(hologram, lattice, tables)
+        return self._estimators[depth_limit]
 
     def silhouette(self, plane):
         """Where the surfaces of a plane's slab block what lies behind: 1 or 0 for each pixel.
@@ -335,7 +385,9 @@ def optics_of(scene, camera, plan):
 
     if not plan.chain:
         return FirstHits(plan.coherent, camera.sees_sky)
-    return SpecularChains(scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent, camera.sees_sky)
+    return SpecularChains(
+        scene, plan.virtual_image, plan.chain, plan.splits, plan.coherent, camera.sees_sky, plan.pupil
+    )
 
 
 def baked_picture(scene, camera, hologram, settings, store=None, progress=None, anew=False, most=2048):

@@ -6,6 +6,8 @@ image point Q in hologram space (`rays`), s7 the path's phase (`estimators`), s8
 accumulation (here).
 """
 
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -18,16 +20,39 @@ BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
 
-def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, seed, progress):
+@dataclass(frozen=True)
+class Part:
+    """Pixels that are traced alike.
+
+    Attributes
+    ----------
+    pixels : numpy.ndarray of uint32
+        Numbers, row by row.
+    rays : Rays
+    estimator : LatticeEstimator or RandomEstimator
+    optics : FirstHits or SpecularChains
+    """
+
+    pixels: np.ndarray
+    rays: object
+    estimator: object
+    optics: object
+
+    @property
+    def rays_per_pixel(self):
+        """Branches included."""
+        return self.estimator.rays * self.optics.branches
+
+
+def trace_field(scene, hologram, parts, radiance, phasors, seed, progress, chunk=1 << 27):
     """The wave field on the recording plane: all frames and wavelengths from one traversal.
 
     Parameters
     ----------
     scene : mitsuba.Scene
-    rays : Rays
     hologram : Hologram
-    estimator : LatticeEstimator or RandomEstimator
-    optics : FirstHits or SpecularChains
+    parts : list of Part
+        What is in none of them stays dark.
     radiance : RadianceMap or PathsPerRay
     phasors : numpy.ndarray, complex64, shape (frames, rows, columns)
         One period of the phase maps.
@@ -35,6 +60,8 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, see
         Of the radiance paths.
     progress : callable
         ``progress(done)``, may raise.
+    chunk : int
+        Bytes of the sums of pixels that are traced at once.
 
     Returns
     -------
@@ -45,13 +72,12 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, see
     channels = [channel(w) for w in hologram.wavelengths]
     _, period_rows, period_columns = phasors.shape
 
-    def trace_rows(first, rows, phasor_buffer, frames):
-        size = rows * width
-        index = dr.arange(mi.UInt32, size)
-        column = mi.Int(index % width)
-        row = mi.Int(index // width + dr.opaque(mi.UInt32, first))
+    def trace_chunk(part, first, size, phasor_buffer, frames):
+        rays, estimator, optics = part.rays, part.estimator, part.optics
+        index = mi.UInt32(part.pixels[first : first + size])
+        column, row = mi.Int(index % width), mi.Int(index // width)
         x, y = rays.place(mi.Float(column), mi.Float(row))
-        random = estimator.random(first * width, size)
+        random = estimator.random(first, size)
         sampler = radiance.sampler(seed * 9973 + first, size)
         field = [dr.zeros(mi.Float, size) for _ in range(2 * frames * colours)]
 
@@ -85,27 +111,30 @@ def trace_field(scene, rays, hologram, estimator, optics, radiance, phasors, see
                     field[at + 1] = dr.fma(real, sine, dr.fma(imag, cosine, field[at + 1]))
             return step + 1, field, random, sampler
 
-        limit = dr.opaque(mi.UInt32, estimator.rays * optics.branches)
+        limit = dr.opaque(mi.UInt32, part.rays_per_pixel)
         state = (mi.UInt32(0), field, random, sampler)
         _, field, _, _ = dr.while_loop(state, lambda step, *_: step < limit, body, label="wave path tracer")
         dr.eval(field)
         return field
 
-    out = np.empty((len(phasors), colours, height, width), np.complex64)
-    together = max(1, min(height, CHUNK_RAYS // (width * estimator.rays * optics.branches)))
+    out = np.zeros((len(phasors), colours, height * width), np.complex64)
+    work = len(phasors) * sum(len(part.pixels) * part.rays_per_pixel for part in parts)
+    done = 0
     for start in range(0, len(phasors), FRAMES_TOGETHER):
         group = phasors[start : start + FRAMES_TOGETHER]
         phasor_buffer = packed_phasors(group)
-        for first in range(0, height, together):
-            rows = min(together, height - first)
-            field = trace_rows(first, rows, phasor_buffer, len(group))
-            for k, m in np.ndindex(colours, len(group)):
-                target = out[start + m, k, first : first + rows]
-                target.real = np.asarray(field[2 * (k * len(group) + m)]).reshape(rows, width)
-                target.imag = np.asarray(field[2 * (k * len(group) + m) + 1]).reshape(rows, width)
-            progress((start + len(group) * (first + rows) / height) / len(phasors))
+        for part in parts:
+            together = min(CHUNK_RAYS // part.rays_per_pixel, chunk // (8 * len(group) * colours))
+            for first in range(0, len(part.pixels), max(1, together)):
+                pixels = part.pixels[first : first + max(1, together)]
+                field = trace_chunk(part, first, len(pixels), phasor_buffer, len(group))
+                for k, m in np.ndindex(colours, len(group)):
+                    real, imaginary = (np.asarray(field[2 * (k * len(group) + m) + n]) for n in (0, 1))
+                    out[start + m, k, pixels] = real + 1j * imaginary
+                done += len(pixels) * part.rays_per_pixel * len(group)
+                progress(done / work)
     out /= PHASOR_SCALE
-    return out
+    return out.reshape(len(phasors), colours, height, width)
 
 
 def _wrapped(index, size):

@@ -10,11 +10,12 @@ from .text import count, wrapped
 def summary(layout, context):
     """What will be rendered, in a line; and what F12 renders."""
     props = context.scene.holopath
+    frames = f"frames for {props.speckle:.0%} speckle" if props.wish_speckle else count(props.frames, "frame")
     wrapped(
         layout,
         context,
         f"{props.resolution_x} × {props.resolution_y} pixels of {props.pitch_um:g} µm, "
-        f"{count(props.frames, 'frame')}, {'three colours' if props.colours == 'RGB' else 'one colour'}",
+        f"{frames}, {'three colours' if props.colours == 'RGB' else 'one colour'}",
     )
     f12(layout, context)
 
@@ -83,7 +84,12 @@ def quality(layout, context):
     """How good, how many frames, and where light comes from."""
     props = context.scene.holopath
     layout.prop(props, "quality")
-    layout.prop(props, "frames")
+    row = layout.row(heading="By Speckle")
+    row.prop(props, "wish_speckle", text="")
+    if props.wish_speckle:
+        row.prop(props, "speckle", text="", slider=True)
+    else:
+        layout.prop(props, "frames")
     layout.prop(props, "method")
     layout.prop(props, "despeckle")
     layout.prop(props, "max_depth")
@@ -114,6 +120,7 @@ def advanced(layout, context):
         layout.prop(props, "planes")
     else:
         layout.prop(props, "wrp_mm", text="Plane (mm)")
+    layout.prop(props, "fixed")
 
 
 def baked_light(layout, context):
@@ -275,7 +282,7 @@ def estimate(layout, context):
     if plan is None:
         return
     cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
-    wrapped(layout, context, f"{cost}.")
+    wrapped(layout, context, f"{cost}; {plan.error:.1%} error of the field by noise.")
     for warning in plan.warnings:
         wrapped(layout, context, warning, icon="ERROR")
     for decision in plan.decisions:
@@ -283,7 +290,7 @@ def estimate(layout, context):
         wrapped(column, context, f"{_title(decision.name)}: {decision.value}")
         reason = column.column(align=True)
         reason.active = False
-        wrapped(reason, context, decision.reason)
+        wrapped(reason, context, decision.why)
 
 
 def notes(layout, context):

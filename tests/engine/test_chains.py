@@ -391,3 +391,78 @@ def test_wavefronts_of_curved_surfaces_against_traced_neighbours(build):
     a = np.stack([frame @ columns[0], frame @ columns[2]], 1)
     b = np.stack([frame @ columns[1], frame @ columns[3]], 1)
     assert float(view.distance[0]) == pytest.approx(2 / np.trace(np.linalg.solve(b, a)), rel=0.02)
+
+
+def rough(alpha, **colours):
+    return {"bsdf": {"type": "roughconductor", "distribution": "ggx", "alpha": alpha, **colours}}
+
+
+def seen_on_axis(build, scene, virtual_image="curvature", splits=0, branch=0, pupil=0.016):
+    """The `View` of a ray near the axis."""
+    import drjit as dr
+
+    from holopath_addon.engine.chains import SpecularChains
+
+    mi = build.mi
+    ray = mi.Ray3f(mi.Point3f([0.0], [0.0], [0.0]), mi.Vector3f([2e-4], [1e-4], [-1.0]))
+    view = SpecularChains(scene, virtual_image, 8, splits, pupil=pupil).view(scene, ray, mi.UInt32([branch]))
+    dr.eval(view)
+    return view
+
+
+@pytest.mark.parametrize("virtual_image", ["curvature", "opl"])
+def test_light_of_a_rough_mirror_moves_from_its_image_to_the_surface(build, virtual_image):
+    """The broader the lobe the nearer to the surface at 0.7 m, in dioptres, from the image at 1.2 m on; the radiance is
+    the surface's own at any roughness.
+    """
+    found = []
+    for alpha in (1e-4, 0.004, 0.006, 0.008, 0.01, 0.05):
+        view = seen_on_axis(
+            build, build.scene(plate=turned(build, **rough(alpha)), side=beside(build)), virtual_image
+        )
+        assert bool(np.broadcast_to(view.exists, 1)[0])
+        assert float(np.broadcast_to(view.surface.t, 1)[0]) == pytest.approx(0.7, abs=2e-3)
+        found.append(1 / float(view.distance[0]))
+    assert found[0] == pytest.approx(1 / 1.2, abs=2e-3)
+    assert found[-1] == pytest.approx(1 / 0.7, abs=2e-3)
+    assert all(a <= b + 1e-4 for a, b in zip(found[:-1], found[1:], strict=True)) and found[2] < found[4]
+
+
+def test_rough_convex_mirror_shows_the_mirror_equations_image(build):
+    ball = sphere_mirror(build, 0.3) | rough(5e-4)
+    view = seen_on_axis(build, build.scene(mirror=ball, lamp=behind(build, 0.5)))
+    assert float(view.distance[0]) == pytest.approx(1 + 1 / (2 / 0.3 + 1 / 1.5), abs=1e-3)
+
+
+def test_rough_glass_brings_what_is_behind_nearer(build):
+    """By t (1 - 1/n), as clear glass does."""
+    glass = {"type": "roughdielectric", "alpha": 2e-4, "int_ior": 1.5, "ext_ior": 1.0}
+    slab = build.box([-0.3, -0.3, -0.8], [0.3, 0.3, -0.6], {"bsdf": glass})
+    view = seen_on_axis(build, build.scene(slab=slab, far=build.plane(2.0, build.emissive(build.grey(1.0)))))
+    assert float(view.distance[0]) == pytest.approx(2 - 0.2 / 3, abs=2e-3)
+    assert float(view.surface.t[0]) == pytest.approx(0.6, abs=2e-3)
+
+
+def test_rough_coat_and_what_it_covers_are_two_branches(build):
+    """Their light adds up to that of the whole surface."""
+    from holopath_addon.engine.radiance import PathTracer
+
+    mi = build.mi
+    plastic = {"type": "roughplastic", "alpha": 6e-3, "int_ior": 1.9, "diffuse_reflectance": build.grey(0.4)}
+    scene = build.scene(plate=turned(build, plastic), side=beside(build), lamp=lamp(build))
+    views = [seen_on_axis(build, scene, splits=1, branch=branch) for branch in (0, 1)]
+    assert float(np.broadcast_to(views[0].distance, 1)[0]) == pytest.approx(0.7, abs=2e-3)
+    assert float(views[1].distance[0]) == pytest.approx(1.2, abs=2e-3)
+
+    def light(view, parts):
+        import drjit as dr
+
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(1, 1 << 16)
+        found = PathTracer(4).radiance(scene, sampler, view.ray, view.surface, mi.Bool(True), parts=parts)
+        return np.array([float(dr.mean(channel)[0]) for channel in found])
+
+    whole = light(views[0], None)
+    below, coat = (light(view, view.parts) for view in views)
+    share = np.array([float(np.broadcast_to(value, 1)[0]) for value in (views[1].weight / views[1].colour)])
+    assert below + share * coat == pytest.approx(whole, rel=0.03)

@@ -7,7 +7,7 @@ import pytest
 from benchmarks.optics import displacement
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.planner import depth_of_focus
+from holopath_addon.engine.recording_planes import depth_of_focus
 
 GREEN = 516.5e-9
 

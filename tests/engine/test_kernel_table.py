@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from holopath_addon.engine.kernel_table import LEVELS, Lattice, kernel_table
+from holopath_addon.engine.kernel_table import Lattice, kernel_table
 
 PITCH, WAVELENGTH = 8e-6, 516.5e-9
 SLOPE = math.tan(math.asin(WAVELENGTH / (2 * PITCH)))
@@ -22,24 +22,25 @@ def summed_kernel(lattice, level, table):
     return total
 
 
-@pytest.mark.parametrize("level", [1, 200, LEVELS - 1])
+@pytest.mark.parametrize("level", [1, 100, -1])
 def test_rays_sum_to_the_angular_spectrum_kernel(level):
-    """Against the inverse FFT of the transfer function, on a grid of our choosing."""
+    """Against the transfer function within the recordable band, on a grid of our choosing; the rest is cut."""
     lattice = Lattice.of(SLOPE, 2e-3, PITCH, cone=1.6)
+    level %= lattice.levels
     total = summed_kernel(lattice, level, kernel_table(lattice, PITCH, WAVELENGTH))
     reach, n = len(total) // 2, 512
+    grid = np.zeros((n, n), np.complex128)
+    grid[: len(total), : len(total)] = total
+    spectrum = np.fft.fft2(np.roll(grid, (-reach, -reach), (0, 1)))
     f = np.fft.fftfreq(n)
     squared = f[:, None] ** 2 + f**2
     u = squared * (WAVELENGTH / PITCH) ** 2
-    dz = (level + 0.5) / LEVELS * lattice.depth_limit
-    exact = np.fft.ifft2(
-        np.where(squared <= 0.25, np.exp(2j * np.pi * dz / WAVELENGTH * (1 - np.sqrt(1 - u))), 0)
-    )
-    exact = np.roll(exact, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
-    seen = total != 0
-    scale = np.vdot(total[seen], exact[seen]) / np.vdot(total[seen], total[seen])
-    assert abs(np.angle(scale)) < 0.01
-    assert np.linalg.norm(scale * total[seen] - exact[seen]) < 0.02 * np.linalg.norm(exact[seen])
+    dz = (level + 0.5) / lattice.levels * lattice.depth_limit
+    band = squared <= 0.25
+    exact = np.exp(2j * np.pi * dz / WAVELENGTH * (1 - np.sqrt(1 - np.where(band, u, 0))))
+    # a seventh to a tenth without the fit
+    assert np.linalg.norm((spectrum - exact)[band]) < 0.1 * np.linalg.norm(exact[band])
+    assert abs(np.angle(np.vdot(exact[band], spectrum[band]))) < 0.01
 
 
 def test_every_depth_has_the_same_energy():
@@ -47,7 +48,7 @@ def test_every_depth_has_the_same_energy():
     table = kernel_table(lattice, PITCH, WAVELENGTH)
     f = np.fft.fftfreq(128)
     band = f[:, None] ** 2 + f**2 <= 0.25
-    for level in (0, 50, 300, 500, LEVELS - 1):
+    for level in (0, 20, 80, 140, lattice.levels - 1):
         total = summed_kernel(lattice, level, table)
         spectrum = np.fft.fft2(total, s=(128, 128))
         assert (np.abs(spectrum[band]) ** 2).mean() == pytest.approx(1, abs=0.03)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.planner import depth_slabs
+from holopath_addon.engine.recording_planes import depth_slabs
 
 
 def test_slabs_close_up_around_gaps():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine.phase_fields import speckle_contrast
 from holopath_addon.engine.planner import captured_share
 
 
@@ -111,3 +112,191 @@ def test_the_plan_says_how_far_from_focus_designed_fields_serve(build, camera):
         (reason,) = (d.reason for d in plan.decisions if d.name == "frames")
         assert f"{kind} phase fields" in reason and ("from focus" in reason) == (pitch < 5e-6)
         assert says in reason
+
+
+def difference(field, other):
+    """Relative difference of two fields, but for a phase common to all of a wavelength."""
+    a, b = (np.moveaxis(f.data, 1, 0).reshape(f.data.shape[1], -1) for f in (field, other))
+    turn = (a.conj() * b).sum(1, keepdims=True)
+    return np.linalg.norm(a * turn / abs(turn) - b) / np.linalg.norm(b)
+
+
+def small_display(side=128, wavelengths=(516.5e-9,)):
+    return engine.Hologram(side, side, 8e-6, wavelengths, 1e-3, 6e-3)
+
+
+@pytest.fixture
+def two_balls(build):
+    """Small, in the dark, at two depths."""
+    return build.scene(
+        near=build.ball(0.04, [0, 0, -0.8], build.emissive(build.texture(128, 2))),
+        far=build.ball(0.06, [-0.2, 0.1, -1.8], build.emissive(build.texture(128, 4))),
+    )
+
+
+def test_tiles_have_the_rays_that_they_need(two_balls, camera):
+    """Empty ones none; the picture is that of all rays everywhere."""
+    display, settings = small_display(192), engine.Settings(fixed={"passes": 16})
+    plan = engine.plan(two_balls, camera, display, settings)
+    field = engine.render(two_balls, camera, display, settings, plan)
+    everywhere = replace(plan, regions=False)
+    whole = engine.render(two_balls, camera, display, settings, everywhere)
+    assert field.report["rays"]["wave rays"] < 0.4 * whole.report["rays"]["wave rays"]
+    assert field.report["rays"]["wave rays"] == pytest.approx(
+        192**2 * (plan.planes[0].plain + plan.planes[0].chained), rel=0.5
+    )
+    assert difference(field, whole) < 0.1
+    for depth in (0.8, 1.8):
+        truth = engine.reference(two_balls, camera, display, [depth], spp=64, near=field.near)[0]
+        a, b = (engine.psnr(engine.reconstruct(f, [depth])[0], truth, 10) for f in (field, whole))
+        assert a > b - 0.3
+
+
+def test_chains_are_followed_where_mirrors_are_seen(build, camera):
+    """Tiles without any have first hits alone, and the same light."""
+    scene = build.scene(
+        wall=build.plane(1.6, build.emissive(build.texture(128, 1))),
+        glass={"type": "sphere", "center": [-0.1, 0, -0.8], "radius": 0.03, "bsdf": {"type": "dielectric"}},
+    )
+    display, settings = small_display(192), engine.Settings(fixed={"passes": 16})
+    plan = engine.plan(scene, camera, display, settings)
+    assert plan.splits == 2 and 0 < plan.planes[0].chained < 0.6 * plan.planes[0].rays
+    field = engine.render(scene, camera, display, settings, plan)
+    whole = engine.render(scene, camera, display, settings, replace(plan, regions=False))
+    assert field.report["rays"]["wave rays"] < 0.7 * whole.report["rays"]["wave rays"]
+    assert difference(field, whole) < 0.1
+
+
+@pytest.mark.parametrize("kind, chained", [("diffuse", False), ("conductor", True)])
+def test_the_kernel_holds_what_is_planned(build, camera, kind, chained):
+    """No chain, and no curvature, in the program of a diffuse scene."""
+    import drjit as dr
+
+    ball = {"type": "sphere", "center": [0, 0, -1], "radius": 0.2, "bsdf": {"type": kind}}
+    scene = build.scene(ball=ball, sky={"type": "constant"})
+    display = small_display(32)
+    plan = engine.plan(scene, camera, display)
+    dr.kernel_history_clear()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        engine.render(scene, camera, display, plan=plan)
+        programs = [str(kernel["ir"].getvalue()) for kernel in dr.kernel_history() if "ir" in kernel]
+    tracing = [program for program in programs if "wave path tracer" in program]
+    assert tracing and any("specular chain" in program for program in tracing) is chained
+
+
+def test_light_is_followed_as_far_as_it_counts(build, camera):
+    display = small_display(64)
+    shining = engine.plan(build.two_planes(build.emissive), camera, display)
+    lit = engine.plan(build.two_planes(build.diffuse), camera, display)
+    indirect = engine.plan(build.closed_box(), camera, display, engine.Settings(method="full"))
+    assert shining.max_depth == 1 and lit.max_depth == 2 and indirect.max_depth > 4
+
+
+def test_colourless_scenes_have_one_radiance(build, camera):
+    display = small_display(96, (640e-9, 516.5e-9, 455.4e-9))
+    grey = build.texture(64, 1, channels=1)
+    fields = {}
+    for name, texture in (("grey", grey), ("coloured", build.texture(64, 1))):
+        scene = build.scene(wall=build.plane(1.0, build.emissive(texture)))
+        plan = engine.plan(scene, camera, display)
+        assert plan.grey is (name == "grey")
+        fields[name] = scene, plan
+    scene, plan = fields["grey"]
+    settings = engine.Settings(fixed={"passes": 16})
+    field = engine.render(scene, camera, display, settings, plan)
+    three = engine.render(scene, camera, display, settings, replace(plan, grey=False))
+    assert difference(field, three) < 1e-3
+
+
+def test_rays_once_where_no_glass_in_view_disperses(build, camera):
+    display = small_display(64, (640e-9, 455.4e-9))
+    ball = {"type": "sphere", "radius": 0.05, "bsdf": {"type": "dispersive_dielectric", "abbe": 30.0}}
+    wall = build.plane(1.5, build.emissive(build.grey(1.0)))
+    for x, traversals in ((0.0, 2), (3.0, 1)):
+        scene = build.scene(wall=wall, ball={**ball, "center": [x, 0, -0.8]})
+        assert engine.plan(scene, camera, display).traversals == traversals
+
+
+def test_the_error_of_the_field_is_foretold_and_measured(build, camera):
+    """Noise of radiance paths, by the plan, by the halves of the paths, and against a field with many more paths."""
+    scene = build.closed_box()
+    display, settings = small_display(128), engine.Settings(method="full", fixed={"passes": 64})
+    field = engine.render(scene, camera, display, settings)
+    exact = engine.render(scene, camera, display, replace(settings, fixed={"passes": 2048}))
+    true = difference(field, exact)
+    errors = field.report["foretold"]["field_error"]
+    assert errors["measured"] == pytest.approx(true, rel=0.25)
+    assert 1 / 1.5 < errors["plan"] / true < 1.5
+
+
+def test_more_paths_where_their_halves_differ(build, camera):
+    """Where the plan took too few."""
+    scene, display = build.closed_box(), small_display(64)
+    settings = engine.Settings(method="full")
+    plan = engine.plan(scene, camera, display, settings)
+    few = replace(plan, passes=8, most_passes=256)
+    reports = [
+        engine.render(scene, camera, display, settings, replace(few, most_passes=most)).report
+        for most in (8, 256)
+    ]
+    assert reports[0]["radiance_passes"] == 8 and reports[1]["radiance_passes"] > 8
+    before, after = (report["foretold"]["field_error"]["measured"] for report in reports)
+    assert after < 0.5 * before
+
+
+def test_frames_for_a_wished_speckle(build, camera):
+    scene, display = build.two_planes(build.emissive), small_display(32)
+    for kind in ("random", "designed"):
+        settings = engine.Settings(speckle=0.2, phase_field=kind)
+        field = engine.render(scene, camera, display, settings)
+        frames = len(field.data)
+        assert frames == settings.resolved().frames
+        assert speckle_contrast(kind, frames) <= 0.2 < speckle_contrast(kind, frames - 1)
+    with pytest.raises(engine.InvalidInput, match="takes over 256 frames"):
+        engine.plan(scene, camera, display, engine.Settings(speckle=0.001))
+
+
+def test_every_decision_can_be_taken_by_hand(build, camera):
+    scene = build.two_planes(build.diffuse)
+    fixed = {"chain": 3, "splits": 1, "max_depth": 5, "passes": 7, "slabs": 9, "bins": 3, "grey": 1}
+    fixed |= {"dispersion": 1, "regions": 0, "chunk": 1 << 20}
+    display = small_display(48, (640e-9, 455.4e-9))
+    settings = engine.Settings(method="full", fixed=fixed)
+    plan = engine.plan(scene, camera, display, settings)
+    for name in ("chain", "splits", "max_depth", "passes", "slabs", "bins", "chunk"):
+        assert getattr(plan, name) == fixed[name], name
+    assert plan.grey and not plan.regions
+    assert set(fixed) == set(engine.FIXABLE)
+    field = engine.render(scene, camera, display, settings, plan)
+    assert np.isfinite(field.data).all() and field.report["radiance_passes"] == 7
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("chain", "fixes no decision"),
+        ("chain=x", "fixes no decision"),
+        ("chains=3", "There is no decision 'chains'"),
+    ],
+)
+def test_what_fixes_nothing(text, message):
+    with pytest.raises(engine.InvalidInput, match=message):
+        engine.parse_fixed(text)
+
+
+def test_out_of_range(build, camera, small):
+    assert engine.parse_fixed("chain=4, passes=64") == {"chain": 4, "passes": 64}
+    with pytest.raises(engine.InvalidInput, match="whole number from 0 to 64, not 65"):
+        engine.plan(build.two_planes(build.emissive), camera, small, engine.Settings(fixed={"chain": 65}))
+
+
+def test_what_the_plan_says(build, camera):
+    """Each decision with its reason, savings and errors in words."""
+    plan = engine.plan(build.two_planes(build.diffuse), camera, small_display(128, (640e-9, 455.4e-9)))
+    names = [d.name for d in plan.decisions]
+    for name in ("regions", "light bounces", "radiance paths a pixel", "wavelengths", "frames", "padding"):
+        assert name in names
+    assert any("saves" in d.why for d in plan.decisions) and any(
+        "error about" in d.why for d in plan.decisions
+    )
+    assert "error of the field" in str(plan)

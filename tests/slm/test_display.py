@@ -199,7 +199,9 @@ def test_sixty_a_second(two_monitors):
 def test_rate_below_the_monitors(two_monitors):
     driver, told = DisplayDriver(), Told()
     driver.open(20, told)
-    assert driver.info.rate == pytest.approx(20, rel=0.05)  # whatever a busy machine measures of the monitor's
+    assert driver.info.rate == pytest.approx(
+        20, rel=0.05
+    )  # whatever a busy machine measures of the monitor's
     start = time.monotonic()
     for number, picture in enumerate(pictures(10)):
         show(driver, number, picture)

@@ -209,12 +209,14 @@ class _Work:
             for m in range(frames):
                 waves[m] = scipy.fft.ifft2(scipy.fft.fft2(self._fields(m, k), workers=-1) * keep, workers=-1)
                 self._progress((k + 0.7 * (m + 1) / frames) / count, "Encoding")
-            self.gains[k] = clipping_level(waves)
+            level = clipping_level(waves) or 1
             for m, wave in enumerate(waves):
-                self.phases[m, k] = double_phase(wave / (self.gains[k] or 1))
+                self.phases[m, k] = double_phase(wave / level)
                 self._progress((k + 0.7 + 0.3 * (m + 1) / frames) / count, "Encoding")
         if self._bits is not None:
             self._round()
+        for k in self.colours:  # not the level: what goes astray lights the picture too
+            self.gains[k] = self._gain(k)
 
     def begin(self, start):
         """Phases to start with."""

@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import scipy.fft
 
+from ..errors import InvalidInput
 from ..propagation import circular_band
 
+MOST_FRAMES = 256  # of a hologram
 SETS = (1, 3, 8, 24)  # frames of the designed sets, made by `design`
+FEWEST = (1, 2, 5, 20)  # first frames of each that are better than as many of smaller sets
 REACH = (
     60.0  # largest defocus wavelength z / pitch^2 that they serve; beyond, they are as good as random ones
 )
@@ -41,8 +44,9 @@ def phasors_of(kind, frames, height, width, seed=0):
 def designed_phasors(frames, seed=0):
     """exp(i phi_m) of maps whose frame mean looks incoherent at any focus, see `design`.
 
-    The smallest set with enough frames is used, the first of them if it has more. Beyond the largest set it is
-    repeated, each time moved aside, which makes the speckle of the repetitions independent.
+    Sets follow each other, the largest first, each but the first moved aside, which makes their speckle independent.
+    The first frames of a set stand for it where few are missing; of a set of which many are missing they are worse than
+    smaller sets, and with eight frames and one more pictures would have 2 dB less than with eight.
 
     Parameters
     ----------
@@ -54,15 +58,16 @@ def designed_phasors(frames, seed=0):
     -------
     numpy.ndarray, complex64, shape (frames, size, size), of unit modulus, periodic
     """
-    count = next((m for m in SETS if m >= frames), SETS[-1])
     turn = np.exp((2j * math.pi / 256) * np.arange(256)).astype(np.complex64)
-    maps = turn[np.load(Path(__file__).with_name(f"designed_{count}.npy"))]
-    repeats = []
-    for number in range(math.ceil(frames / count)):
-        rng = np.random.default_rng((seed, number))
-        shift = rng.integers(0, maps.shape[-1], 2) if seed or number else (0, 0)
-        repeats.append(np.roll(maps, shift, (1, 2)))
-    return np.concatenate(repeats)[:frames]
+    parts, left = [], frames
+    while left:
+        count = max(m for m, fewest in zip(SETS, FEWEST, strict=True) if fewest <= left)
+        maps = turn[np.load(Path(__file__).with_name(f"designed_{count}.npy"))[:left]]
+        rng = np.random.default_rng((seed, len(parts)))
+        shift = rng.integers(0, maps.shape[-1], 2) if seed or parts else (0, 0)
+        parts.append(np.roll(maps, shift, (1, 2)))
+        left -= len(maps)
+    return np.concatenate(parts)
 
 
 def random_phasors(frames, height, width, seed=0):
@@ -107,6 +112,32 @@ def speckle_contrast(kind, frames):
     """
     gain = 1.0 if kind == "random" else float(np.interp(math.log(frames), np.log(SETS), GAIN))
     return math.sqrt(gain / frames)
+
+
+def frames_for(kind, contrast):
+    """Fewest frames that leave a speckle contrast of at most so much.
+
+    Parameters
+    ----------
+    kind : {'designed', 'random'}
+    contrast : float
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InvalidInput
+        If `MOST_FRAMES` leave more.
+    """
+    for frames in range(1, MOST_FRAMES + 1):
+        if speckle_contrast(kind, frames) <= contrast:
+            return frames
+    least = speckle_contrast(kind, MOST_FRAMES)
+    raise InvalidInput(
+        f"A speckle contrast of {contrast:.1%} takes over {MOST_FRAMES} frames: ask for {least:.1%} or more."
+    )
 
 
 def recordable_fraction(phasors):

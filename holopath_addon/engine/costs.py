@@ -1,0 +1,100 @@
+"""Estimates of a plan's seconds and memory, from the speeds that the probe measured."""
+
+from dataclasses import dataclass
+
+from . import despeckle
+from .kernel_table import LEVELS
+from .phase_fields import SETS
+
+CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
+CELL_BYTES = 80  # of an occupied cell: eight sums of 8 bytes, and the amplitudes made of them
+SURFACES = 2  # occupied slabs of a pixel column, roughly
+BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
+BAKED_SAMPLES = 32  # of each, roughly
+BAKED_SPEED = 2.0  # times that of paths, which follow every bounce
+BAKE_START = 5.0  # seconds, for kernels and for the light between surfaces
+ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
+MOST_TEXELS = 1 << 25
+TEXEL_BYTES = 48  # with what making them takes
+
+# Of the time that the probe's rays and paths take, which are alone in their kernels; measured over six scenes.
+RAY, CHAIN, PATH = 1.0, 1.0, 0.6
+SUM = 2.0e-9, 0.3e-9  # seconds of a ray, and of each of its frames and wavelengths
+START = 0.6  # seconds, for kernels and tables
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a plan has to do.
+
+    Attributes
+    ----------
+    columns : int
+        Pixels of the radiance map.
+    plain, chained : float
+        Rays a pixel of the hologram, and those that mirrors or clear surfaces are in view of, branches included.
+    passes : int
+        Radiance paths of a column.
+    texture : float or None
+        Seconds for the radiance cache, where there is one.
+    traversals : int
+        Times that rays are traced: for all wavelengths together or for each.
+    """
+
+    columns: int
+    plain: float
+    chained: float
+    passes: int
+    texture: float | None
+    traversals: int
+
+
+def baking_seconds(hologram, light, columns, passes, baked):
+    """Seconds of the radiance cache and of the few paths that are left with it."""
+    seconds = path_seconds(light, columns * passes)
+    if not baked:
+        texels = hologram.width * hologram.height * BAKED_TEXELS * BAKED_SAMPLES
+        seconds += BAKE_START + texels / (BAKED_SPEED * light.paths_per_second)
+    return seconds
+
+
+def path_seconds(light, paths):
+    """Seconds of radiance paths."""
+    return PATH * paths / light.paths_per_second
+
+
+def seconds(hologram, settings, seen, light, work):
+    """Estimated seconds of a render."""
+    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+    own = SUM[0] + SUM[1] * frames * colours
+    rays = work.plain * (RAY / seen.rays_per_second + own)
+    rays += work.chained * (CHAIN / seen.chains_per_second + own)
+    if settings.radiance == "ray":
+        paths = path_seconds(light, pixels * (work.plain + work.chained) * settings.paths)
+    else:
+        paths = path_seconds(light, work.columns * work.passes)
+    total = START + work.traversals * (pixels * rays + (paths if work.texture is None else 0.0))
+    total += work.texture or 0.0
+    total += pixels * frames * colours * 0.06e-6
+    if settings.despeckle:
+        many = despeckle.BATCHES * SETS[-1]
+        total += pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second
+        total += pixels * many * colours * ((work.plain + work.chained) * 0.3e-9 + 1e-6)
+        total += pixels * frames * colours * settings.despeckle * 25e-9
+    return total
+
+
+def memory(hologram, settings, work, margin, slabs, bins, binned, splits):
+    """Estimated bytes of the arrays at most.
+
+    `binned` is the share of the occupied cells that have all pupil bins.
+    """
+    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+    fields = pixels * frames * (colours + 1) * 8
+    if settings.despeckle:
+        # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
+        fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
+    tables = LEVELS[1] * margin**2 * 8 * colours
+    radiance = work.columns * ((4 * slabs << splits) + SURFACES * (1 + (bins**2 - 1) * binned) * CELL_BYTES)
+    texels = 0 if work.texture is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
+    return fields + tables + radiance + texels + CHUNK_BYTES

@@ -1,0 +1,56 @@
+"""Edges of scenes: quick values of each sweep; all of them with the tests that are marked slow."""
+
+import math
+
+import pytest
+
+from benchmarks.stability.scenes import SWEEPS, camera_at, hologram_of, lit_planes
+from benchmarks.stability.sweep import faults, walk
+from holopath_addon import engine
+
+BY_NAME = {sweep.name: sweep for sweep in SWEEPS}
+# What besides steps must hold at the quick values.
+SPECIAL = {
+    "recording plane": lambda figures: figures["psnr"] > 29,
+    "slanted through the recording plane": lambda figures: (
+        figures["least bright strip"] > 0.95 and figures["brightest strip"] < 1.05
+    ),
+    "mirror through its focus": lambda figures: abs(figures["error"]) < 1e-3,
+    "lens through its focus": lambda figures: abs(figures["error"]) < 1e-2,
+    "grazing incidence": lambda figures: (
+        abs(figures["reflected"] - 1) < 0.005 and abs(figures["transmitted"] - 1) < 0.005
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_nothing_breaks_across_the_edge(backend, name):
+    sweep = BY_NAME[name]
+    rows = walk(sweep, sweep.quick)
+    assert faults(sweep, rows) == []
+    for value, figures in rows:
+        if "brightness" in figures:
+            assert figures["brightness"] == pytest.approx(1, abs=0.05), value
+        assert SPECIAL.get(name, bool)(figures), (value, figures)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BY_NAME)
+def test_nothing_breaks_anywhere(backend, name):
+    sweep = BY_NAME[name]
+    assert faults(sweep, walk(sweep)) == []
+
+
+def test_too_many_rays_are_refused_in_a_sentence(backend):
+    rows = dict(walk(BY_NAME["rays for a depth range"], (10, 200)))
+    assert math.isfinite(rows[10]["seconds"])
+    assert "reduce the depth range" in rows[200]["refused"]
+
+
+@pytest.mark.parametrize(
+    ("scale", "metres", "warns"), [(1, 0, False), (1e-3, 0, True), (1, 100, False), (1, 1e3, True)]
+)
+def test_single_precision_is_warned_of(backend, scale, metres, warns):
+    place = (metres, metres, -metres)
+    plan = engine.plan(lit_planes(scale, place), camera_at(place), hologram_of(0.5 * scale))
+    assert any("off surfaces" in warning for warning in plan.warnings) == warns
