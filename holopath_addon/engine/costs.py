@@ -95,6 +95,6 @@ def memory(hologram, settings, work, margin, slabs, bins, binned, splits):
         # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
         fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
     tables = LEVELS[1] * margin**2 * 8 * colours
-    radiance = work.columns * ((4 * slabs << splits) + SURFACES * (1 + (bins**2 - 1) * binned) * CELL_BYTES)
+    radiance = work.columns * ((16 * slabs << splits) + SURFACES * (1 + (bins**2 - 1) * binned) * CELL_BYTES)
     texels = 0 if work.texture is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
     return fields + tables + radiance + texels + CHUNK_BYTES

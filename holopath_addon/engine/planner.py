@@ -404,12 +404,12 @@ def _chains(scene, camera, settings, pilot, seen, decisions):
     """How mirrors and clear surfaces are followed: what is seen by them, the optics, the longest chain, the hits that
     divide it, how images are placed, and the pupil's radius where there are nearly smooth mirrors.
     """
-    from .chains import SPLITS, SpecularChains
+    from .chains import SPLITS, FirstHits, SpecularChains
 
     fixed, image = settings.fixed, settings.virtual_image
     most = fixed.get("chain", settings.most_hits)
     if not most:
-        return seen, None, 0, 0, image, 0.0
+        return seen, FirstHits(sky=camera.sees_sky), 0, 0, image, 0.0
     pupil = pilot.pupil if seen.nearly > LEAST_SHARE else 0.0
 
     def optics_of(hits, splits=SPLITS):

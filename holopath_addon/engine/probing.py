@@ -372,6 +372,7 @@ class Pilot:
         mean = mean_of(all_light.sum(0))
         if not (mean > 0).any():
             return Light(0.0, 0.0, grains * PILOT_PATHS / seconds, 0.0, least, 0.0)
+        whole = mean
         # as the rendering's paths are limited
         most = firefly * np.percentile(mean[mean > 0], 95) / 3
         all_light = np.minimum(all_light, most)
@@ -397,7 +398,7 @@ class Pilot:
         depth, lost = max_depth, 0.0
         for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
             trace(tracer_of(fewer))
-            less = share(mean - mean_of(np.minimum(found(), most).sum(0)))
+            less = share(whole - mean_of(found().sum(0)))
             if less < LEAST_LIGHT:
                 depth, lost = fewer, max(less, 0.0)
                 break
