@@ -11,6 +11,10 @@ CELL_BYTES = 80  # of an occupied cell: eight sums of 8 bytes, and the amplitude
 SURFACES = 2  # occupied slabs of a pixel column, roughly
 BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
 BAKED_SAMPLES = 32  # of each, roughly
+DENSE = (
+    0.5,
+    150,
+)  # share of a scene's triangles that have groups of their own, and their samples, where there are many
 BAKED_SPEED = 2.0  # times that of paths, which follow every bounce
 BAKE_START = 5.0  # seconds, for kernels and for the light between surfaces
 ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
@@ -49,12 +53,13 @@ class Work:
     traversals: int
 
 
-def baking_seconds(hologram, light, columns, passes, baked):
+def baking_seconds(hologram, light, columns, passes, baked, triangles):
     """Seconds of the radiance cache and of the few paths that are left with it."""
     seconds = path_seconds(light, columns * passes)
     if not baked:
-        texels = hologram.width * hologram.height * BAKED_TEXELS * BAKED_SAMPLES
-        seconds += BAKE_START + texels / (BAKED_SPEED * light.paths_per_second)
+        samples = hologram.width * hologram.height * BAKED_TEXELS * BAKED_SAMPLES
+        samples += DENSE[0] * triangles * DENSE[1]
+        seconds += BAKE_START + samples / (BAKED_SPEED * light.paths_per_second)
     return seconds
 
 

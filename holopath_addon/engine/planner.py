@@ -524,13 +524,15 @@ def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
         decisions.append(Decision("diffuse light", "paths of this view", "as asked"))
         return None
     from .baking import is_baked
+    from .lobes import surfaces_of
 
     paths = costs.path_seconds(light, columns * passes_for(settings, light.noise))
     if settings.radiance == "ray":
         paths = math.inf
     most = PASSES[settings.quality][1]
     baked = store is not None and is_baked(scene, settings, texel_noise(settings), most, store)
-    seconds = costs.baking_seconds(hologram, light, columns, CACHED_PASSES, baked)
+    triangles = sum(shape.primitive_count() for shape in surfaces_of(scene) if shape.is_mesh())
+    seconds = costs.baking_seconds(hologram, light, columns, CACHED_PASSES, baked, triangles)
     compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
     compared = f"light baked before, {compared}" if baked else f"to be baked, {compared}"
     if settings.method == "fast":
