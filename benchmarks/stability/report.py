@@ -23,7 +23,8 @@ physics, the largest step is left out or counts only falls, and the last column 
 
 `python -m benchmarks stability` walks all sweeps and writes this page; `python -m benchmarks stability pitch
 rays` walks those that are named, and takes the others' rows from out/bench/stability.json. Tests in
-tests/stability walk a few values of each.
+tests/stability walk a few values of each; `python -m benchmarks stability quick` walks those. The ranges below are what
+was walked last: of scenes and roughness the quick values only.
 
 In the plots blue is PSNR in dB, or gigabytes, orange brightness and other ratios; red dots mark what is refused.
 """
@@ -44,7 +45,7 @@ def run(folder, *names):
     folder : path
         Of the rows, which are kept for sweeps that are not walked.
     *names : str
-        Of sweeps. Default: all.
+        Of sweeps. Default: all. First may be ``quick``: only the values of the tests, for sweeps that have no rows yet.
 
     Returns
     -------
@@ -53,6 +54,8 @@ def run(folder, *names):
     """
     known = groups()
     every = [sweep for sweeps in known.values() for sweep in sweeps]
+    quick = names[:1] == ("quick",)
+    names = names[quick:]
     unknown = set(names) - {sweep.name for sweep in every}
     if unknown:
         return (
@@ -65,9 +68,14 @@ def run(folder, *names):
     for sweep in every:
         if names and sweep.name not in names:
             continue
-        walked = walk(sweep, progress=lambda value, figures, sweep=sweep: _tell(sweep, value, figures))
+        if quick and (sweep.name in rows or not sweep.quick):
+            continue
+        values = sweep.quick if quick else None
+        walked = walk(
+            sweep, values, progress=lambda value, figures, sweep=sweep: _tell(sweep, value, figures)
+        )
         rows[sweep.name] = walked
-        file.write_text(json.dumps(rows, indent=1))
+        file.write_text(json.dumps(rows, indent=1, default=float))
         found += faults(sweep, walked)
     write(known, rows)
     return "\n".join(found or ["stability: no faults"])

@@ -572,7 +572,7 @@ SWEEPS = [
         (1, 0.7, 0.5, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),
         lit_from,
         "nowhere: lamps are sampled by solid angle",
-        (1, 0.5, 0.1, 1e-3),
+        (1, 0.7, 0.5, 0.1, 1e-3),
         log=True,
     ),
     Sweep(
