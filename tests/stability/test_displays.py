@@ -148,7 +148,7 @@ def test_more_frames_than_a_set_are_not_worse():
         assert after < before + 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.dense
 @pytest.mark.parametrize("name", sorted(BY_NAME))
 def test_whole_sweeps(name):
     assert faults(BY_NAME[name], walk(BY_NAME[name])) == []

@@ -1,4 +1,4 @@
-"""Edges of scenes: quick values of each sweep; all of them with the tests that are marked slow."""
+"""Edges of scenes: quick values of each sweep; all of them with the tests that are marked dense."""
 
 import math
 
@@ -34,7 +34,7 @@ def test_nothing_breaks_across_the_edge(backend, name):
         assert SPECIAL.get(name, bool)(figures), (value, figures)
 
 
-@pytest.mark.slow
+@pytest.mark.dense
 @pytest.mark.parametrize("name", BY_NAME)
 def test_nothing_breaks_anywhere(backend, name):
     sweep = BY_NAME[name]
