@@ -290,7 +290,7 @@ def plan(scene, camera, hologram, settings=None, store=None):
     chunk = fixed.get("chunk") or min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
     reason = "as asked" if "chunk" in fixed else "an eighth of what is free at most"
     decisions.append(Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason))
-    farthest = max(abs(planes[-1].z), 0.0)
+    farthest = abs(planes[-1].z)
     padded = padded_shape(
         (hologram.height, hologram.width), hologram.pitch, max(hologram.wavelengths), farthest
     )
@@ -394,7 +394,7 @@ def check_fixed(fixed):
         if name not in FIXABLE:
             raise InvalidInput(f"There is no decision '{name}' to fix: choose one of {', '.join(FIXABLE)}.")
         low, high, what = FIXABLE[name]
-        if not (isinstance(value, (int, bool)) and low <= value <= high):
+        if not (isinstance(value, int) and low <= value <= high):
             raise InvalidInput(
                 f"The fixed {name} ({what}) must be a whole number from {low} to {high}, not {value}."
             )
@@ -435,7 +435,7 @@ def _planes(hologram, settings, z_low, z_high, depths, gloss, chain, places, dec
     several = settings.planes > 1 and not chain and not len(gloss)
     placed = settings.method != "direct" and settings.wrp == "auto"
     if placed and several:
-        planes = slab_planes(hologram, settings, depths, chain, warnings)
+        planes = slab_planes(hologram, settings, depths, warnings)
         where = ", ".join(f"{plane.z * 1e3:.2f}" for plane in planes)
         decisions.append(
             Decision("recording planes", f"{where} mm from the SLM", "fitted to the depths in view")

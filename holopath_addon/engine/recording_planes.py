@@ -63,7 +63,7 @@ def depth_of_focus(hologram):
     return max(2 * w / hologram.max_slope(w) ** 2 for w in hologram.wavelengths)
 
 
-def slab_planes(hologram, settings, depths, chain, warnings):
+def slab_planes(hologram, settings, depths, warnings):
     """Planes in the middles of slabs fitted to the depths in view, `settings.planes` at most."""
     slabs = depth_slabs(depths, settings.planes)
     ends = [-math.inf, *(0.5 * (a[1] + b[0]) for a, b in pairwise(slabs)), math.inf]
