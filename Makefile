@@ -1,6 +1,7 @@
 # make demo: a hologram of a Blender scene and refocused pictures of it, in out/demo
 # make test: the tests          make env: only what both need, in .venv
 # make lint, make bench, make extension (the zips that Blender installs)
+# make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -12,7 +13,7 @@ DEV := $(VENV)/.holopath-dev
 BPY_LIBRARIES := libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libegl1
 PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 
-.PHONY: env demo test lint bench extension clean
+.PHONY: env demo test lint bench chart chart-quick extension clean
 
 env: $(RUN) $(DEV)
 
@@ -47,6 +48,12 @@ lint: $(RUN) $(DEV)
 
 bench: $(RUN) $(DEV)
 	$(PY) -m benchmarks
+
+chart: $(RUN) $(DEV)
+	$(PY) -m benchmarks chart --docs
+
+chart-quick: $(RUN) $(DEV)
+	$(PY) -m benchmarks chart quick
 
 extension: $(RUN)
 	$(PY) build_extension.py

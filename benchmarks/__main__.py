@@ -42,6 +42,11 @@ def main():
 
         print(report.run("out/bench", *sys.argv[2:]))
         return
+    if sys.argv[1:2] == ["chart"]:
+        from .chart import run
+
+        print(run.run(*sys.argv[2:]))
+        return
     from . import (
         accuracy,
         convergence,

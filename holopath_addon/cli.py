@@ -259,7 +259,7 @@ def _add_scene(parser, store):
         "--method",
         choices=choices.METHODS,
         help="diffuse light by paths of this view alone (full), or baked once for all views (fast); auto (default) "
-        "takes the sooner; direct: the paper's slow baseline, from the SLM",
+        "takes the sooner; direct: the paper's slow baseline, from the SLM; the others are methods to compare with",
     )
     baked = parser.add_mutually_exclusive_group()
     _add_cache(baked, store)

@@ -75,6 +75,9 @@ _ENCODING_LABELS = _LABELS | {
     )
 }
 _METHOD_LABELS = _LABELS | {"full": ("Full", "Trace all light for this view alone")}
+_METHOD_LABELS |= {
+    name: (label, f"To compare with: {what}") for name, (_, label, what) in choices.BASELINES.items()
+}
 
 
 # A .blend holds these numbers, as it holds the places of `_items`: a display keeps its own for ever.

@@ -29,8 +29,9 @@ class Bake:
         In view, and the groups of them that share samples.
     samples : int
         Taken now, for the view.
-    noise : float or None
-        Relative standard error of what was baked now, but for a few groups.
+    noise, error : float or None
+        Relative standard error of what was baked now: of the noisiest groups but for a few, and its root mean square
+        over the light.
     coarser : float
         How many times the texels are larger than pixels, to bound memory.
     dense : int
@@ -50,6 +51,7 @@ class Bake:
     groups: int
     samples: int
     noise: float | None
+    error: float | None
     coarser: float
     dense: int
     traced: tuple
@@ -151,10 +153,10 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
         )
         clock("solve")
     texels, side = view.seen(cache.atlas)
-    samples, reached = 0, None
+    samples, reached, error = 0, None, None
     new = ~cache.baked(texels)
     if (fresh or missing > MISSING) and new.any():
-        samples, reached = gather(
+        samples, reached, error = gather(
             scene,
             cache,
             Groups.of(cache.atlas, texels[new], side[new]),
@@ -172,8 +174,8 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
         if fresh or samples:
             try:
                 store.save(triangles, Stored.of(cache, digest, noise, most))
-            except InvalidInput as error:  # the light is good all the same
-                note = str(error)
+            except InvalidInput as fault:  # the light is good all the same
+                note = str(fault)
         size = store.size(triangles)
     clock("store")
     cached = {mesh.shape for mesh in triangles.meshes}
@@ -184,6 +186,7 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
         sum(map(len, cache.groups)),
         samples,
         reached,
+        error,
         cache.atlas.layout.coarser,
         cache.atlas.layout.dense,
         tuple(sorted(names)),

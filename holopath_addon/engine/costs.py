@@ -10,13 +10,13 @@ CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 CELL_BYTES = 80  # of an occupied cell: eight sums of 8 bytes, and the amplitudes made of them
 SURFACES = 2  # occupied slabs of a pixel column, roughly
 BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
-BAKED_SAMPLES = 32  # of each, roughly
+BAKED_SAMPLES = 20  # of each, roughly
 DENSE = (
     0.5,
     150,
 )  # share of a scene's triangles that have groups of their own, and their samples, where there are many
 BAKED_SPEED = 2.0  # times that of paths, which follow every bounce
-BAKE_START = 5.0  # seconds, for kernels and for the light between surfaces
+BAKE_START = 1.0  # seconds, for kernels and for the light between surfaces
 ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
 MOST_TEXELS = 1 << 25
 TEXEL_BYTES = 48  # with what making them takes
@@ -24,7 +24,7 @@ TEXEL_BYTES = 48  # with what making them takes
 # Of the time that the probe's rays and paths take, which are alone in their kernels; measured over six scenes.
 RAY, CHAIN, PATH = 1.0, 1.0, 0.6
 SUM = 2.0e-9, 0.3e-9  # seconds of a ray, and of each of its frames and wavelengths
-START = 0.6  # seconds, for kernels and tables
+START = 0.4  # seconds, for kernels and tables
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def seconds(hologram, settings, seen, light, work):
         paths = path_seconds(light, work.columns * work.passes)
     total = START + work.traversals * (pixels * rays + (paths if work.texture is None else 0.0))
     total += work.texture or 0.0
-    total += pixels * frames * colours * 0.06e-6
+    total += pixels * frames * colours * 0.03e-6
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
         total += pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second

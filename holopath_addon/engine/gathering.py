@@ -1,5 +1,7 @@
 """Filling the radiance cache: light from surface to surface, then what is in view, by final gathering."""
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -99,11 +101,11 @@ def gather(scene, cache, groups, max_depth, limit, noise, most, seed, progress):
     -------
     samples : int
         Taken in all.
-    noise : float
-        Reached by all but a share REST of the groups.
+    noise, error : float
+        Standard error reached by all but a share REST of the groups, and its root mean square over the light.
     """
     if not len(groups):
-        return 0, 0.0
+        return 0, 0.0, 0.0
     before = dr.width(cache.fine) // 4
     cache.add(groups, np.zeros((len(groups), 4)))
     fine = cache.fine
@@ -135,7 +137,10 @@ def gather(scene, cache, groups, max_depth, limit, noise, most, seed, progress):
     new = mi.Float(np.column_stack([values, known]).astype(np.float32).ravel())
     dr.scatter(fine, new, dr.arange(mi.UInt32, 4 * len(groups)) + 4 * before)
     cache.fine = fine
-    return taken, float(np.quantile(reached, 1 - REST))
+    light = values.mean(1)
+    bright = np.minimum(light, np.percentile(light, 95))  # lamps' surroundings must not hide the rest
+    error = math.sqrt((bright * reached**2).sum() / max(bright.sum(), 1e-30))
+    return taken, float(np.quantile(reached, 1 - REST)), error
 
 
 class _Filter:

@@ -3,10 +3,11 @@
 import math
 from dataclasses import asdict, dataclass, field, replace
 
+from .baselines import BASELINES
 from .errors import InvalidInput
 
 QUALITIES = ("preview", "balanced", "full")
-METHODS = ("auto", "full", "fast", "direct")
+METHODS = ("auto", "full", "fast", "direct", *BASELINES)
 ESTIMATORS = ("lattice", "paper")
 PHASE_FIELDS = ("designed", "random")
 RADIANCES = ("grain", "ray")
@@ -116,10 +117,11 @@ class Settings:
         Time-multiplexed frames M; more have less speckle.
     speckle : float, optional
         Speckle contrast to reach: as many frames as that takes, in place of `frames`.
-    method : {'auto', 'full', 'fast', 'direct'}
+    method : {'auto', 'full', 'fast', 'direct'} or one of `baselines.BASELINES`
         Where diffuse light comes from: paths for this view alone (`full`), or a cache of baked light, which other
         views share (`fast`); `auto` takes the sooner. `direct` traces straight from the SLM with the paper's
-        estimator: its slow baseline.
+        estimator: its slow baseline. The baselines are other people's methods, to be compared with; of these settings
+        they take `frames`, `quality`, `spp` (paths of a picture's pixel), `max_depth` and `seed`.
     estimator : {'lattice', 'paper'}
         Lattice of directions with the exact kernel, or the paper's random directions with a
         spherical wave.

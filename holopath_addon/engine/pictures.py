@@ -140,10 +140,14 @@ class Pictures:
         energy = sum(float(np.vdot(s, s).real) for s in spectra) / self.space.band.size
         self.energy = (self.energy * before + energy) / self._frames
 
+    def weight(self, number):
+        """Of the squared error of each pixel of a picture."""
+        return relative(self.wanted[number])
+
     def view(self, number):
         """A picture as `supervise` takes it; what lies outside the fields does not count."""
         rows, columns = self.shape
         target, weight = np.zeros((2, *self.padded), np.float32)
         target[:rows, :columns] = self.wanted[number]
-        weight[:rows, :columns] = relative(self.wanted[number])
+        weight[:rows, :columns] = self.weight(number)
         return View(self.transfer(number), target, weight)

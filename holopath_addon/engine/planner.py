@@ -1,11 +1,12 @@
 """Looks at the scene and decides how much has to be modelled, and says why."""
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from . import backend, costs, despeckle
+from . import backend, baselines, costs, despeckle
+from .baselines import BASELINES
 from .errors import InvalidInput
 from .hologram import Settings
 from .mapping import DepthMapping
@@ -42,6 +43,8 @@ MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
 IMAGE_LIMITS = (-0.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
 MAP_BYTES = 1 << 30  # largest index of the radiance map, and its largest pupil bins
 CACHED_PASSES = 4  # fewest where light is looked up
+EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
+SMOOTHED = 600  # groups of texels over which light from other surfaces is averaged, roughly
 CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
 LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
 GREY = 0.01  # of the radiance: channels that differ less are one
@@ -59,6 +62,7 @@ FIXABLE = {
     "dispersion": (0, 1, "whether each wavelength has rays of its own where glass disperses"),
     "regions": (0, 1, "whether each tile has as many rays as it needs"),
     "chunk": (1, 1 << 40, "bytes of the sums of pixels that are traced at once"),
+    "steps": (1, 1 << 20, "steps of baselines that find phases by descent"),
 }
 
 
@@ -145,7 +149,7 @@ class Plan:
     chunk : int
         Bytes of the sums of pixels that are traced at once.
     seconds : float
-        Estimated time on this machine.
+        Estimated time on this machine; 0 for baselines, of which nothing is foretold.
     error : float
         Estimated error of the wave field by the radiance's noise, relative to the field.
     memory_bytes : int
@@ -193,10 +197,11 @@ class Plan:
 
     def __str__(self):
         lines = [str(decision) for decision in self.decisions]
-        lines.append(
-            f"time: about {self.seconds:.0f} s, memory: about {self.memory_bytes / 1e6:.0f} MB, "
-            f"error of the field: about {self.error:.1%}"
-        )
+        if self.seconds:
+            lines.append(
+                f"time: about {self.seconds:.0f} s, memory: about {self.memory_bytes / 1e6:.0f} MB, "
+                f"error of the field: about {self.error:.1%}"
+            )
         return "\n".join(lines + [f"warning: {w}" for w in self.warnings])
 
 
@@ -239,6 +244,10 @@ def plan(scene, camera, hologram, settings=None, store=None):
 
     settings = (settings or Settings()).resolved()
     check_fixed(settings.fixed)
+    if settings.method in BASELINES:
+        # the least that tells the depths in view
+        least = replace(settings, method="direct", fixed={"max_depth": settings.max_depth})
+        return baselines.planned(plan(scene, camera, hologram, least), settings)
     fixed, decisions, warnings = settings.fixed, [], []
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
@@ -577,7 +586,10 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
     passes = passes_for(settings, light.noise)
     noise, speckle = math.sqrt(light.noise / passes), speckle_contrast("random", settings.frames)
     if texture is not None:
-        noise = texel_noise(settings)
+        from .gathering import ROUND
+
+        variance = light.direct + max(light.noise - light.direct, 0) / SMOOTHED
+        noise = min(texel_noise(settings), EVENLY * math.sqrt(variance / ROUND))
     glossy = seen.turn > 0 or seen.specular > LEAST_SHARE
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
     room = MAP_BYTES / (columns * costs.SURFACES * _binned(seen) * costs.CELL_BYTES)

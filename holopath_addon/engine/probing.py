@@ -10,6 +10,8 @@ from .errors import InvalidInput
 from .mapping import DepthMapping
 from .regions import DEPTHS, Look
 
+PILOT_PIXELS = 1 << 14
+NEAREST_PIXELS = 1 << 16  # to find the nearest surface, which may be thin
 PILOT_GRAINS, PILOT_PATHS = 4096, 32
 DIRECTIONS = 16  # a pixel
 # From this share of neighbouring rays on that meet the same triangle packets are faster: 1.6 times at 0.07, 0.6 at
@@ -20,7 +22,7 @@ LEAST_SHARE = (
 )
 BENT = 1e-3  # of the vergence, and dioptres
 LEAST_LIGHT = 0.005  # of the light: bounces that add less are left out
-OUTLIERS = 0.005  # of the grains: a few at the edges of lamps' images would else decide
+OUTLIERS = 0.01  # of the grains: a few at the edges of lamps' images would else decide
 DEPTHS_TRIED = (1, 2, 3, 4, 6)  # vertices of a path
 
 
@@ -121,8 +123,9 @@ class Light:
 
     Attributes
     ----------
-    noise : float
-        Variance of one path relative to its grain's squared mean, weighted by brightness.
+    noise, direct : float
+        Variance of one path relative to its grain's squared mean, weighted by brightness; and of paths that end at the
+        first surface that lamps light.
     chroma : float
         Largest difference of the colour channels relative to their mean, weighted by brightness.
     max_depth, lost : int, float
@@ -134,6 +137,7 @@ class Light:
     """
 
     noise: float
+    direct: float
     bright: float
     paths_per_second: float
     chroma: float
@@ -142,7 +146,7 @@ class Light:
 
 
 class Pilot:
-    """Up to about a million rays over the hologram and the pupil.
+    """A few rays over the hologram and the pupil.
 
     Parameters
     ----------
@@ -152,9 +156,11 @@ class Pilot:
     mapping : DepthMapping
         With beta = 0 the rays start at the pupil's centre.
     seed : int
+    pixels : int
+        That rays go through, about, `DIRECTIONS` each.
     """
 
-    def __init__(self, scene, hologram, camera, mapping, seed=0):
+    def __init__(self, scene, hologram, camera, mapping, seed=0, pixels=PILOT_PIXELS):
         import drjit as dr
         import mitsuba as mi
 
@@ -162,7 +168,7 @@ class Pilot:
 
         self.scene, self.camera, self.seed, self._mapping = scene, camera, seed, mapping
         rays = Rays(hologram, camera, mapping, mapping.z_far)
-        stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / (1 << 16))))
+        stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / pixels)))
         columns, rows = -(-hologram.width // stride), -(-hologram.height // stride)
         self.size = columns * rows * DIRECTIONS
         sampler = mi.load_dict({"type": "independent"})
@@ -350,7 +356,9 @@ class Pilot:
                 colour *= seen.weight
             light = dr.select(seen.exists, colour, 0)
             dz = self._rays.height_over_plane(seen.distance, depth_rate, seen.hit)
-            over, down = turn.x + slope.x * dz / pitch, turn.y - slope.y * dz / pitch
+            # a whole grain: cells of the grid begin where the first path's does
+            walk = (dz - dr.gather(mi.Float, dz, index * PILOT_PATHS)) / pitch
+            over, down = turn.x + slope.x * walk, turn.y - slope.y * walk
             cell = [mi.Int(dr.floor(over)), mi.Int(dr.floor(down)), mi.Int(dr.floor(dz / slab)), seen.branch]
             dr.eval(light, cell)
 
@@ -371,17 +379,15 @@ class Pilot:
 
         mean = mean_of(all_light.sum(0))
         if not (mean > 0).any():
-            return Light(0.0, 0.0, grains * PILOT_PATHS / seconds, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, grains * PILOT_PATHS / seconds, 0.0, least, 0.0)
         whole = mean
         # as the rendering's paths are limited
         most = firefly * np.percentile(mean[mean > 0], 95) / 3
-        all_light = np.minimum(all_light, most)
-        means, mean = mean_of(all_light), mean_of(all_light.sum(0))
-        variance = ((all_light - means[..., None]) ** 2 * same).sum(-1) / np.maximum(count - 1, 1)
+        means, mean = mean_of(np.minimum(all_light, most)), mean_of(np.minimum(all_light, most).sum(0))
         lit = (mean > 0) & (count > 1)
         speed = grains * PILOT_PATHS / seconds
         if not lit.any():
-            return Light(0.0, 0.0, speed, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, speed, 0.0, least, 0.0)
         # weighted by brightness, in which lamps in view must not hide the rest
         weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
         weight /= weight.sum()
@@ -389,20 +395,29 @@ class Pilot:
         def share(values):
             return float((weight * values[lit] / mean[lit]).sum())
 
-        # of each channel by itself
-        weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
-        relative = variance[:, lit] / np.maximum(means[:, lit], 1e-30) ** 2
-        relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
-        noise = float((weights * relative).sum() / max(weights.sum(), 1e-30))
+        def noise_of(light):
+            # of each channel by itself
+            light = np.minimum(light, most)
+            own = mean_of(light)
+            variance = ((light - own[..., None]) ** 2 * same).sum(-1) / np.maximum(count - 1, 1)
+            weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
+            relative = variance[:, lit] / np.maximum(means[:, lit], 1e-30) ** 2
+            relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
+            return float((weights * relative).sum() / max(weights.sum(), 1e-30))
+
+        noise = direct = noise_of(all_light)
         chroma = share(3 * np.ptp(means, axis=0))
         depth, lost = max_depth, 0.0
         for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
             trace(tracer_of(fewer))
+            if fewer <= 2:
+                direct = noise_of(found())
             less = share(whole - mean_of(found().sum(0)))
             if less < LEAST_LIGHT:
                 depth, lost = fewer, max(less, 0.0)
                 break
-        return Light(noise, float(np.percentile(mean[lit], 95)) / 3, speed, chroma, depth, lost)
+        bright = float(np.percentile(mean[lit], 95)) / 3
+        return Light(noise, direct, bright, speed, chroma, depth, lost)
 
     def _chance(self, size):
         """A random number for each grain."""
@@ -456,7 +471,7 @@ def vergence_range(seen, chain):
 def near_end(scene, camera, hologram, seed=0):
     """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
-    nearest = Pilot(scene, hologram, camera, pinhole, seed).nearest()
+    nearest = Pilot(scene, hologram, camera, pinhole, seed, NEAREST_PIXELS).nearest()
     if nearest is None:
         if scene.environment() is None or not camera.sees_sky:
             raise InvalidInput(
@@ -468,4 +483,4 @@ def near_end(scene, camera, hologram, seed=0):
     if hologram.depth_mapping == "eyepiece":
         return nearest
     mapping = DepthMapping.of(hologram, camera, nearest)
-    return min(nearest, Pilot(scene, hologram, camera, mapping, seed).nearest() or nearest)
+    return min(nearest, Pilot(scene, hologram, camera, mapping, seed, NEAREST_PIXELS).nearest() or nearest)

@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from . import backend, despeckle, planner
+from . import backend, baselines, despeckle, planner
+from .baselines import BASELINES
 from .hologram import Settings
 from .kernel_table import Lattice, kernel_table
 from .mapping import DepthMapping
@@ -49,6 +50,8 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
     progress(0.0, "Planning")
     with clock("plan"):
         plan = plan or planner.plan(scene, camera, hologram, settings, store)
+    if settings.method in BASELINES:
+        return baselines.render(scene, camera, hologram, settings, plan, progress)
     progress(0.02, "Phase fields")
     with clock("phase fields"):
         phasors = phasors_of(
@@ -111,7 +114,9 @@ def _error_of(errors, plan, baked):
     """Relative standard error of the field, of the radiance map's halves and of baked light; None where unknown."""
     if None in errors:
         return None
-    texels = 0.0 if baked is None else 0.5 * (baked.noise or plan.texel_noise)
+    texels = 0.0
+    if baked is not None:
+        texels = plan.error if baked.error is None else 0.5 * baked.error
     return float(np.hypot(max(errors), texels))
 
 

@@ -72,7 +72,8 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
             return {"CANCELLED"}
         session.redraw()
         plan = session.current.plan
-        self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")
+        if plan.seconds:
+            self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")
         return {"FINISHED"}
 
 

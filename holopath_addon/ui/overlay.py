@@ -106,8 +106,10 @@ def _mapping(props, camera, plan):
 def _pupil(props, hologram, mapping, camera, scale):
     """The pupil that each colour's light fills, and the part of it that is looked through."""
     radii = {w: mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths}
-    ends = (f"{2e3 * radius:.3g}" for radius in (min(radii.values()), max(radii.values())))
-    label = f"Pupil {' to '.join(dict.fromkeys(ends))} mm"
+    least, most = min(radii.values()), max(radii.values())
+    unit, size = ("m", 1.0) if most >= 0.5 else ("mm", 1e3)
+    ends = (f"{2 * size * radius:.3g}" for radius in (least, most))
+    label = f"Pupil {' to '.join(dict.fromkeys(ends))} {unit}"
     circles = []
     for wavelength, radius in sorted(radii.items(), key=lambda row: -row[1]):
         corners = _circle(camera, 0.0, 0.0, radius) / scale

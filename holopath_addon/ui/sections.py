@@ -1,6 +1,7 @@
 """The contents of the panels, each drawn into any layout."""
 
 from .. import pipeline, preferences
+from ..engine.baselines import BASELINES
 from ..operators import session
 from ..properties import display_of
 from .focus_list import HOLOPATH_UL_focus
@@ -99,6 +100,19 @@ def quality(layout, context):
 def advanced(layout, context):
     """Parts of the method, each with the paper's."""
     props = context.scene.holopath
+    if props.method in BASELINES:
+        name = props.bl_rna.properties["method"].enum_items[props.method].name
+        wrapped(
+            layout,
+            context,
+            f"{name}, to compare with, has frames, quality, bounces, seed, and rays of a picture's pixel:",
+            icon="INFO",
+        )
+        row = layout.row(heading="Limit Rays")
+        row.prop(props, "limit_rays", text="")
+        if props.limit_rays:
+            row.prop(props, "spp", text="")
+        return
     layout.prop(props, "phase_field")
     row = layout.row(heading="Limit Rays")
     row.prop(props, "limit_rays", text="")
@@ -117,7 +131,7 @@ def advanced(layout, context):
     row = layout.row(heading="Recording Plane")
     row.prop(props, "wrp_auto", text="Automatic")
     if props.wrp_auto:
-        layout.prop(props, "planes")
+        layout.prop(props, "planes", text="Planes")
     else:
         layout.prop(props, "wrp_mm", text="Plane (mm)")
     layout.prop(props, "fixed")
@@ -137,7 +151,7 @@ def baked_light(layout, context):
     row.label(text=f"All on disk: {size / 1e6:.1f} MB")
     row.operator("holopath.clear_baked", icon="TRASH")
     props = context.scene.holopath
-    if props.method in {"full", "direct"}:
+    if props.method in {"full", "direct", *BASELINES}:
         name = props.bl_rna.properties["method"].enum_items[props.method].name
         wrapped(layout, context, f"The method {name} does not use baked light.", icon="INFO")
     if bake is None:
@@ -281,8 +295,9 @@ def estimate(layout, context):
     plan = session.plan_of(context.scene)
     if plan is None:
         return
-    cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
-    wrapped(layout, context, f"{cost}; {plan.error:.1%} error of the field by noise.")
+    if plan.seconds:  # of baselines nothing is foretold
+        cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
+        wrapped(layout, context, f"{cost}; {plan.error:.1%} error of the field by noise.")
     for warning in plan.warnings:
         wrapped(layout, context, warning, icon="ERROR")
     for decision in plan.decisions:

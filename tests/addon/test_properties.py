@@ -121,7 +121,7 @@ NUMBERS = {
     "depth_mapping": "fit eyepiece",
     "phase_field": "designed random",
     "quality": "preview balanced full",
-    "method": "auto full fast direct",
+    "method": "auto full fast direct point polygon rgbd rgbd-sgd focal-stack light-field stereogram gaussian network",
     "estimator": "lattice paper",
     "radiance": "grain ray",
     "virtual_image": "curvature opl",

@@ -3,14 +3,14 @@
 import numpy as np
 import scipy.fft
 
-from ..supervision import blocks, relative
+from ..supervision import blocks
 
 
 class FrameMean:
     """Light of all frames, compared with pictures.
 
     L = sum over pixels of w (g^2 I - t)^2, where I is the mean of the frames' intensities in a picture's plane, t what
-    is wanted there, and w = `supervision.relative`, so that independent frames have the loss 1/m in any picture.
+    is wanted there, and w = `Pictures.weight`, so that independent frames have the loss 1/m in any picture.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class FrameMean:
             error[parts[k]] = scale * _intensity(waves[:, parts[k], :columns]) - target[parts[k]]
 
         self._threads.each(compare, len(parts))
-        weighted = error * relative(target)
+        weighted = error * pictures.weight(number)
         loss = float((error * weighted).sum(dtype=np.float64))
         slope = (2 * scale * weighted).astype(light.dtype)  # a product of unlike numbers is slower
         adjoint = np.conj(transfer)

@@ -1,0 +1,1 @@
+"""Speed against accuracy, all methods side by side: ``make chart``, ``make chart-quick``."""

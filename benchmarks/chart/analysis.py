@@ -1,0 +1,150 @@
+"""What follows from a chart's records: who is ahead within a budget, what frames cost, and the paper's Table 1."""
+
+import math
+
+import numpy as np
+
+from .methods import M
+from .scenes import SCENES
+
+BUDGETS = (1, 3, 10, 30, 100, 300)  # seconds
+RIVALS = ("baseline", "peer")
+SIDES = ("left", "right", "up", "down", "view-left", "view-right")
+BETWEEN = ("front-middle", "middle-back")
+
+
+def pareto(points):
+    """Numbers of the points that none beats: as soon or sooner and as good or better, and not the same.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Seconds, and a figure that should be large.
+
+    Returns
+    -------
+    list of int
+        In order of seconds.
+    """
+    order = sorted(range(len(points)), key=lambda k: (points[k][0], -points[k][1]))
+    front, best = [], -math.inf
+    for number in order:
+        if points[number][1] > best:
+            front.append(number)
+            best = points[number][1]
+    return front
+
+
+def best_within(records, budget, figure):
+    """Largest figure of the records that took no longer than a budget; None where there is none."""
+    values = [record[figure] for record in records if record["seconds"] <= budget]
+    return max(values, default=None)
+
+
+def compare(records, budgets=BUDGETS):
+    """What each method reaches within each budget, and whether `auto` is ahead of the baselines.
+
+    Parameters
+    ----------
+    records : list of dict
+        Of one scene.
+    budgets : sequence of float
+        Seconds.
+
+    Returns
+    -------
+    list of dict
+        A row for each budget and figure (``psnr``, ``psnr_worst``): `best` by method, `auto`, the best `rival` with
+        its name `by`, and whether `auto` is `ahead`, None where neither has anything yet.
+    """
+    records = [record for record in records if record["frames"] == M]
+    names = list(dict.fromkeys(record["method"] for record in records))
+    rivals = {record["method"] for record in records if record["kind"] in RIVALS}
+    rows = []
+    for budget in budgets:
+        for figure in ("psnr", "psnr_worst"):
+            best = {
+                name: best_within([r for r in records if r["method"] == name], budget, figure)
+                for name in names
+            }
+            theirs = {name: value for name, value in best.items() if name in rivals and value is not None}
+            by = max(theirs, key=theirs.get, default=None)
+            ours, rival = best.get("auto"), theirs.get(by)
+            ahead = None
+            if ours is not None or rival is not None:
+                ahead = ours is not None and (rival is None or ours > rival)
+            rows.append(
+                {"budget": budget, "figure": figure, "best": best, "auto": ours, "rival": rival, "by": by}
+                | {"ahead": ahead}
+            )
+    return rows
+
+
+def ratios(records, usual):
+    """Seconds by frames, and those of the most over those of one frame.
+
+    Parameters
+    ----------
+    records : list of dict
+    usual : dict of str to str
+        The effort of each method.
+
+    Returns
+    -------
+    dict of (str, str) to (dict of int to float, float or None)
+        By scene and method.
+    """
+    seconds = {}
+    for record in records:
+        if record["effort"] == usual[record["method"]]:
+            own = seconds.setdefault((record["scene"], record["method"]), {})
+            own[record["frames"]] = record["seconds"]
+    several = {key: own for key, own in seconds.items() if len(own) > 1}
+    return {key: (own, own[24] / own[1] if {1, 24} <= own.keys() else None) for key, own in several.items()}
+
+
+def table_1(records, usual):
+    """The paper's Table 1, with what was measured for each of its criteria.
+
+    Returns
+    -------
+    (list of str, dict of str to list)
+        The criteria, and by method a figure for each, None where nothing was measured.
+    """
+    criteria = (
+        ("fast: s at M = 8", lambda r: r["seconds"], None, np.median),
+        ("multi-frame: M = 24 / M = 1", None, None, None),
+        ("data: s of pictures first", lambda r: _pictures_first(r), None, np.median),
+        ("pretraining: s", lambda r: 0.0, None, max),
+        ("reflection, refraction: dB", lambda r: r["psnr"], {"mirrors", "glass"}, np.mean),
+        ("material, GI: dB", lambda r: r["psnr"], {"gloss", "indirect"}, np.mean),
+        ("view: dB", lambda r: _mean_of(r, SIDES), None, np.mean),
+        ("depth between: dB", lambda r: _mean_of(r, BETWEEN), None, np.mean),
+        ("out of focus: dB", lambda r: r["psnr_defocus"], None, np.mean),
+    )
+    several = ratios(records, usual)
+    rows = {}
+    for name in dict.fromkeys(record["method"] for record in records):
+        own = [r for r in records if (r["method"], r["frames"], r["effort"]) == (name, M, usual[name])]
+        row = []
+        for _, figure, asks, mean in criteria:
+            if figure is None:
+                values = [ratio for (_, method), (_, ratio) in several.items() if method == name and ratio]
+                mean = np.median
+            else:
+                values = [figure(r) for r in own if not asks or asks & SCENES[r["scene"]].asks]
+            values = [value for value in values if value is not None]
+            row.append(float(mean(values)) if values else None)
+        if own:
+            rows[name] = row
+    return [name for name, *_ in criteria], rows
+
+
+def _mean_of(record, names):
+    return float(np.mean([record["pictures"][name]["psnr"] for name in names]))
+
+
+def _pictures_first(record):
+    return sum(
+        seconds for stage, seconds in record["stages"].items() if stage in ("Picture", "Pictures", "Preview")
+    )

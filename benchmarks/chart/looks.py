@@ -1,0 +1,142 @@
+"""What pictures are compared: foci, halves of the pupil, views and pupil sizes, against Mitsuba's thin lens.
+
+The pupil is that of the shortest wavelength, which all others fill; whole is each wavelength's own cone.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from holopath_addon import engine
+from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.probing import near_end
+
+VIEW = math.tan(math.radians(0.5))  # slope of the views to the side
+OUT_OF_FOCUS = 2.0  # radius of a point's blur, pixels, from which a pixel counts as out of focus
+
+
+@dataclass(frozen=True)
+class Look:
+    """A picture: what is sharp, and the part of the pupil that is open.
+
+    Attributes
+    ----------
+    name : str
+    depth : float
+        World depth in focus, metres.
+    part : (float, float, float) or None
+        Centre, to the right and up, and radius of what is open, in radii of the pupil; None: all.
+    """
+
+    name: str
+    depth: float
+    part: tuple | None = None
+
+
+HEADLINE = (
+    "front", "front-middle", "middle", "middle-back", "back",
+    "left", "right", "up", "down", "view-left", "view-right",
+)  # fmt: skip
+PUPILS = ("pupil-half", "pupil-quarter")
+HALVES = {"left": (-0.5, 0.0, 0.5), "right": (0.5, 0.0, 0.5), "up": (0.0, 0.5, 0.5), "down": (0.0, -0.5, 0.5)}
+
+
+def slope_of(hologram):
+    """Radius of the pupil that all wavelengths fill, as a slope."""
+    return min(map(hologram.max_slope, hologram.wavelengths))
+
+
+def looks_of(foci, hologram):
+    """The `Look` of each name in `HEADLINE` and `PUPILS`, in that order.
+
+    Parameters
+    ----------
+    foci : (float, float, float)
+        World depths in front, in the middle and at the back, metres.
+    hologram : engine.Hologram
+    """
+    front, middle, back = foci
+    to_the_side = VIEW / slope_of(hologram)
+    depths = (front, _between(front, middle), middle, _between(middle, back), back)
+    looks = [Look(name, depth) for name, depth in zip(HEADLINE, depths, strict=False)]
+    looks += [Look(name, middle, part) for name, part in HALVES.items()]
+    looks += [
+        Look(n, middle, (x, 0.0, 0.25)) for n, x in (("view-left", -to_the_side), ("view-right", to_the_side))
+    ]
+    return looks + [Look(n, middle, (0.0, 0.0, r)) for n, r in zip(PUPILS, (0.5, 0.25), strict=True)]
+
+
+def _between(a, b):
+    """The depth half-way in hologram space."""
+    return 2 / (1 / a + 1 / b)
+
+
+def pupil_of(look, hologram, mapping):
+    """The `engine.Pupil` of a look, None where all is open."""
+    if look.part is None:
+        return None
+    x, y, radius = (mapping.pupil_radius(slope_of(hologram)) * v for v in look.part)
+    return engine.Pupil(x, y, 2 * radius)
+
+
+def border_of(hologram):
+    """Pixels at each edge that lose light of the near end to the SLM's aperture."""
+    slope = max(map(hologram.max_slope, hologram.wavelengths))
+    return math.ceil(slope * max(abs(hologram.depth_far), abs(hologram.depth_near)) / hologram.pitch)
+
+
+def truth_of(scene, camera, hologram, foci, spp, progress=None):
+    """Pictures through a thin lens, and what is needed to compare with them.
+
+    Parameters
+    ----------
+    scene, camera, hologram :
+        As of `engine.render`.
+    foci : (float, float, float)
+        As of `looks_of`.
+    spp : int
+        Paths a pixel and picture, half of them in each of two independent pictures.
+    progress : callable, optional
+        ``progress(done, message)``.
+
+    Returns
+    -------
+    dict of str to numpy.ndarray
+        ``pictures`` [look, y, x, wavelength], ``ceiling`` [look], PSNR in dB that their noise allows, ``blurred``
+        [3, y, x], what is out of focus in front, middle and back, and ``near``, metres.
+    """
+    progress = progress or (lambda done, message: None)
+    near = near_end(scene, camera, hologram)
+    mapping = DepthMapping.of(hologram, camera, near)
+    looks, border = looks_of(foci, hologram), border_of(hologram)
+    pictures, ceiling = [], []
+    for number, look in enumerate(looks):
+        halves = [
+            engine.reference(
+                scene, camera, hologram, [look.depth], pupil_of(look, hologram, mapping), max(1, spp // 2), near,
+                seed=1000 + seed,
+            )[0]
+            for seed in range(2)
+        ]  # fmt: skip
+        pictures.append(0.5 * (halves[0] + halves[1]))
+        # their difference has four times the squared noise of their mean
+        ceiling.append(engine.psnr(*halves, border) + 20 * math.log10(2))
+        progress((number + 1) / len(looks), f"reference {look.name}")
+    z = mapping.depth_to_z(engine.depth_map(scene, camera, hologram.width, hologram.height))
+    reach = slope_of(hologram) / hologram.pitch
+    blurred = [np.abs(z - mapping.depth_to_z(depth)) * reach > OUT_OF_FOCUS for depth in foci]
+    return {
+        "pictures": np.stack(pictures).astype(np.float32),
+        "ceiling": np.array(ceiling),
+        "blurred": np.stack(blurred),
+        "near": np.array(near),
+    }
+
+
+def seen(field, foci):
+    """Pictures of a wave field, as those of `truth_of`."""
+    hologram, mapping, refocuser = field.hologram, field.mapping, engine.Refocuser(field)
+    return np.stack(
+        [refocuser([look.depth], pupil_of(look, hologram, mapping))[0] for look in looks_of(foci, hologram)]
+    )

@@ -1,0 +1,325 @@
+"""Measures records, one scene and method in a process: ``python -m benchmarks.chart.measure TASK``, a JSON file.
+
+Seconds are those of the whole pipeline from the scene to the field or phases: planning, pictures, bakes, descents. Of
+the plan baselines take no more than the range of depths in view, so that it is given to them and not counted. The
+kernels are compiled beforehand, by a run with hardly any work; what takes under `SHORT` seconds runs twice, and the
+shorter time counts.
+"""
+
+import ctypes
+import functools
+import gc
+import hashlib
+import json
+import re
+import sys
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from holopath_addon import engine
+from holopath_addon.engine import backend
+from holopath_addon.engine.metrics import display_values
+
+from . import looks, peers
+from .figures import figures
+from .methods import M, methods, warmed
+from .scenes import SCENES, built
+
+SHORT = 3.0
+SHOWN = ("front", "back", "view-right")  # pictures that are kept for the close-ups
+ROOT = Path(__file__).parents[2]
+ENGINE = ROOT / "holopath_addon" / "engine"
+OWN = Path(__file__).parent
+SCENE_CODE = (OWN / "scenes.py", OWN.parent / "scenes.py", ROOT / "holopath_addon" / "demo.py")
+FIGURES_CODE = (OWN / "figures.py", OWN / "measure.py")
+TRUTH_CODE = (OWN / "looks.py", ENGINE / "reference.py", ENGINE / "preview.py", ENGINE / "mapping.py")
+
+
+@dataclass(frozen=True)
+class Task:
+    """Records of one method and scene.
+
+    Attributes
+    ----------
+    scene, method : str
+        A method is also ``reference``: the truth alone.
+    hologram : dict
+        Of `engine.Hologram`.
+    spp : int
+        Paths a pixel of the reference.
+    limit : float
+        Seconds after which a record is given up, and those of more work with it.
+    records : list of (str, int)
+        Effort and frames, in order of work.
+    loss : bool
+        Whether to find the loss of phase-only encoding.
+    folder : str
+    """
+
+    scene: str
+    method: str
+    hologram: dict
+    spp: int
+    limit: float
+    records: list
+    loss: bool
+    folder: str
+
+
+def digest_of(*things):
+    """Digest of files, which are `Path`, and of what JSON can write."""
+    digest = hashlib.sha256()
+    for thing in things:
+        text = thing.read_bytes() if isinstance(thing, Path) else json.dumps(thing, sort_keys=True).encode()
+        digest.update(len(text).to_bytes(8, "big") + text)
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def code_of(kind):
+    """Digest of what decides what a kind of method does: the engine, and with baselines theirs."""
+    files = sorted(path for path in ENGINE.rglob("*.py") if "baselines" not in path.parts)
+    if kind in ("baseline", "peer"):
+        files += sorted((ENGINE / "baselines").glob("*.py"))
+    if kind == "peer":
+        files.append(OWN / "peers.py")
+    return digest_of(*files)
+
+
+def record_path(task, effort, frames):
+    """File of a record; its pictures lie beside it."""
+    size = f"{task.hologram['width']}"
+    name = "-".join((task.scene, size, task.method, effort, f"M{frames}"))
+    return Path(task.folder) / "records" / (re.sub(r"[^\w.-]+", "_", name) + ".json")
+
+
+def record_digest(task, method, effort, frames):
+    """Of all that decides a record."""
+    settings = asdict(method.settings(effort, frames))
+    return digest_of(
+        code_of(method.kind),
+        *SCENE_CODE,
+        *TRUTH_CODE,
+        *FIGURES_CODE,
+        task.hologram,
+        task.spp,
+        task.limit,
+        task.loss,
+        settings,
+    )
+
+
+def kept(task, effort, frames):
+    """An earlier record that is still true; None where there is none."""
+    path = record_path(task, effort, frames)
+    with suppress(OSError, ValueError, KeyError):
+        record = json.loads(path.read_text())
+        method = methods(engine.Hologram(**task.hologram))[task.method]
+        if record["digest"] == record_digest(task, method, effort, frames):
+            return record
+    return None
+
+
+def truth_path(task):
+    """File of a scene's truth."""
+    digest = digest_of(*SCENE_CODE, *TRUTH_CODE, task.scene, task.hologram, task.spp)
+    name = f"{task.scene}-{task.hologram['width']}-{digest}.npz"
+    return Path(task.folder) / "references" / name
+
+
+def truth_for(task, scene, camera, hologram):
+    """The truth of a task's scene, kept on disk; None for scenes that are only timed."""
+    if task.scene not in SCENES:
+        return None
+    path = truth_path(task)
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        start = time.perf_counter()
+        truth = looks.truth_of(
+            scene, camera, hologram, SCENES[task.scene].foci, task.spp, lambda done, what: None
+        )
+        part = path.with_suffix(".part.npz")
+        np.savez(part, **truth, seconds=time.perf_counter() - start)
+        part.replace(path)
+    with np.load(path) as file:
+        return dict(file)
+
+
+def run(task, tell=print):
+    """Measure a task's records that are not kept, and write each as soon as it is there.
+
+    Parameters
+    ----------
+    task : Task
+    tell : callable
+        ``tell(line)`` for each.
+    """
+    backend.activate()
+    hologram = engine.Hologram(**task.hologram)
+    scene, camera = built(task.scene, hologram.width)
+    truth = truth_for(task, scene, camera, hologram)
+    if task.method == "reference":
+        return
+    method = methods(hologram)[task.method]
+    gave_up = None
+    for effort, frames in task.records:
+        if kept(task, effort, frames):
+            continue
+        if gave_up:
+            result = {"failed": gave_up}
+        else:
+            result = _measured(task, method, effort, frames, scene, camera, hologram, truth)
+        if result.get("failed", "").startswith("over"):
+            gave_up = result["failed"]
+        record = {
+            "method": task.method,
+            "kind": method.kind,
+            "scene": task.scene,
+            "frames": frames,
+            "effort": effort,
+            "pixels": hologram.width,
+            **result,
+            "settings": asdict(method.settings(effort, frames)),
+            "digest": record_digest(task, method, effort, frames),
+        }
+        path = record_path(task, effort, frames)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(record, indent=1))
+        tell(line_of(record))
+
+
+def line_of(record):
+    """A record in a line."""
+    name = f"{record['scene']}: {record['method']}, {record['effort']}, M = {record['frames']}: "
+    if "failed" in record:
+        return name + record["failed"]
+    figures = f"{record['seconds']:.2f} s, {record['peak_bytes'] / 1e9:.2f} GB"
+    if record["psnr"] is not None:
+        figures += f", {record['psnr']:.2f} dB, at worst {record['psnr_worst']:.2f}"
+    return name + figures
+
+
+def _measured(task, method, effort, frames, scene, camera, hologram, truth):
+    settings = method.settings(effort, frames)
+    clock = Stages(task.limit)
+    try:
+        _render(method, scene, camera, hologram, warmed(settings), Stages(task.limit))
+        free()
+        seconds, field = _timed(method, scene, camera, hologram, settings, clock)
+        peak = peak_bytes()
+        if seconds < SHORT:
+            again, field = _timed(method, scene, camera, hologram, settings, Stages(task.limit))
+            seconds = min(seconds, again)
+    except engine.Cancelled:
+        return {"failed": f"over {task.limit:g} s"}
+    except Exception as error:  # one method's fault is no other's
+        return {"failed": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+    result = {"seconds": seconds, "peak_bytes": peak, "stages": clock.seconds, "psnr": None}
+    if truth is None:
+        return result
+    foci = SCENES[task.scene].foci
+    pictures = looks.seen(field, foci)
+    result |= figures(pictures, truth, hologram)
+    if frames == M:
+        path = record_path(task, effort, frames).with_suffix(".npz")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(path, **shown(pictures, truth, looks.border_of(hologram)))
+    result["phase_loss_db"] = None
+    if task.loss and frames == M and effort == method.usual:
+        result["phase_loss_db"] = 0.0 if method.phases else phase_loss(field, foci, truth, result["pictures"])
+    return result
+
+
+def _timed(method, scene, camera, hologram, settings, clock):
+    """Seconds, and the field; the baselines' plan, of which they take the depths in view alone, is not counted."""
+    plan = engine.plan(scene, camera, hologram, settings) if method.kind in ("baseline", "peer") else None
+    start = time.perf_counter()
+    field = _render(method, scene, camera, hologram, settings, clock, plan)
+    return time.perf_counter() - start, field
+
+
+def _render(method, scene, camera, hologram, settings, clock, plan=None):
+    clock.start()
+    if method.kind == "peer":
+        return peers.render(method.name, scene, camera, hologram, settings, plan, clock)
+    return engine.render(scene, camera, hologram, settings, plan, clock)
+
+
+class Stages:
+    """A progress callback that sums seconds by message, until the next one, and cancels after `limit` seconds."""
+
+    def __init__(self, limit):
+        self.seconds, self._limit, self._stage = {}, limit, "Planning"
+        self.start()
+
+    def start(self):
+        """Begin to count."""
+        self._start = self._last = time.perf_counter()
+
+    def __call__(self, done, message):
+        now = time.perf_counter()
+        if now - self._start > self._limit:
+            raise engine.Cancelled("It takes too long.")
+        self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._last
+        self._last, self._stage = now, message
+
+
+def phase_loss(field, foci, truth, each):
+    """dB that the field's pictures at three foci lose, on average, when phases alone have to show them."""
+    names = ("front", "middle", "back")
+    shown_by_phases = engine.encode(field, "sgd").field()
+    border = looks.border_of(field.hologram)
+    numbers = [looks.HEADLINE.index(name) for name in names]
+    pictures = engine.reconstruct(shown_by_phases, foci)
+    after = [
+        engine.psnr(picture, truth["pictures"][number], border)
+        for picture, number in zip(pictures, numbers, strict=True)
+    ]
+    return float(np.mean([each[name]["psnr"] for name in names]) - np.mean(after))
+
+
+def shown(pictures, truth, border):
+    """Pictures for the close-ups, 8 bits, by name; as bright as the reference."""
+    inner = slice(border, -border or None)
+    out = {}
+    for name in SHOWN:
+        number = looks.HEADLINE.index(name)
+        _, wanted, scale = display_values(pictures[number], truth["pictures"][number], border)
+        root = np.sqrt(truth["pictures"][number][inner, inner])
+        white = np.percentile(root, 95)
+        values = np.sqrt(np.maximum(scale * pictures[number][inner, inner], 0)) / white
+        out[name] = np.clip(255 * values, 0, 255).astype(np.uint8)
+    return out
+
+
+def free():
+    """Give memory of earlier work back, and begin to look for the peak anew."""
+    import drjit
+
+    gc.collect()
+    drjit.flush_malloc_cache()
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_bytes():
+    """Most memory that this process has had since `free`; where the system does not tell that, since its start."""
+    with suppress(OSError, TypeError):
+        return int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1]) << 10
+    import resource
+
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else most << 10
+
+
+if __name__ == "__main__":
+    run(
+        Task(**json.loads(Path(sys.argv[1]).read_text())),
+        lambda line: print(line, file=sys.stderr, flush=True),
+    )

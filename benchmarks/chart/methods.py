@@ -1,0 +1,106 @@
+"""The methods of the chart, and how much work each is given."""
+
+import importlib.util
+from dataclasses import dataclass, replace
+
+from holopath_addon import engine
+from holopath_addon.engine.baselines import BASELINES
+
+from . import peers
+
+FRAMES = (1, 3, 8, 24)
+M = 8  # frames of all figures but the seconds over frames
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method at several efforts.
+
+    Attributes
+    ----------
+    name : str
+    kind : {'ours', 'paper', 'baseline', 'peer'}
+    efforts : dict of str to dict
+        `engine.Settings` by the effort's name, from the least.
+    usual : str
+        The effort of the seconds over frames, of the phase-only loss and of Table 1.
+    phases : bool
+        Whether what it finds are phases already.
+    """
+
+    name: str
+    kind: str
+    efforts: dict
+    usual: str = "balanced"
+    phases: bool = False
+
+    def settings(self, effort, frames):
+        """The `engine.Settings` of an effort."""
+        own = self.efforts[effort]
+        method = own.get("method", self.name if self.kind != "peer" else "rgbd")
+        return engine.Settings(**{"method": method, "frames": frames} | own)
+
+    def missing(self):
+        """Why it cannot be run, a sentence; None where it can."""
+        if self.kind == "peer":
+            return peers.missing(self.name)
+        if self.kind == "baseline":
+            module = f"holopath_addon.engine.baselines.{BASELINES[self.name][0]}"
+            if importlib.util.find_spec(module) is None:
+                return f"{self.name} is skipped: there is no {module}."
+        return None
+
+
+QUALITIES = {quality: {"quality": quality} for quality in engine.hologram.QUALITIES}
+DRAFT = {"quality": "preview", "spp": 4}  # paths of a picture's pixel
+ONCE = {"draft": DRAFT, **QUALITIES}
+DESCENTS = {
+    name: settings | {"fixed": {"steps": steps}}
+    for (name, settings), steps in zip(ONCE.items(), (30, 100, 300, 1000), strict=True)
+}
+DESPECKLED = {
+    "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
+    "full, despeckled": {"quality": "full", "despeckle": 200},
+}
+PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
+
+
+def _rays(counts, usual, **settings):
+    """Efforts by rays a pixel; and the name of the usual one."""
+    return {f"{count} rays": settings | {"spp": count} for count in counts}, f"{usual} rays"
+
+
+def methods(hologram):
+    """All methods for a hologram, by name."""
+    supervised = ("rgbd-sgd", "focal-stack", "light-field")
+    baselines = [
+        Method(name, "baseline", DESCENTS if name in supervised else ONCE, phases=name in supervised)
+        for name in BASELINES
+        if name != "network"  # takes a user's own weights, and there are none
+    ]
+    direct, usual_direct = _rays((64, 512, 4096), 512, **PAPER)
+    paper, usual_paper = _rays((64, 256, 1024, 4096), 1024, method="full", wrp=hologram.depth_far, **PAPER)
+    opl = {
+        name: settings | {"method": "auto", "virtual_image": "opl"} for name, settings in QUALITIES.items()
+    }
+    every = [
+        *baselines,
+        *(Method(name, "peer", ONCE) for name in peers.PEERS),
+        Method("direct", "paper", direct, usual_direct),
+        Method("paper", "paper", paper, usual_paper),
+        Method("full", "ours", QUALITIES),
+        Method("fast", "ours", QUALITIES),
+        Method("auto", "ours", QUALITIES | DESPECKLED),
+        Method("auto-opl", "ours", opl),
+    ]
+    return {method.name: method for method in every}
+
+
+def warmed(settings):
+    """The same kernels with hardly any work."""
+    return replace(
+        settings,
+        spp=1,
+        despeckle=min(settings.despeckle, 1),
+        fixed=settings.fixed | {"passes": 1} | ({"steps": 1} if "steps" in settings.fixed else {}),
+    )

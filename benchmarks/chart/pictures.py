@@ -1,0 +1,259 @@
+"""The chart's pictures."""
+
+import math
+
+import numpy as np
+
+from . import looks, measure
+from .analysis import pareto
+from .methods import FRAMES, M
+from .scenes import SCENES
+
+OURS = {
+    "auto": "black",
+    "full": "tab:red",
+    "fast": "tab:orange",
+    "auto-opl": "dimgrey",
+    "paper": "tab:pink",
+    "direct": "tab:purple",
+}
+CLOSE = 120  # pixels along the side of a close-up
+COLUMNS = 4
+
+
+def draw(chart, records, triangles, table, ratios, folder):
+    """Write all pictures that there is something for.
+
+    Parameters
+    ----------
+    chart : Chart
+    records : list of dict
+    triangles : list of dict
+        Seconds by method and triangles.
+    table : (list of str, dict)
+        Of `analysis.table_1`.
+    ratios : dict
+        Of `analysis.ratios`.
+    folder : path
+
+    Returns
+    -------
+    list of str
+        File names.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    if not records:
+        return []
+    names = list(dict.fromkeys(record["method"] for record in records))
+    others = [name for name in names if name not in OURS]
+    palette = matplotlib.colormaps["tab20"]
+    colours = {name: palette(k % 20) for k, name in enumerate(others)} | OURS
+    scenes = [name for name in SCENES if any(record["scene"] == name for record in records)]
+    files = {
+        "chart-seconds.png": lambda path: _seconds(records, scenes, colours, path),
+        "chart-convergence.png": lambda path: _convergence(records, scenes, colours, path),
+        "chart-table-1.png": lambda path: _table(*table, path),
+    }
+    if ratios:
+        files["chart-frames.png"] = lambda path: _frames(ratios, path)
+    if triangles:
+        files["chart-triangles.png"] = lambda path: _triangles(triangles, colours, path)
+    for scene in scenes:
+        files[f"chart-closeups-{scene}.png"] = lambda path, scene=scene: _close_ups(
+            chart, records, scene, path
+        )
+    for name, write in files.items():
+        write(folder / name)
+    return list(files)
+
+
+def _panels(count, rows=1, width=4.0, height=3.4):
+    import matplotlib.pyplot as plt
+
+    columns = min(COLUMNS, count)
+    lines = math.ceil(count / columns)
+    figure, axes = plt.subplots(
+        lines * rows,
+        columns,
+        figsize=(width * columns, height * lines * rows),
+        layout="constrained",
+        squeeze=False,
+    )
+    return figure, axes
+
+
+def _save(figure, path, dpi=80):
+    import matplotlib.pyplot as plt
+
+    figure.savefig(path, dpi=dpi)
+    plt.close(figure)
+
+
+def _own(records, scene):
+    """Records of M frames of a scene by method, in order of their efforts."""
+    by_method = {}
+    for record in records:
+        if record["scene"] == scene and record["frames"] == M:
+            by_method.setdefault(record["method"], []).append(record)
+    return by_method
+
+
+def _seconds(records, scenes, colours, path):
+    """PSNR over seconds: mean above, worst below."""
+    figure, axes = _panels(len(scenes), 2)
+    for axis in axes.flat:
+        axis.set_visible(False)
+    columns = axes.shape[1]
+    for number, scene in enumerate(scenes):
+        for below, figure_name in enumerate(("psnr", "psnr_worst")):
+            axis = axes[2 * (number // columns) + below, number % columns]
+            axis.set_visible(True)
+            points = []
+            for name, own in _own(records, scene).items():
+                own = sorted(own, key=lambda record: record["seconds"])
+                places = [(record["seconds"], record[figure_name]) for record in own]
+                width = 2.2 if name == "auto" else 1
+                axis.plot(*zip(*places, strict=True), "o-", color=colours[name], lw=width, ms=4, label=name)
+                points += places
+            front = [points[k] for k in pareto(points)]
+            axis.plot(
+                *zip(*front, strict=True), "o", mfc="none", mec="k", ms=10, mew=0.8, label="Pareto front"
+            )
+            axis.step(*zip(*front, strict=True), where="post", color="k", lw=0.6, ls=":")
+            axis.set_xscale("log")
+            axis.set_title(f"{scene}, {'worst' if below else 'mean'}", fontsize=10)
+            axis.set_xlabel("seconds", fontsize=8)
+            axis.set_ylabel("PSNR, dB", fontsize=8)
+            axis.grid(alpha=0.3, which="both")
+    _legend(figure, axes)
+    _save(figure, path)
+
+
+def _legend(figure, axes):
+    """One legend for all panels, below them."""
+    labels = {}
+    for axis in axes.flat:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            labels.setdefault(label, handle)
+    figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=6, fontsize=8)
+
+
+def _convergence(records, scenes, colours, path):
+    """PSNR, mean, over the number of the effort, from the least."""
+    figure, axes = _panels(len(scenes))
+    for axis in axes.flat[len(scenes) :]:
+        axis.set_visible(False)
+    for axis, scene in zip(axes.flat, scenes, strict=False):
+        for name, own in _own(records, scene).items():
+            values = [record["psnr"] for record in own]
+            axis.plot(range(1, len(own) + 1), values, "o-", color=colours[name], label=name, ms=4, lw=1)
+        axis.set_title(scene, fontsize=10)
+        axis.set_xlabel("effort, from the least", fontsize=8)
+        axis.set_ylabel("PSNR, dB", fontsize=8)
+        axis.xaxis.get_major_locator().set_params(integer=True)
+        axis.grid(alpha=0.3)
+    _legend(figure, axes)
+    _save(figure, path)
+
+
+def _frames(ratios, path):
+    """Bars of seconds over frames, and above them the ratio of the most to one."""
+    scenes = list(dict.fromkeys(scene for scene, _ in ratios))
+    figure, axes = _panels(1, len(scenes), width=12, height=2.8)
+    for axis, scene in zip(axes.flat, scenes, strict=True):
+        own = {method: row for (s, method), row in ratios.items() if s == scene}
+        for k, m in enumerate(FRAMES):
+            places = [(x + 0.2 * (k - 1.5), row[0][m]) for x, row in enumerate(own.values()) if m in row[0]]
+            if places:
+                axis.bar(*zip(*places, strict=True), width=0.2, label=f"M = {m}")
+        for x, (seconds, ratio) in enumerate(own.values()):
+            if ratio:
+                axis.annotate(
+                    f"x {ratio:.1f}", (x, max(seconds.values())), ha="center", va="bottom", fontsize=8
+                )
+        axis.set_yscale("log")
+        axis.margins(y=0.15)
+        axis.set_xticks(range(len(own)), own, fontsize=8, rotation=20)
+        axis.set_ylabel("seconds", fontsize=8)
+        axis.set_title(f"{scene}; above the bars M = 24 / M = 1", fontsize=10)
+    axes.flat[0].legend(fontsize=8, ncols=4)
+    _save(figure, path)
+
+
+def _triangles(triangles, colours, path):
+    figure, axes = _panels(1, width=6, height=4)
+    axis = axes.flat[0]
+    for name in dict.fromkeys(row["method"] for row in triangles):
+        own = sorted((row["triangles"], row["seconds"]) for row in triangles if row["method"] == name)
+        axis.plot(*zip(*own, strict=True), "o-", color=colours.get(name), label=name)
+    axis.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds")
+    axis.grid(alpha=0.3, which="both")
+    axis.legend(fontsize=8)
+    _save(figure, path)
+
+
+def _table(criteria, rows, path):
+    """Table 1: green is good, red poor, by rank in a column."""
+    import matplotlib
+
+    cells = np.array([[np.nan if v is None else v for v in row] for row in rows.values()], float)
+    shade = np.full(cells.shape, np.nan)
+    for column, name in enumerate(criteria):
+        known = np.flatnonzero(np.isfinite(cells[:, column]))
+        order = cells[known, column] * (1 if "dB" in name else -1)
+        rank = np.searchsorted(np.unique(order), order)
+        shade[known, column] = rank / max(1, rank.max(initial=0)) if rank.any() else 1
+    figure, axes = _panels(1, width=13, height=0.9 + 0.32 * len(rows))
+    axis = axes.flat[0]
+    colours = matplotlib.colormaps["RdYlGn"].with_extremes(bad="white")
+    axis.imshow(np.ma.masked_invalid(shade), cmap=colours, vmin=-0.3, vmax=1.3, aspect="auto", alpha=0.7)
+    for (row, column), value in np.ndenumerate(cells):
+        if np.isfinite(value):
+            text = f"{value:.1f}" if "dB" in criteria[column] else f"{value:.3g}"
+            axis.text(column, row, text, ha="center", va="center", fontsize=9)
+    axis.set_xticks(range(len(criteria)), [c.replace(": ", "\n") for c in criteria], fontsize=8)
+    axis.xaxis.tick_top()
+    axis.set_yticks(range(len(rows)), rows, fontsize=9)
+    axis.tick_params(length=0)
+    _save(figure, path)
+
+
+def _close_ups(chart, records, scene, path):
+    """Rows of looks, columns of methods at their most work, the reference first."""
+    truth = measure.truth_path(chart.task(scene, "reference", []))
+    border = looks.border_of(chart.hologram)
+    columns = {}
+    if truth.exists():
+        with np.load(truth) as file:
+            columns["reference"] = measure.shown(file["pictures"], dict(file), border)
+    for name, own in _own(records, scene).items():
+        last = own[-1]
+        file = measure.record_path(chart.task(scene, name, []), last["effort"], M).with_suffix(".npz")
+        if file.exists():
+            columns[f"{name}\n{last['seconds']:.3g} s, {last['psnr']:.1f} dB"] = dict(np.load(file))
+    if not columns:
+        return
+    figure, axes = _subplots(len(measure.SHOWN), len(columns))
+    for column, (title, shown) in enumerate(columns.items()):
+        for row, name in enumerate(measure.SHOWN):
+            axis, picture = axes[row, column], shown[name]
+            rows, width = picture.shape[:2]
+            half = min(CLOSE, rows, width) // 2
+            part = picture[rows // 2 - half : rows // 2 + half, width // 2 - half : width // 2 + half]
+            axis.imshow(part)
+            axis.set_xticks([])
+            axis.set_yticks([])
+            if column == 0:
+                axis.set_ylabel(name, fontsize=8)
+        axes[0, column].set_title(title, fontsize=7)
+    _save(figure, path, 110)
+
+
+def _subplots(rows, columns):
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(
+        rows, columns, figsize=(1.35 * columns, 1.45 * rows + 0.3), layout="constrained", squeeze=False
+    )

@@ -1,0 +1,335 @@
+"""The chart as JSON, CSV, pictures and a page."""
+
+import csv
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+from . import analysis, measure, pictures
+from .looks import HEADLINE, PUPILS
+from .methods import methods
+from .scenes import SCENES
+
+PAGE, IMAGES = Path("docs/chart.md"), Path("docs/images")
+PLAIN = (
+    "seconds",
+    "peak_bytes",
+    "psnr",
+    "psnr_worst",
+    "ssim",
+    "ssim_worst",
+    "psnr_defocus",
+    "speckle",
+    "phase_loss_db",
+)
+
+INTRODUCTION = """# Speed against accuracy
+
+What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
+scene to a field or phases for the same display. `make chart` measures all of it, `make chart-quick` a part in under ten
+minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods NAME ...] [--anew] [--docs]` what is named. What is
+measured already is kept in build/chart as long as the code that it depends on stays as it is.
+
+**PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the back
+and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest of
+these. M = 8 frames unless said. A picture is scaled to be as bright as the reference; borders that lose light to the
+SLM's aperture do not count. **Seconds** are those of the whole pipeline: planning, pictures of the scene, bakes and
+descents, all but the scene itself; of the plan baselines take no more than the range of depths in view, which is given
+to them and not counted. Kernels are compiled beforehand by a run with hardly any work, and what takes under
+{short:g} s runs twice, the shorter time counts. **Memory** is the most of a process that has the scene, Python and its
+libraries included. **Speckle** is deviation over mean of picture / reference in 16 x 16 patches, lit pixels only, the
+median. *Out of focus* are the pixels whose blur is over two pixels in radius. Methods that find phases are compared by
+the light of these; those that find a complex field by that field, and the phase-only loss says what phases in its place
+lose (`sgd`, mean of three foci).
+
+All methods have diffuse light as Mitsuba's path tracer finds it: those that start from pictures take them with mirrors,
+glass and gloss in them. A learned network is not in the chart: the method `network` takes a user's own.
+"""
+
+
+@dataclass(frozen=True)
+class Made:
+    """How a chart came about.
+
+    Attributes
+    ----------
+    machine, date, commit, command : str
+    seconds : float
+        That it took this time; what was there already took none.
+    """
+
+    machine: str
+    date: str
+    commit: str
+    command: str
+    seconds: float
+
+    @classmethod
+    def now(cls, command, seconds, root):
+        """Here and now, of the checkout at `root`."""
+        return cls(_machine(), date.today().isoformat(), _commit(root), command, seconds)
+
+
+def _machine():
+    with suppress(OSError):
+        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
+        if found:
+            return f"{found[1].strip()}, {os.cpu_count()} cores, {platform.system()}"
+    return f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
+
+
+def _commit(root):
+    def git(*words):
+        done = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    try:
+        commit = git("rev-parse", "--short", "HEAD") or "unknown"
+        return commit + (" with changes" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except OSError:
+        return "unknown"
+
+
+def write(chart, records, made, docs=False):
+    """The chart's files: JSON, CSV, pictures and the page; with `docs` page and pictures in docs, too.
+
+    Parameters
+    ----------
+    chart : Chart
+    records : list of dict
+        Of `run.measured`.
+    made : Made
+    docs : bool
+
+    Returns
+    -------
+    str
+        The tables.
+    """
+    folder = Path(chart.folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    failed = [record for record in records if "failed" in record]
+    timed = [record for record in records if record["scene"] not in SCENES and "failed" not in record]
+    figures = [record for record in records if record["scene"] in SCENES and "failed" not in record]
+    usual = {name: chart.usual(method) for name, method in methods(chart.hologram).items()}
+    triangles = [
+        {"method": r["method"], "triangles": int(r["scene"].split()[1]), "seconds": r["seconds"]}
+        for r in timed
+    ]
+    budgets = {scene: analysis.compare(_of(figures, scene)) for scene in _scenes(figures)}
+    whole = {
+        **asdict(made),
+        "chart": chart.name,
+        "hologram": chart.hologram.to_dict(),
+        "reference": _ceilings(chart, figures),
+        "records": figures,
+        "triangles": triangles,
+        "budgets": budgets,
+        "failed": failed,
+    }
+    (folder / "chart.json").write_text(json.dumps(whole, indent=1))
+    _write_csv(folder / "chart.csv", figures)
+    names = pictures.draw(
+        chart, figures, triangles, analysis.table_1(figures, usual), analysis.ratios(figures, usual), folder
+    )
+    page = _page(chart, figures, triangles, budgets, failed, made, usual, whole["reference"])
+    (folder / "chart.md").write_text(page.replace("](IMAGES/", "]("))
+    if docs:
+        IMAGES.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            shutil.copy(folder / name, IMAGES / name)
+        PAGE.write_text(page.replace("](IMAGES/", "](images/"))
+    return "\n".join(_told(chart, figures, triangles, budgets, failed, made, usual))
+
+
+def _scenes(records):
+    return [name for name in SCENES if any(record["scene"] == name for record in records)]
+
+
+def _of(records, scene):
+    return [record for record in records if record["scene"] == scene]
+
+
+def _ceilings(chart, records):
+    """PSNR in dB that the reference's own noise allows, by scene: mean and worst."""
+    out = {}
+    for scene in _scenes(records):
+        path = measure.truth_path(chart.task(scene, "reference", []))
+        if path.exists():
+            with np.load(path) as truth:
+                values = truth["ceiling"][: len(HEADLINE)]
+            out[scene] = {"psnr": float(values.mean()), "psnr_worst": float(values.min()), "spp": chart.spp}
+    return out
+
+
+def _write_csv(path, records):
+    with path.open("w", newline="") as file:
+        table = csv.writer(file)
+        looks = (*HEADLINE, *PUPILS)
+        table.writerow(
+            ["method", "scene", "frames", "effort", "pixels", *PLAIN, *(f"psnr {n}" for n in looks)]
+        )
+        for r in records:
+            own = [r["method"], r["scene"], r["frames"], r["effort"], r["pixels"]]
+            table.writerow([*own, *(r[n] for n in PLAIN), *(r["pictures"][n]["psnr"] for n in looks)])
+
+
+def _number(value, digits=1):
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _seconds(value):
+    return "" if value is None else f"{value:.3g}"
+
+
+def _rows(header, rows):
+    lines = [f"| {' | '.join(header)} |", f"|{' --- |' * len(header)}"]
+    return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
+
+
+def _page(chart, records, triangles, budgets, failed, made, usual, ceilings):
+    """The page, its pictures in IMAGES."""
+    size = f"{chart.hologram.width} x {chart.hologram.height}"
+    text = [INTRODUCTION.format(short=measure.SHORT)]
+    text.append(
+        f"`{made.command}` on {made.machine}, {made.date}, commit {made.commit}; {size}, 8 µm, 640, 516.5 and "
+        f"455.4 nm, 1 to 6 mm from the SLM; references of {chart.spp} paths a pixel and wavelength.\n"
+    )
+    if not records:
+        text.append("Nothing has been measured yet: `make chart` writes the tables and pictures here.\n")
+        return "\n".join(text)
+    text.append("## Seconds and PSNR\n\n![PSNR over seconds](IMAGES/chart-seconds.png)\n")
+    text.append("Each line is a method at its efforts, M = 8; rings mark what no other beats in both.\n")
+    text.append("## Within a budget\n")
+    for scene, rows in budgets.items():
+        note = ceilings.get(scene)
+        noise = (
+            f"; the reference's own noise allows {note['psnr']:.1f}, {note['psnr_worst']:.1f} dB"
+            if note
+            else ""
+        )
+        text.append(f"**{scene}**, {SCENES[scene].what}: best PSNR in dB, mean / worst{noise}\n")
+        text += _budget_table(rows)
+        text.append("")
+        text += _why(scene, rows)
+        text.append("")
+    several = analysis.ratios(records, usual)
+    if several:
+        text.append("## Seconds over frames\n\n![Seconds over frames](IMAGES/chart-frames.png)\n")
+        text += _frames_table(several)
+    text.append("\n## The paper's Table 1, measured\n\n![Table 1](IMAGES/chart-table-1.png)\n")
+    text.append(
+        "Medians of seconds and means of PSNR over the scenes at each method's usual effort; reflection and refraction "
+        "on scenes with mirrors or glass, material and GI on those with gloss or indirect light; *view* of the four "
+        "half pupils and both views, *depth between* of the two foci where nothing need be. Nothing here is trained.\n"
+    )
+    criteria, cells = analysis.table_1(records, usual)
+    rows = [[name, *(_seconds(v) if "dB" not in c else _number(v) for c, v in zip(criteria, row, strict=True))]
+            for name, row in cells.items()]  # fmt: skip
+    text += _rows(["method", *criteria], rows)
+    text.append("\n## Convergence\n\n![PSNR over effort](IMAGES/chart-convergence.png)\n")
+    if triangles:
+        text.append("## Triangles\n\n![Seconds over triangles](IMAGES/chart-triangles.png)\n")
+        text += _triangles_table(triangles)
+        text.append("")
+    text.append(
+        "## Close-ups\n\nThe reference first, then each method at its most work: in focus in front, at the back, and "
+        "the view to the right.\n"
+    )
+    text += [f"![{scene}](IMAGES/chart-closeups-{scene}.png)\n" for scene in _scenes(records)]
+    text.append("## All figures\n")
+    text += _all_figures(records)
+    if failed:
+        text.append("\n## What gave no figures\n")
+        text += _rows(
+            ["scene", "method", "effort", "frames", "why"],
+            [[r["scene"], r["method"], r["effort"], str(r["frames"]), r["failed"]] for r in failed],
+        )
+    return "\n".join(text) + "\n"
+
+
+def _budget_table(rows):
+    names = list(rows[0]["best"])
+    pairs = list(zip(rows[::2], rows[1::2], strict=True))
+    body = [
+        [name, *("" if mean["best"][name] is None else f"{mean['best'][name]:.1f} / {worst['best'][name]:.1f}"
+                 for mean, worst in pairs)]
+        for name in names
+    ]  # fmt: skip
+    said = {True: "yes", False: "no"}
+    ahead = ((mean["ahead"], worst["ahead"]) for mean, worst in pairs)
+    body.append(["*auto ahead*", *("" if a is None else f"{said[a]} / {said[b]}" for a, b in ahead)])
+    return _rows(["method", *(f"{mean['budget']} s" for mean, _ in pairs)], body)
+
+
+def _why(scene, rows):
+    """Where `auto` is not ahead: of whom, and by how much."""
+    lines = []
+    for row in rows:
+        if row["ahead"] is False:
+            kind = "mean" if row["figure"] == "psnr" else "worst"
+            own = "nothing yet" if row["auto"] is None else f"{row['auto']:.2f} dB"
+            lines.append(f"- {row['budget']} s, {kind}: {row['by']} {row['rival']:.2f} dB, auto {own}")
+    return lines
+
+
+def _frames_table(several):
+    frames = sorted({m for own, _ in several.values() for m in own})
+    body = [
+        [scene, method, *(_seconds(own.get(m)) for m in frames), _number(ratio, 2)]
+        for (scene, method), (own, ratio) in several.items()
+    ]
+    return _rows(["scene", "method", *(f"s at M = {m}" for m in frames), "M = 24 / M = 1"], body)
+
+
+def _triangles_table(triangles):
+    counts = sorted({row["triangles"] for row in triangles})
+    body = []
+    for name in dict.fromkeys(row["method"] for row in triangles):
+        own = {row["triangles"]: row["seconds"] for row in triangles if row["method"] == name}
+        ratio = own[max(own)] / own[min(own)]
+        body.append([name, *(_seconds(own.get(n)) for n in counts), f"{ratio:.2f}"])
+    return _rows(["method", *(f"{n:,}, s" for n in counts), "most / fewest"], body)
+
+
+def _all_figures(records):
+    header = ["scene", "method", "effort", "M", "s", "GB", "PSNR", "worst", "SSIM", "views", "pupil 1/2, 1/4"]
+    header += ["out of focus", "speckle", "phase-only loss"]
+    body = []
+    for r in records:
+        pupils = ", ".join(_number(r["pictures"][name]["psnr"]) for name in PUPILS)
+        views = ", ".join(_number(r["pictures"][name]["psnr"]) for name in ("view-left", "view-right"))
+        body.append(
+            [r["scene"], r["method"], r["effort"], str(r["frames"]), _seconds(r["seconds"])]
+            + [_number(r["peak_bytes"] / 1e9, 2), _number(r["psnr"], 2), _number(r["psnr_worst"], 2)]
+            + [_number(r["ssim"], 3), views, pupils, _number(r["psnr_defocus"])]
+            + [_number(r["speckle"], 3), _number(r["phase_loss_db"], 2)]
+        )
+    return _rows(header, body)
+
+
+def _told(chart, records, triangles, budgets, failed, made, usual):
+    """The tables for the terminal."""
+    lines = [
+        f"chart: {chart.name}, {chart.hologram.width} x {chart.hologram.height}, {len(records)} records, "
+        f"{made.seconds:.0f} s; {made.machine}, {made.date}, commit {made.commit}"
+    ]
+    for scene, rows in budgets.items():
+        lines += ["", f"{scene}: best PSNR within a budget, dB, mean / worst", *_budget_table(rows)]
+    several = analysis.ratios(records, usual)
+    if several:
+        lines += ["", *_frames_table(several)]
+    if triangles:
+        lines += ["", *_triangles_table(triangles)]
+    lines += [measure.line_of(record) for record in failed]
+    lines.append(f"\n{chart.folder}: chart.json, chart.csv, chart.md and pictures")
+    return lines

@@ -1,0 +1,31 @@
+"""Focal stack: phases that show what a thin lens shows at several depths (Choi et al., SIGGRAPH 2022, 32)."""
+
+import numpy as np
+
+from ..pictures import Look, Pictures
+from .shots import through_pupil
+from .supervised import phases_for
+
+DEPTHS = 7
+
+
+def field(job, progress):
+    """As of `layers.field`, of one modulus in each wavelength."""
+    hologram = job.hologram
+    slope = max(map(hologram.max_slope, hologram.wavelengths))
+    planes = np.linspace(job.z_low, job.z_high, DEPTHS if job.z_high > job.z_low else 1)
+    stack = []
+    for number, z in enumerate(planes):
+
+        def told(done, what, number=number):
+            progress(0.4 * (number + done) / len(planes), what)
+
+        stack.append(through_pupil(job, z, [(0.0, 0.0, slope)], told, job.paths)[0])
+
+    def pictures(k):
+        looks = [Look(float(z)) for z in planes]
+        wanted = Pictures(job.shape, hologram.pitch, hologram.wavelengths[k], looks)
+        wanted.wanted[:] = [picture[k] for picture in stack]
+        return wanted
+
+    return phases_for(job, pictures, lambda done, what: progress(0.4 + 0.6 * done, what))

@@ -1,0 +1,70 @@
+"""Light field: phases that show pictures from all over the pupil (Choi et al., SIGGRAPH 2022, 32).
+
+What is seen from a part of the pupil is the light whose frequencies pass it. Parts are as wide as the spectrum of their
+window of nine pixels, and overlap: pictures from parts side by side say nothing about how the light of several parts
+adds up, so there is speckle where the whole pupil is open, and light is hidden where no part or only one sees it. With
+these parts some of the speckle is left.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..pictures import Look, Pictures
+from .shots import through_pupil
+from .supervised import phases_for
+
+# parts of the pupil, the whole of radius 1: how many on rings of what radius, and their own radius
+RINGS = ((1, 0.0), (6, 0.475), (12, 0.85))
+PART = 0.5
+PICTURES = 7  # of a focal stack: a light field takes as many paths in all
+
+
+def field(job, progress):
+    """As of `layers.field`, of one modulus in each wavelength."""
+    hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
+    parts, colours = parts_of_pupil(), len(hologram.wavelengths)
+    paths = math.ceil(job.paths * PICTURES / (len(parts) * colours))
+    views = []
+    for k, wavelength in enumerate(hologram.wavelengths):
+
+        def told(done, what, k=k):
+            progress(0.4 * (k + done) / colours, what)
+
+        slope = hologram.max_slope(wavelength)
+        own = replace(job, hologram=replace(hologram, wavelengths=(wavelength,)))
+        scaled = [(x * slope, y * slope, PART * slope) for x, y in parts]
+        views.append(through_pupil(own, z, scaled, told, paths)[:, 0])
+
+    def pictures(k):
+        # the edge of the cone is at half a cycle a pixel; rows go down
+        looks = [Look(z, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in parts]
+        wanted = _Views(job.shape, hologram.pitch, hologram.wavelengths[k], looks)
+        for number, view in enumerate(views[k]):
+            wanted.wanted[number] = wanted.share(number) * view
+        return wanted
+
+    return phases_for(job, pictures, lambda done, what: progress(0.4 + 0.6 * done, what))
+
+
+def parts_of_pupil():
+    """Centres of equal disks that cover the unit disk, on `RINGS`."""
+    turns = [(radius, 2 * math.pi * n / count) for count, radius in RINGS for n in range(count)]
+    return [(radius * math.cos(turn), radius * math.sin(turn)) for radius, turn in turns]
+
+
+class _Views(Pictures):
+    """Pictures through parts of the pupil."""
+
+    def weight(self, number):
+        """Of the pixels that light from the SLM reaches on its way through the part; the others do not count."""
+        look, space = self.looks[number], self.space
+        inside = []
+        for count, frequency in zip(self.shape, (look.part[1], look.part[0]), strict=True):
+            walk = (
+                look.distance * math.tan(math.asin(space.wavelength * frequency / space.pitch)) / space.pitch
+            )
+            start = np.arange(count) - walk
+            inside.append((start >= 0) & (start <= count - 1))
+        return np.where(inside[0][:, None] & inside[1], super().weight(number), 0)

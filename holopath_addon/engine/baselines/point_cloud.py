@@ -1,0 +1,236 @@
+"""Point cloud: a spherical wave from each visible surface point, by a look-up table near recording planes.
+
+    U(x, z_p) = sum_q sqrt(L_q) exp(i phi_q) h(x - x_q, z_p - z_q)    (Waters, Appl. Phys. Lett. 9, 405 (1966))
+
+summed on planes z_p amid the points, where each point's wave h is a few pixels wide (Shimobaba, Masuda and Ito, Opt.
+Lett. 34, 3133 (2009)), and from these propagated to the SLM by the angular spectrum method. h is looked up in a table
+of depths (Lucente, J. Electron. Imaging 2, 28 (1993)); there are as many planes as are fast (two: Phan et al., Appl.
+Opt. 53, 4817 (2014)). Points seen from the pupil's centre are one a pixel, hence sorted into a grid already, and every
+pixel of a plane gathers those within its reach, for all frames and wavelengths at once.
+
+phi is random, alike in all wavelengths, and takes in the carrier exp(i k z). Points do not hide one another: what an
+edge hides from elsewhere in the pupil shines through, and what is seen only from there is missing. Each point shines
+alike in all directions, and a mirror or a glass shows its picture on its own surface.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+
+from ..buffers import PHASOR_SCALE, gather_phasors, gather_row, packed, packed_phasors
+from ..kernel_table import LEVELS, LEVELS_A_GRAIN
+from ..propagation import field_of, padded_shape, spectrum, transfer_function
+from ..recording_planes import depth_slabs, max_slope
+from ..tracer import FRAMES_TOGETHER
+from .layers import GAIN, random_phasor
+from .shots import picture_with_depth
+
+CONE, TAIL = 1.15, 2.0  # reach of a sub-hologram: times the recordable cone, and pixels more
+PLANE_POINTS = 100  # each pixel gathers in the time in which fields are propagated on to the next plane
+MOST_PLANES = 64
+DEPTHS = 4096  # that points are told apart by where planes are placed
+CHUNK_POINTS = 1 << 24  # gathered between two looks at progress and cancel
+CHUNK_BYTES = 1 << 27  # of their sums
+
+
+def field(job, progress):
+    """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (frame, wavelength, y, x)
+    """
+    hologram, frames = job.hologram, range(job.settings.frames)
+    radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
+    slabs = slabs_of(hologram, z)
+    planes = [0.5 * (low + high) for low, high in slabs]
+    slab = np.searchsorted([0.5 * (below[1] + above[0]) for below, above in pairwise(slabs)], z)
+    waves = SubHolograms.of(hologram, max(high - low for low, high in slabs) / 2)
+    groups = [frames[first:][:FRAMES_TOGETHER] for first in frames[::FRAMES_TOGETHER]]
+    phasors = [
+        packed_phasors([np.pad(random_phasor(job, m, 0), waves.margin) for m in group]) for group in groups
+    ]
+    amplitude = np.sqrt(radiance) * np.float32(GAIN)
+    out = np.zeros((len(frames), *radiance.shape), np.complex64)
+    for begun, number in enumerate(reversed(range(len(planes)))):  # towards the SLM
+
+        def told(done, begun=begun):
+            progress(0.3 + 0.7 * (begun + done) / len(planes), "Points")
+
+        here = np.where(slab == number, amplitude, 0)
+        gather(out, waves, planes[number] - z, here, groups, phasors, lambda done: told(0.7 * done))
+        step = (planes[number - 1] if number else 0.0) - planes[number]
+        propagate(out, hologram, step, lambda done: told(0.7 + 0.3 * done))
+    return out
+
+
+def slabs_of(hologram, z):
+    """Ends (low, high), metres from the SLM, of the slabs that have a recording plane in their middle each.
+
+    As many as take the least time, where a pixel gathers pi R^2 points from a slab, R the reach of its outermost.
+    """
+    low, high = float(z.min()), float(z.max())
+    depths = low + np.unique(np.round((z - low) / max(high - low, 1e-12) * DEPTHS)) / DEPTHS * (high - low)
+    best, least = None, math.inf
+    for count in range(1, MOST_PLANES + 1):
+        if PLANE_POINTS * count > least:
+            break
+        slabs = depth_slabs(depths, count)
+        points = sum(math.pi * reach(hologram, 0.5 * (end - begin)) ** 2 for begin, end in slabs)
+        if points + PLANE_POINTS * count < least:
+            best, least = slabs, points + PLANE_POINTS * count
+    return best
+
+
+def reach(hologram, distance):
+    """Pixels to the rim of the sub-hologram of a point at a distance in metres from the plane."""
+    return CONE * max_slope(hologram) * np.abs(distance) / hologram.pitch + TAIL
+
+
+@dataclass(frozen=True)
+class SubHolograms:
+    """The waves h of points at all distances from a plane: the look-up table.
+
+    Attributes
+    ----------
+    values : numpy.ndarray, complex64, shape (level, |y|, |x|, wavelength)
+        By pixels from the point, which lies before the plane; beyond it the wave is the conjugate.
+    radii : numpy.ndarray, shape (level,)
+        Reach in pixels; dark beyond.
+    scale : float
+        Levels a metre.
+    """
+
+    values: np.ndarray
+    radii: np.ndarray
+    scale: float
+
+    @classmethod
+    def of(cls, hologram, limit):
+        """Of points up to a distance in metres.
+
+        h(x, d) = inverse DFT of exp(-i d (k - kz)), even in both frequencies, hence a cosine transform. What lies
+        beyond the recordable circle is left in, for propagation cuts it: a wave without an edge there is narrower.
+        """
+        limit = limit + 1e-9
+        widest = reach(hologram, limit)
+        levels = int(np.clip(math.ceil(LEVELS_A_GRAIN * widest), *LEVELS))
+        distances = (np.arange(levels) + 0.5) / levels * limit
+        radii = reach(hologram, distances)
+        side = int(widest) + 1
+        half = scipy.fft.next_fast_len(side + 24)
+        squared = np.arange(half + 1) ** 2 / (2 * half) ** 2
+        squared = squared[:, None] + squared
+        from_point = np.hypot(*np.mgrid[:side, :side])
+        values = np.empty((levels, side, side, len(hologram.wavelengths)), np.complex64)
+        for k, wavelength in enumerate(hologram.wavelengths):
+            u = (wavelength / hologram.pitch) ** 2 * squared
+            lag = (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
+            phase = -distances[:, None, None].astype(np.float32) * lag.astype(np.float32)
+            waves = scipy.fft.dctn(np.exp(1j * phase), 1, axes=(1, 2))
+            values[..., k] = waves[:, :side, :side] / (2 * half) ** 2
+        values[from_point > radii[:, None, None]] = 0
+        return cls(values, radii, levels / limit)
+
+    @property
+    def margin(self):
+        """Pixels that the widest reaches."""
+        return self.values.shape[1] - 1
+
+
+def gather(out, waves, distance, amplitude, groups, phasors, progress):
+    """Add the waves of points to fields on a plane.
+
+    Parameters
+    ----------
+    out : numpy.ndarray, complex64, shape (frame, wavelength, y, x)
+    waves : SubHolograms
+    distance : numpy.ndarray, shape (y, x)
+        From each pixel's point on to the plane, metres.
+    amplitude : numpy.ndarray, shape (wavelength, y, x)
+        Of the points; zero where there is none.
+    groups : list of range
+        Frames that are summed together.
+    phasors : list
+        `packed_phasors` of each group's frames, with the widest wave's margin around.
+    progress : callable
+        ``progress(done)``, may raise.
+    """
+    frames, colours, height, width = out.shape
+    margin, side, stride = waves.margin, waves.margin + 1, width + 2 * waves.margin
+    level = distance * waves.scale
+    points = np.pad(np.stack([level, *amplitude]), ((0, 0), (margin, margin), (margin, margin)))
+    points = packed(points.reshape(colours + 1, -1).T.astype(np.float32))
+    table = packed(waves.values.reshape(-1, colours).view(np.float32))
+
+    # outwards: how far on from the pixel the point lies, wrapped where it lies back, and what to look up for it
+    down, right = np.mgrid[-margin:side, -margin:side].reshape(2, -1)
+    order = np.argsort(np.hypot(down, right), kind="stable")
+    down, right = down[order], right[order]
+    steps = packed(
+        np.stack([down * stride + right, abs(down) * side + abs(right)], axis=-1).astype(np.uint32)
+    )
+
+    # each pixel goes as far as the widest wave around it
+    radius = waves.radii[np.minimum(abs(level).astype(int), len(waves.radii) - 1)] * amplitude.any(0)
+    radius = scipy.ndimage.maximum_filter(radius, 2 * int(radius.max()) + 1, mode="constant")
+    counts = np.where(radius > 0, np.searchsorted(np.hypot(down, right), radius, "right"), 0).ravel()
+    pixels = np.flatnonzero(counts)
+    counts = counts[pixels]
+    places = (pixels // width + margin) * stride + pixels % width + margin
+
+    together = min(CHUNK_BYTES // (8 * len(groups[0]) * colours), CHUNK_POINTS // counts.max(initial=1))
+    out, done = out.reshape(frames, colours, -1), 0
+    for group, phasor in zip(groups, phasors, strict=True):
+        for first in range(0, len(pixels), together):
+            part = slice(first, first + together)
+            sums = _gathered(places[part], counts[part], steps, points, phasor, len(group), table, waves)
+            for number, (k, m) in enumerate(np.ndindex(colours, len(group))):
+                real, imaginary = (np.asarray(sums[2 * number + n]) for n in (0, 1))
+                out[group[m], k, pixels[part]] += (real + 1j * imaginary) / PHASOR_SCALE
+            done += counts[part].sum()
+            progress(done / (counts.sum() * len(groups)))
+
+
+def _gathered(places, counts, steps, points, phasors, frames, table, waves):
+    """Sums of the first `counts` of the steps from each of some places, as parts by wavelength and frame."""
+    levels, side, _, colours = waves.values.shape
+    place, limit = mi.UInt32(places.astype(np.uint32)), mi.UInt32(counts.astype(np.uint32))
+    size, last = dr.opaque(mi.UInt32, side * side), dr.opaque(mi.Float, levels - 1)
+
+    def body(step, sums):
+        on, entry = gather_row(steps, step, 2)
+        level, *amplitude = gather_row(points, place + on, 1 + colours)
+        phasor = gather_phasors(phasors, place + on, frames)
+        wave = gather_row(table, mi.UInt32(dr.minimum(dr.abs(level), last)) * size + entry, 2 * colours)
+        sums = list(sums)
+        for k in range(colours):
+            real, imaginary = amplitude[k] * wave[2 * k], amplitude[k] * wave[2 * k + 1]
+            imaginary = dr.select(level < 0, -imaginary, imaginary)
+            for m in range(frames):
+                cosine, sine, at = phasor[2 * m], phasor[2 * m + 1], 2 * (k * frames + m)
+                sums[at] = dr.fma(real, cosine, dr.fma(-imaginary, sine, sums[at]))
+                sums[at + 1] = dr.fma(real, sine, dr.fma(imaginary, cosine, sums[at + 1]))
+        return step + 1, sums
+
+    state = (mi.UInt32(0), [dr.zeros(mi.Float, len(places)) for _ in range(2 * frames * colours)])
+    _, sums = dr.while_loop(state, lambda step, *_: step < limit, body, label="point cloud")
+    dr.eval(sums)
+    return sums
+
+
+def propagate(out, hologram, distance, progress):
+    """Propagate fields, shape (frame, wavelength, y, x), by a distance in metres, in place."""
+    frames, colours, *shape = out.shape
+    for k, wavelength in enumerate(hologram.wavelengths):
+        padded = padded_shape(shape, hologram.pitch, wavelength, distance)
+        transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
+        for m in range(frames):
+            out[m, k] = field_of(spectrum(out[m, k], padded) * transfer, shape)
+            progress((k * frames + m + 1) / (colours * frames))

@@ -1,0 +1,39 @@
+"""RGB-D descent: phases that show a picture with depth sharp where it is in focus.
+
+Choi et al., ACM TOG 40(6), 240 (2021). On each layer only the pixels are compared whose surfaces lie on it: what is out
+of focus is as it comes.
+"""
+
+import numpy as np
+
+from ..pictures import Look, Pictures
+from ..supervision import relative
+from .layers import sliced
+from .shots import picture_with_depth
+from .supervised import phases_for
+
+
+def field(job, progress):
+    """As of `layers.field`, of one modulus in each wavelength."""
+    hologram = job.hologram
+    radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
+    depths, number = sliced(job, z)
+
+    def pictures(k):
+        looks = [Look(float(z)) for z in depths]
+        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], looks)
+        for layer, picture in enumerate(wanted.wanted):
+            picture[:] = np.where(number == layer, radiance[k], 0)
+        wanted.radiance = radiance[k]
+        return wanted
+
+    return phases_for(job, pictures, lambda done, what: progress(0.3 + 0.7 * done, what))
+
+
+class _OnLayers(Pictures):
+    """Pictures of which only what is in focus counts."""
+
+    radiance = None
+
+    def weight(self, number):
+        return np.where(self.wanted[number] > 0, relative(self.radiance), 0)

@@ -1,0 +1,82 @@
+"""Pictures of the scene that baselines start from, by Mitsuba's path tracer."""
+
+import math
+
+import numpy as np
+
+from ..depth import depth_map
+from ..hologram import channel
+from ..preview import Preview
+from ..reconstruction import Pupil
+from ..reference import reference
+
+
+def picture_with_depth(job, progress):
+    """Radiance and depth of what is seen from the pupil's centre.
+
+    Parameters
+    ----------
+    job : Job
+    progress : callable
+        ``progress(done, message)``, may raise.
+
+    Returns
+    -------
+    radiance : numpy.ndarray, float32, shape (wavelength, y, x)
+    z : numpy.ndarray, float64, shape (y, x)
+        Metres from the SLM, of the surface at each pixel's centre; the volume's far end where there is none.
+    """
+    from ..dispersion import tuned, wavelength_groups
+
+    hologram, settings = job.hologram, job.settings
+    size = hologram.width, hologram.height
+    radiance = np.empty((len(hologram.wavelengths), *job.shape), np.float32)
+    for group in wavelength_groups(job.scene, hologram.wavelengths):
+        with tuned(job.scene, group):
+            pinhole = Preview(job.scene, job.camera, *size, max_depth=settings.max_depth, seed=settings.seed)
+            picture = pinhole.refine(job.paths, lambda done, _: progress(done, "Picture"))
+        for k, wavelength in enumerate(hologram.wavelengths):
+            if wavelength in group:
+                radiance[k] = picture[..., channel(wavelength)]
+    z = job.mapping.depth_to_z(depth_map(job.scene, job.camera, *size))
+    return radiance, np.clip(z, job.z_low, job.z_high)
+
+
+def through_pupil(job, z, parts, progress, paths):
+    """Pictures focused at a depth through parts of the pupil.
+
+    Parameters
+    ----------
+    job : Job
+    z : float
+        Metres from the SLM.
+    parts : sequence of (float, float, float)
+        Centre, to the right and up, and radius of each part, in slopes of the light that comes through it. What is
+        beyond a wavelength's own cone is not open.
+    progress : callable
+        ``progress(done, message)``, may raise.
+    paths : int
+        Of a pixel of a picture, all wavelengths together.
+
+    Returns
+    -------
+    numpy.ndarray, float32, shape (part, wavelength, y, x)
+        Means over what is open of each part; black where nothing is.
+    """
+    scale, count = job.mapping.pupil_radius(1.0), len(job.hologram.wavelengths)
+    pictures = []
+    for number, (x, y, radius) in enumerate(parts):
+        picture = reference(
+            job.scene,
+            job.camera,
+            job.hologram,
+            [float(job.mapping.z_to_depth(z))],
+            Pupil(x * scale, y * scale, 2 * radius * scale),
+            math.ceil(paths / count),
+            job.near,
+            job.settings.max_depth,
+            lambda done, _, number=number: progress((number + done) / len(parts), "Pictures"),
+            job.settings.seed + number,
+        )
+        pictures.append(np.moveaxis(picture[0], -1, 0))
+    return np.stack(pictures)

@@ -1,0 +1,19 @@
+"""Fixtures of the tests of other people's methods: scenes, and the camera that looks at them."""
+
+import numpy as np
+import pytest
+
+from benchmarks.scenes import FOV, Scenes
+from holopath_addon import engine
+
+
+@pytest.fixture(scope="session")
+def build(backend):
+    """Builders of small scenes; metres."""
+    return Scenes()
+
+
+@pytest.fixture
+def camera():
+    """At the origin, looking along -z."""
+    return engine.Camera(np.eye(4), FOV)

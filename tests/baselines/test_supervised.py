@@ -1,0 +1,217 @@
+"""RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, cancelling."""
+
+import numpy as np
+import pytest
+
+from benchmarks.scenes import FOV, GREEN
+from holopath_addon import engine
+from holopath_addon.engine.propagation import propagate
+
+SIDE, BORDER = 128, 24
+DESCENTS = ("rgbd-sgd", "focal-stack", "light-field")
+METHODS = ("rgbd", *DESCENTS)
+
+
+@pytest.fixture
+def threads():
+    from holopath_addon.engine.supervision import Frames
+
+    with Frames() as threads:
+        yield threads
+
+
+def display(wavelengths=(GREEN,), side=SIDE):
+    return engine.Hologram(side, side, 8e-6, wavelengths, 1e-3, 4e-3, near=0.5)
+
+
+def render(method, scene, camera, hologram, frames=4, steps=100, **settings):
+    chosen = {"max_depth": 1, "spp": 8, "fixed": {"steps": steps}, **settings}
+    return engine.render(scene, camera, hologram, engine.Settings(method=method, frames=frames, **chosen))
+
+
+def inner(picture, border=BORDER):
+    return picture[border:-border, border:-border]
+
+
+def card_before_wall(build):
+    """Textured: a card at 0.5 m that covers the middle, before a wall at 2 m."""
+    half = 0.5 * np.tan(FOV / 2)
+    return build.scene(
+        wall=build.plane(2.0, build.emissive(build.texture(64, 1, contrast=4))),
+        card=build.plane(0.5, build.emissive(build.texture(32, 2, 0.02, 0.5, contrast=4)), 0.5 * half),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
+    """Where no light is missing that the SLM's edge cuts off."""
+    wall = build.scene(wall=build.plane(1.0, build.emissive({"type": "rgb", "value": [0.8, 0.3, 0.1]})))
+    field = render(method, wall, camera, display((640e-9, GREEN)))
+    mean = inner(engine.reconstruct(field, [1.0])[0]).mean((0, 1))
+    assert mean == pytest.approx([0.8, 0.3], rel=0.05)
+
+
+def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
+    """Of a small display not near its image this is much: as much as of any waves that spread over the cone."""
+    wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    field = render("rgbd", wall, camera, display(side=64), 8)
+    z = float(field.mapping.depth_to_z(1.0))
+    rng = np.random.default_rng(0)
+    waves = np.sqrt(4 / np.pi * 0.5) * np.exp(2j * np.pi * rng.random((8, 64, 64)))
+    back = propagate(propagate(waves, -z, 8e-6, GREEN), z, 8e-6, GREEN)
+    expected = (np.abs(back) ** 2).mean()
+    assert expected < 0.9 * 0.5
+    assert engine.reconstruct(field, [1.0]).mean() == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("method", "least"), [("rgbd", 14), ("rgbd-sgd", 17), ("focal-stack", 19), ("light-field", 15)]
+)
+def test_sharp_where_it_is_in_focus(build, camera, method, least):
+    """Like a thin lens, and at each depth more like the lens at this one than at the other; of both planes."""
+    scene, hologram, focus = card_before_wall(build), display(), [0.5, 2.0]
+    field = render(method, scene, camera, hologram, 8)
+    seen = engine.reconstruct(field, focus)
+    truth = engine.reference(scene, camera, hologram, focus, spp=64, near=0.5, max_depth=1)
+    card = slice(SIDE // 2 - 24, SIDE // 2 + 24)  # well within it
+    for own, other in ((0, 1), (1, 0)):
+        assert engine.psnr(seen[own], truth[own], BORDER) > least
+        assert engine.psnr(seen[own], truth[own], BORDER) > engine.psnr(seen[own], truth[other], BORDER)
+    # the card's texture is there when it is in focus, and less so when not
+    contrast = [np.corrcoef(s[card, card].ravel(), truth[0][card, card].ravel())[0, 1] for s in seen]
+    assert contrast[0] > 0.65 and contrast[0] > contrast[1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_card_hides_what_is_behind_it(build, camera, method):
+    half = 0.5 * np.tan(FOV / 2)
+    scene = build.scene(
+        wall=build.plane(2.0, build.emissive(build.grey(1.0))),
+        card=build.plane(0.5, build.emissive(build.grey(0.02)), 0.5 * half),
+    )
+    near = engine.reconstruct(render(method, scene, camera, display(), 4), [0.5])[0]
+    assert inner(near, 44).mean() < (0.35 if method == "light-field" else 0.15)  # in so few steps
+    assert near[:BORDER].mean() > 0.5
+
+
+def test_layers_block_as_waves(build, camera):
+    """Two layers by hand: what passes the near one is the far one's light, propagated, where the card is not."""
+    from holopath_addon.engine.baselines.layers import GAIN, random_phasor
+
+    half = 0.5 * np.tan(FOV / 2)
+    scene = build.scene(
+        wall=build.plane(2.0, build.emissive(build.grey(1.0))),
+        card=build.plane(0.5, build.emissive(build.grey(0.25)), 0.5 * half),
+    )
+    hologram = display()
+    field = render("rgbd", scene, camera, hologram, 2)
+    pixel = 2 * np.tan(FOV / 2) / SIDE
+    across = np.abs((np.arange(SIDE) - 0.5 * (SIDE - 1)) * pixel) < 0.5 * np.tan(FOV / 2)
+    card = across[:, None] & across
+    far, near = (float(field.mapping.depth_to_z(d)) for d in (2.0, 0.5))
+
+    class Seed:
+        settings, shape = engine.Settings(), (SIDE, SIDE)
+
+    for m in range(2):
+        phasor = GAIN * random_phasor(Seed, m, 0)
+        wave = propagate(np.where(card, 0, phasor), near - far, 8e-6, GREEN)
+        wave = propagate(np.where(card, 0.5 * phasor, wave), -near, 8e-6, GREEN)
+        overlap = abs(np.vdot(wave, field.data[m, 0]))
+        # layers are half a depth of focus thick, and surfaces lie anywhere in them
+        assert overlap > 0.9 * np.linalg.norm(wave) * np.linalg.norm(field.data[m, 0])
+        assert np.linalg.norm(field.data[m, 0]) == pytest.approx(np.linalg.norm(wave), rel=0.03)
+
+
+@pytest.mark.parametrize("method", DESCENTS)
+def test_phases_of_one_modulus_that_get_better(build, camera, method):
+    """More steps, less speckle; all frames are used, and differ."""
+    scene, hologram = card_before_wall(build), display()
+    truth = engine.reference(scene, camera, hologram, [1.0], spp=64, near=0.5, max_depth=1)[0]
+    quality = {}
+    for frames, steps in ((4, 1), (4, 100), (1, 100)):
+        field = render(method, scene, camera, hologram, frames, steps)
+        modulus = np.abs(field.data)
+        assert modulus.std() < 1e-4 * modulus.mean() and modulus.mean() > 0
+        quality[frames, steps] = engine.psnr(engine.reconstruct(field, [1.0])[0], truth, BORDER)
+        if (frames, steps) == (4, 100):
+            gram = np.abs(np.einsum("mkyx,nkyx->mn", field.data, field.data.conj()))
+            gram /= gram[0, 0]
+            assert (gram - np.eye(4)).max() < 0.3
+    assert quality[4, 100] > quality[4, 1] + 1
+    assert quality[4, 100] > quality[1, 100] + 1
+
+
+def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
+    """Of pictures that phases can show: those of other phases."""
+    from types import SimpleNamespace
+
+    from holopath_addon.engine.baselines.supervised import phases_for
+    from holopath_addon.engine.encoding.frame_mean import FrameMean
+    from holopath_addon.engine.pictures import Look, Pictures
+
+    rng = np.random.default_rng(5)
+    pictures = Pictures((64, 80), 8e-6, GREEN, [Look(1e-3), Look(2e-3), Look(3e-3)])
+    pictures.add(1.7 * np.exp(2j * np.pi * rng.random((3, 64, 80))).astype(np.complex64))
+    losses = []
+    for steps in (1, 30, 200):
+        job = SimpleNamespace(
+            settings=engine.Settings(frames=3, fixed={"steps": steps}),
+            hologram=SimpleNamespace(wavelengths=(GREEN,)),
+            shape=(64, 80),
+        )
+        told = []
+        light = phases_for(job, lambda k: pictures, lambda done, what: told.append(done))[:, 0]  # noqa: B023
+        assert len(told) == steps and told == sorted(told) and told[-1] == 1
+        mean = FrameMean(pictures, 1.0, threads)
+        losses.append(sum(mean.gradient(light, number)[0] for number in range(3)))
+        shown = [mean.look(light, number) for number in range(3)]
+        assert np.mean(shown) == pytest.approx(pictures.wanted.mean(), rel=0.05)
+    assert losses[0] > 2 * losses[1] > 4 * losses[2]
+
+
+def test_views_of_a_light_field(build, camera):
+    """Each part of the pupil as bright as its share of it, nothing between them, and parallax as a lens has it."""
+    from holopath_addon.engine.baselines.light_field import PART, parts_of_pupil
+
+    parts = np.array(parts_of_pupil())
+    rng = np.random.default_rng(0)
+    angle, radius = 2 * np.pi * rng.random(4000), np.sqrt(rng.random(4000))
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    apart = np.linalg.norm(points[:, None] - parts, axis=-1)
+    assert apart.min(axis=1).max() < PART  # the pupil has no gap
+
+    scene, hologram = card_before_wall(build), display((640e-9, GREEN))
+    field = render("light-field", scene, camera, hologram, 8, 200, spp=64)
+    for k, wavelength in enumerate(hologram.wavelengths):
+        cone = field.mapping.pupil_radius(hologram.max_slope(wavelength))
+        for x, y in (parts[1], parts[2], parts[4]):
+            pupil, mirrored = (
+                engine.Pupil(sign * x * cone, sign * y * cone, 2 * PART * cone) for sign in (1, -1)
+            )
+            seen = engine.reconstruct(field, [1.0], pupil)[0, ..., k : k + 1]
+            own, other = (
+                engine.reference(scene, camera, hologram, [1.0], p, 64, 0.5, 1)[0, ..., k : k + 1]
+                for p in (pupil, mirrored)
+            )
+            assert inner(seen).mean() == pytest.approx(PART**2 * inner(own).mean(), rel=0.05)
+            assert engine.psnr(seen, own, BORDER) > engine.psnr(seen, other, BORDER) + 0.3
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("stage", ["first", "last"])
+def test_cancelled(build, camera, method, stage):
+    told = []
+
+    def progress(done, message):
+        if message in ("Planning", "Reference"):
+            return
+        assert 0 <= done <= 1
+        told.append(message)
+        if stage == "first" or message in ("Layers", "Phases"):
+            raise engine.Cancelled
+
+    settings = engine.Settings(method=method, frames=1, max_depth=1, spp=1)
+    with pytest.raises(engine.Cancelled):
+        engine.render(card_before_wall(build), camera, display(side=64), settings, progress=progress)
+    assert told[-1] in (("Picture", "Pictures") if stage == "first" else ("Layers", "Phases"))
