@@ -20,7 +20,9 @@ def field(job, progress):
         def told(done, what, number=number):
             progress(0.4 * (number + done) / len(planes), what)
 
-        stack.append(through_pupil(job, z, [(0.0, 0.0, slope)], told, job.paths)[0])
+        # noise of the pictures is what such phases are worst at
+        paths = job.paths * len(hologram.wavelengths)
+        stack.append(through_pupil(job, z, [(0.0, 0.0, slope)], told, paths)[0])
 
     def pictures(k):
         looks = [Look(float(z)) for z in planes]
