@@ -46,6 +46,7 @@ CACHED_PASSES = 4  # fewest where light is looked up
 EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
 SMOOTHED = 600  # groups of texels over which light from other surfaces is averaged, roughly
 CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
+CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
 LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
 GREY = 0.01  # of the radiance: channels that differ less are one
 CHUNK_BYTES = 128 << 20  # of the sums of pixels that are traced at once, at most
@@ -255,7 +256,9 @@ def plan(scene, camera, hologram, settings=None, store=None):
     seen, optics = pilot.first_hits(), FirstHits(sky=camera.sees_sky)
     chain, splits, image, pupil = 0, 0, settings.virtual_image, 0.0
     if seen.specular + seen.nearly > LEAST_SHARE or fixed.get("chain"):
-        seen, optics, chain, splits, image, pupil = _chains(scene, camera, settings, pilot, seen, decisions)
+        seen, optics, chain, splits, image, pupil = _chains(
+            scene, camera, settings, pilot, seen, decisions, warnings
+        )
     if not chain and seen.specular > LEAST_SHARE:
         warnings.append(
             f"{seen.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
@@ -409,7 +412,7 @@ def check_fixed(fixed):
             )
 
 
-def _chains(scene, camera, settings, pilot, seen, decisions):
+def _chains(scene, camera, settings, pilot, seen, decisions, warnings):
     """How mirrors and clear surfaces are followed: what is seen by them, the optics, the longest chain, the hits that
     divide it, how images are placed, and the pupil's radius where there are nearly smooth mirrors.
     """
@@ -427,6 +430,11 @@ def _chains(scene, camera, settings, pilot, seen, decisions):
     optics = optics_of(most)
     seen = pilot.images(seen, optics)
     chain, lost = (most, 0.0) if "chain" in fixed else pilot.longest_chain(optics_of, most)
+    if seen.cut > CUT_OFF:
+        warnings.append(
+            f"{seen.cut:.0%} of the view is seen by way of more than {most} mirrors and clear surfaces and stays "
+            "black: follow more of them (--most-hits, Mirrors, Glass)."
+        )
     splits = fixed.get("splits", seen.splits)
     exact = not seen.bent and "chain" not in fixed
     reason = f"{seen.specular + seen.nearly:.1%} of the view mirrors or lets through; images by "

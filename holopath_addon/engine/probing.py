@@ -54,6 +54,8 @@ class Probe:
         The same of rays that are followed over mirrors and through clear surfaces.
     splits : int
         Hits at which chains divide.
+    cut : float
+        Share of the light from white surroundings that chains would show beyond the hits that are followed.
     diffuse : float
         Share of rays that meet surfaces, no mirrors, that scatter diffusely.
     places : Places
@@ -71,6 +73,7 @@ class Probe:
     rays_per_second: float
     chains_per_second: float
     splits: int
+    cut: float
     diffuse: float
     places: "Places"
 
@@ -224,7 +227,20 @@ class Pilot:
         diffuse = float(np.asarray(hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)).mean())
         places = self.places(depth, np.asarray(hit), exists & (np.asarray(hit) | sky), False)
         return Probe(
-            vergence, False, sky, specular, nearly, turn, gloss, coherent, speed, speed, 0, diffuse, places
+            vergence,
+            False,
+            sky,
+            specular,
+            nearly,
+            turn,
+            gloss,
+            coherent,
+            speed,
+            speed,
+            0,
+            0.0,
+            diffuse,
+            places,
         )
 
     def images(self, probe, optics):
@@ -253,6 +269,7 @@ class Pilot:
         flags = view.surface.shape.bsdf().flags()
         glossy = view.surface.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Glossy) & (view.image < 1)
         gloss = np.asarray(1 / depth)[exists & np.asarray(glossy)]
+        beyond = dr.select(view.cut & ~view.exists, dr.mean(view.weight), 0)
         hit = np.asarray(view.hit)
         places = self.places(depth, hit, exists & (hit | sky), np.asarray(view.hits) > 0)
         return replace(
@@ -261,6 +278,7 @@ class Pilot:
             sky=sky,
             gloss=gloss,
             splits=splits,
+            cut=float(np.asarray(beyond).mean()),
             bent=bent,
             places=places,
             chains_per_second=speed,

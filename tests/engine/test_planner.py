@@ -1,6 +1,7 @@
 """The plan: what it sees, what it decides, what it refuses."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -165,6 +166,24 @@ def test_chains_are_followed_where_mirrors_are_seen(build, camera):
     whole = engine.render(scene, camera, display, settings, replace(plan, regions=False))
     assert field.report["rays"]["wave rays"] < 0.7 * whole.report["rays"]["wave rays"]
     assert difference(field, whole) < 0.1
+
+
+def test_a_chain_that_is_too_short_is_told_of(build, camera):
+    """Between two facing mirrors whose light, but for the middle, is reflected once to four times."""
+    half = 2 * math.tan(camera.fov_x / 2) / 9
+    walls = {}
+    for name, side in (("left", 1), ("right", -1)):
+        place = build.T().translate([-side * half, 0, -1]).rotate([0, 1, 0], 90 * side).scale([1.2, 1, 1])
+        walls[name] = {"type": "rectangle", "to_world": place, "bsdf": {"type": "conductor"}}
+    scene = build.scene(end=build.plane(2.0, build.emissive(build.texture(64, 1))), **walls)
+
+    def beyond(hits):
+        warnings = engine.plan(scene, camera, small_display(), engine.Settings(most_hits=hits)).warnings
+        return [int(re.match(r"(\d+)%", text)[1]) for text in warnings if "stays black" in text]
+
+    assert beyond(6) == []
+    # of nine equal strips the two outermost take four hits, the two beside them three
+    assert beyond(3) == pytest.approx([22], abs=4) and beyond(2) == pytest.approx([44], abs=4)
 
 
 @pytest.mark.parametrize("kind, chained", [("diffuse", False), ("conductor", True)])
