@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from . import backend, baselines, costs, despeckle
+from . import backend, costs, despeckle
 from .baselines import BASELINES
 from .errors import InvalidInput
 from .hologram import Settings
@@ -248,7 +248,7 @@ def plan(scene, camera, hologram, settings=None, store=None):
     if settings.method in BASELINES:
         # the least that tells the depths in view
         least = replace(settings, method="direct", fixed={"max_depth": settings.max_depth})
-        return baselines.planned(plan(scene, camera, hologram, least), settings)
+        return _of_baseline(plan(scene, camera, hologram, least), settings)
     fixed, decisions, warnings = settings.fixed, [], []
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
@@ -370,6 +370,14 @@ def plan(scene, camera, hologram, settings=None, store=None):
         decisions=tuple(decisions),
         warnings=tuple(warnings),
     )
+
+
+def _of_baseline(plan, settings):
+    """A plan as a baseline has it: the depths in view, and the method; nothing is foretold."""
+    _, label, what = BASELINES[settings.method]
+    own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
+    frames = Decision("frames", str(settings.frames), "as asked")
+    return replace(plan, decisions=(plan.decisions[0], own, frames), seconds=0.0, error=0.0, warnings=())
 
 
 def parse_fixed(text):

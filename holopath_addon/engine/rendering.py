@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from . import backend, baselines, despeckle, planner
-from .baselines import BASELINES
 from .hologram import Settings
 from .kernel_table import Lattice, kernel_table
 from .mapping import DepthMapping
@@ -50,8 +49,12 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
     progress(0.0, "Planning")
     with clock("plan"):
         plan = plan or planner.plan(scene, camera, hologram, settings, store)
-    if settings.method in BASELINES:
-        return baselines.render(scene, camera, hologram, settings, plan, progress)
+    if settings.method in baselines.BASELINES:
+        job = baselines.Job(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
+        with clock(settings.method):
+            field = baselines.field(job, progress)
+        report = {"seconds": clock.seconds, "frames": settings.frames}
+        return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
     progress(0.02, "Phase fields")
     with clock("phase fields"):
         phasors = phasors_of(

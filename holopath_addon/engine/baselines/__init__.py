@@ -5,8 +5,7 @@ those Mitsuba renders, with mirrors, glass and all light.
 """
 
 import importlib
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..mapping import DepthMapping
 
@@ -82,28 +81,19 @@ class Job:
         return self.hologram.height, self.hologram.width
 
 
-def render(scene, camera, hologram, settings, plan, progress):
-    """The wave field of a scene by one of the `BASELINES`; parameters as of `engine.render`.
+def field(job, progress):
+    """The wave at the SLM by the method of a job's settings, one of the `BASELINES`.
+
+    Parameters
+    ----------
+    job : Job
+    progress : callable
+        ``progress(done, message)``, may raise.
 
     Returns
     -------
-    WaveField
+    numpy.ndarray, complex64, shape (frame, wavelength, y, x)
         Of methods that find phases, the light of these, as bright as the scene.
     """
-    from ..wavefield import WaveField
-
-    module = importlib.import_module(f"{__name__}.{BASELINES[settings.method][0]}")
-    begun = time.perf_counter()
-    field = module.field(Job(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high), progress)
-    report = {"seconds": {settings.method: time.perf_counter() - begun}, "frames": settings.frames}
-    return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
-
-
-def planned(plan, settings):
-    """A plan as a baseline has it: the depths in view, and the method; nothing is foretold."""
-    from ..planner import Decision
-
-    _, label, what = BASELINES[settings.method]
-    own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
-    frames = Decision("frames", str(settings.frames), "as asked")
-    return replace(plan, decisions=(plan.decisions[0], own, frames), seconds=0.0, error=0.0, warnings=())
+    module = importlib.import_module(f"{__name__}.{BASELINES[job.settings.method][0]}")
+    return module.field(job, progress)
