@@ -13,10 +13,10 @@ BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
 BAKED_SAMPLES = 20  # of each, roughly
 DENSE = (
     0.5,
-    150,
+    300,
 )  # share of a scene's triangles that have groups of their own, and their samples, where there are many
-BAKED_SPEED = 2.0  # times that of paths, which follow every bounce
-BAKE_START = 1.0  # seconds, for kernels and for the light between surfaces
+BAKED_SPEED = 4.0  # times that of paths, which follow every bounce
+BAKE_START = 3.0  # seconds, for kernels and for the light between surfaces
 ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
 MOST_TEXELS = 1 << 25
 TEXEL_BYTES = 48  # with what making them takes

@@ -176,10 +176,10 @@ def test_split_adds_up_on_diffuse_walls(build, camera, depth):
 def test_split_adds_up_on_every_surface(build, camera, depth):
     """What is diffuse of a surface comes from the cache, the rest from paths."""
     scene = surfaces(build)
-    cache, done = bake(scene, camera, max_depth=depth)
-    light, shapes = truth(build, scene, camera, depth)
+    cache, done = bake(scene, camera, max_depth=depth, noise=0.02)
+    light, shapes = truth(build, scene, camera, depth, 1024)
     assert done.traced == () and done.note == ""
-    found = errors(cached(build, scene, camera, cache, depth), light, shapes)
+    found = errors(cached(build, scene, camera, cache, depth, 128), light, shapes)
     assert len(found) >= 8 and np.abs(found).max() < 0.05 and abs(np.mean(found)) < 0.02
 
 
