@@ -165,7 +165,7 @@ def test_window(blender, tmp_path):
     # A window that waited for the work would stand still for seconds, in one gap as long as all of it; these
     # limits leave room for slow machines.
     again = result["gaps_again"]
-    assert again["longest"][0][0] < min(1, again["seconds"] / 2) and again["count"] > 5
+    assert again["longest"][0][0] < min(1, again["seconds"] / 2) and again["count"] > 2 * again["seconds"]
     assert result["refocus"] < 3 and result["cancelled"] < 3
     assert result["played"] > 2 and result["stopped"] is True
     assert result["phases"] == [4, True, True]
