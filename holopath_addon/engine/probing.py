@@ -401,7 +401,8 @@ class Pilot:
         whole = mean
         # as the rendering's paths are limited
         most = firefly * np.percentile(mean[mean > 0], 95) / 3
-        means, mean = mean_of(np.minimum(all_light, most)), mean_of(np.minimum(all_light, most).sum(0))
+        limited = np.minimum(all_light, most)
+        means, mean = mean_of(limited), mean_of(limited.sum(0))
         lit = (mean > 0) & (count > 1)
         speed = grains * PILOT_PATHS / seconds
         if not lit.any():
@@ -423,14 +424,15 @@ class Pilot:
             relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
             return float((weights * relative).sum() / max(weights.sum(), 1e-30))
 
-        noise = direct = noise_of(all_light)
+        noise = direct = noise_of(limited)
         chroma = share(3 * np.ptp(means, axis=0))
         depth, lost = max_depth, 0.0
         for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
             trace(tracer_of(fewer))
+            light_of_fewer = found()
             if fewer <= 2:
-                direct = noise_of(found())
-            less = share(whole - mean_of(found().sum(0)))
+                direct = noise_of(light_of_fewer)
+            less = share(whole - mean_of(light_of_fewer.sum(0)))
             if less < LEAST_LIGHT:
                 depth, lost = fewer, max(less, 0.0)
                 break
