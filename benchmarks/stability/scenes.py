@@ -181,7 +181,8 @@ def mirrored(power):
     bundle = power - 1 / 1.5  # vergence of the light at the mirror
     vergence = bundle / (bundle - 1)
     found = 1 / float(on_axis(s, scene).distance[0])
-    figures = against(*pictures_of(scene, [1.0, math.inf], hologram=hologram_of(0.8)))
+    # a volume through which fields without speckle reach from the farthest image
+    figures = against(*pictures_of(scene, [1.0, math.inf], hologram=hologram_of(0.8, (1e-3, 4e-3))))
     return figures | {"image": found, "error": found - vergence}
 
 
@@ -485,9 +486,31 @@ SWEEPS = [
         "mirror through its focus",
         "a mirror's image goes from before the viewer to infinity and to behind the viewer",
         "dioptres",
-        (-2, -1, -0.5, 0, 0.2, 0.4, 0.5, 0.6, 0.65, 2 / 3, 0.7, 0.75, 0.8, 0.9, 1, 1.03, 1.06, 1.1, 1.2),
+        (
+            -2,
+            -1,
+            -0.5,
+            0,
+            0.2,
+            0.4,
+            0.5,
+            0.6,
+            0.65,
+            2 / 3,
+            0.7,
+            0.75,
+            0.8,
+            0.9,
+            1,
+            1.03,
+            1.06,
+            1.1,
+            1.15,
+            1.2,
+            1.25,
+        ),
         mirrored,
-        "images nearer behind the viewer than twice the near end are put there: 2 dB at 1.1 dioptres",
+        "images nearer behind the viewer than two thirds of the near end are put there",
         (0.5, 2 / 3, 1),
     ),
     Sweep(

@@ -40,7 +40,7 @@ GLOSSY_BINS = (2, 6)  # fewest and most along each axis of the pupil
 GLOSSY_TURN = 0.15  # of a lobe's width across the pupil: less is not seen
 RAY_OFFSET = 9e-5  # that Mitsuba starts rays above surfaces, times 1 m + their largest coordinate
 MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
-IMAGE_LIMITS = (-0.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
+IMAGE_LIMITS = (-1.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
 MAP_BYTES = 1 << 30  # largest index of the radiance map, and its largest pupil bins
 CACHED_PASSES = 4  # fewest where light is looked up
 EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
@@ -298,7 +298,8 @@ def plan(scene, camera, hologram, settings=None, store=None):
         hologram, settings, seen, light, columns, z_high - z_low, texture, splits, decisions
     )
     grey, traversals = _wavelengths(scene, hologram, settings, chain, light, decisions)
-    _frames(hologram, settings, z_high - z_low, decisions)
+    ends = (z_low, z_high, mapping.z_far, float(mapping.depth_to_z(near)))
+    _frames(hologram, settings, max(ends) - min(ends), decisions)
     chunk = fixed.get("chunk") or min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
     reason = "as asked" if "chunk" in fixed else "an eighth of what is free at most"
     decisions.append(Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason))
@@ -669,12 +670,12 @@ def _wavelengths(scene, hologram, settings, chain, light, decisions):
     return grey, groups
 
 
-def _frames(hologram, settings, thickness, decisions):
-    """Frames, what speckle they leave, and steps against it."""
+def _frames(hologram, settings, focus_range, decisions):
+    """Frames, what speckle they leave over the metres that eyes focus through, and steps against it."""
     speckle = speckle_contrast(settings.phase_field, settings.frames)
     reason = f"{settings.phase_field} phase fields leave a speckle contrast of about {speckle:.0%}"
     reach = REACH * hologram.pitch**2 / max(hologram.wavelengths)
-    if settings.phase_field == "designed" and reach < thickness:
+    if settings.phase_field == "designed" and reach < focus_range:
         reason += f" up to {reach * 1e3:.2g} mm from focus, {speckle_contrast('random', settings.frames):.0%} beyond"
     if settings.speckle is not None:
         reason += f", {settings.speckle:.0%} wished"
