@@ -6,11 +6,22 @@ from dataclasses import dataclass
 import numpy as np
 
 LEAST_REACH = 2.0  # pixels, of any lattice
+TAILS = 1.3  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
+WIDEST = 2.2  # times the cone: more is left out beside the plane, where a pixel is a steep slope
 LEVELS = (64, 768)  # fewest and most depths of a table
 LEVELS_A_GRAIN = (
     16  # depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
 )
 FIT_STEPS = 4  # more gain little
+
+
+def reach_of(max_slope, depth_limit, pitch, cone=1.15):
+    """Pixels that a grain's kernel is cut to at `depth_limit`; parameters as of `Lattice.of`.
+
+    By `TAILS` at least 16 dB of the kernel's energy are kept, where the factor alone keeps 10 to 14 dB within 1 mm.
+    """
+    shadow = max_slope * depth_limit / pitch
+    return np.maximum(cone * shadow, np.minimum(shadow + TAILS, WIDEST * shadow))
 
 
 @dataclass(frozen=True)
@@ -36,7 +47,7 @@ class Lattice:
 
     @classmethod
     def of(cls, max_slope, depth_limit, pitch, cone=1.15, most=None):
-        """One direction a grain at `depth_limit`, to `cone` times the recordable slope.
+        """One direction a grain at `depth_limit`, as far as `reach_of` says.
 
         Parameters
         ----------
@@ -45,11 +56,12 @@ class Lattice:
         depth_limit, pitch : float
             Metres.
         cone : float
-            The kernel's tails beyond the geometric cone, as a factor.
+            The kernel's tails beyond the geometric cone, as a factor at least.
         most : int, optional
             Most directions; the lattice is coarsened to meet it, which aliases the far depths.
         """
-        reach = max(cone * max_slope * depth_limit / pitch, LEAST_REACH)
+        wide = reach_of(max_slope, depth_limit, pitch, cone)
+        reach = max(wide, LEAST_REACH)
         levels = int(np.clip(math.ceil(LEVELS_A_GRAIN * reach), *LEVELS))
         while True:
             n = math.floor(reach)
@@ -60,7 +72,7 @@ class Lattice:
             reach *= min(0.999, math.sqrt(most / inside.sum()))
         i, j = i[inside], j[inside]
         order = np.lexsort((i, j, i * i + j * j))
-        spacing = cone * max_slope / reach if reach > 0 else max_slope
+        spacing = wide * pitch / depth_limit / reach if reach > 0 else max_slope
         return cls(np.stack([i[order], j[order]], axis=1).astype(np.int32), spacing, depth_limit, levels)
 
     @property

@@ -539,7 +539,12 @@ def passes_for(settings, noise, fewest=None):
     if "passes" in settings.fixed:
         return settings.fixed["passes"]
     least, most = PASSES[settings.quality]
-    return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
+    return min(max(fewest or least, _passes_wanted(settings, noise)), most)
+
+
+def _passes_wanted(settings, noise):
+    """Radiance paths a pixel that leave no more than the noise that is wanted, however many."""
+    return math.ceil(noise / wanted_noise(settings) ** 2)
 
 
 def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
@@ -552,7 +557,10 @@ def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
     from .baking import is_baked
     from .lobes import surfaces_of
 
-    paths = costs.path_seconds(light, columns * passes_for(settings, light.noise))
+    # as many as leave the wanted noise, which baked light does: beyond the most, too, or noisy paths look cheap
+    wanted = max(PASSES[settings.quality][0], _passes_wanted(settings, light.noise))
+    passes = settings.fixed.get("passes", wanted)
+    paths = costs.path_seconds(light, columns * passes)
     if settings.radiance == "ray":
         paths = math.inf
     most = PASSES[settings.quality][1]

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from .errors import InvalidInput
-from .kernel_table import LEAST_REACH, Lattice
-from .regions import IMAGE_REACH, TILE
+from .kernel_table import LEAST_REACH, Lattice, reach_of
+from .regions import IMAGE_REACH, TILE, limit_of
 
 CONE = {
     "preview": 1.0,
@@ -118,8 +118,9 @@ def _shares(hologram, settings, z, limit, places):
     tiles = hologram.width * hologram.height / TILE**2
     cell = TILE * max(1, math.ceil(math.sqrt(tiles * LOOKS / len(places.z))))
     look = places.look(z, limit, hologram.width, hologram.height, cell)
-    steps = look.steps(_reach(hologram, settings, limit))
-    share = np.where(steps < 0, 0.0, 2.0**-steps)
+    whole = _reach(hologram, settings, limit)
+    steps = look.steps(whole)
+    share = np.where(steps < 0, 0.0, (_reach(hologram, settings, limit_of(steps, limit)) / whole) ** 2)
     return float((share * ~look.chains).mean()), float((share * look.chains).mean())
 
 
@@ -176,8 +177,9 @@ def _limit(hologram, thickness):
 
 
 def _reach(hologram, settings, limit):
-    """Of a plane's lattice, pixels."""
-    return max(CONE[settings.quality] * max_slope(hologram) * limit / hologram.pitch, LEAST_REACH)
+    """Of a lattice, pixels."""
+    reach = reach_of(max_slope(hologram), limit, hologram.pitch, CONE[settings.quality])
+    return np.maximum(reach, LEAST_REACH)
 
 
 def _rays(hologram, settings, thickness, warnings, planes=1):
