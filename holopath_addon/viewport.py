@@ -20,7 +20,7 @@ from gpu_extras.presets import draw_texture_2d
 from . import engine, failures, preferences
 from .engine import backend
 from .export import baking, read_scene, unit_scale
-from .export.camera import export_camera, find_camera
+from .export.camera import about, export_camera, find_camera
 from .export.notes import Notes
 from .operators import session
 from .operators.jobs import Job
@@ -73,19 +73,19 @@ class Stage:
     """A scene as it was read, and the picture of it that refines; other views cost no compilation."""
 
     def __init__(self, reading):
-        self._reading, self._scene = reading, None
+        self._reading, self._scene, self._origin = reading, None, reading.origin
         self._preview, self._max_depth = None, 0
 
     def look(self, view, shrink):
         """The picture of a view, begun anew and so many times smaller; for one thread at a time."""
-        size = [max(1, round(n / shrink)) for n in view.size]
+        size, camera = [max(1, round(n / shrink)) for n in view.size], about(self._origin, view.camera)
         if self._scene is None:
             self._scene, self._reading = self._reading.build().scene, None
         if self._preview is None or self._max_depth != view.max_depth:
             self._max_depth = view.max_depth
-            self._preview = engine.Preview(self._scene, view.camera, *size, max_depth=view.max_depth)
+            self._preview = engine.Preview(self._scene, camera, *size, max_depth=view.max_depth)
         else:
-            self._preview.look(view.camera, *size)
+            self._preview.look(camera, *size)
         return self._preview
 
 

@@ -652,7 +652,7 @@ SWEEPS = [
         (0, 1, 10, 30, 100, 200, 300, 500, 700, 1e3),
         moved,
         "rays start 9e-5 of the distance off surfaces: 0.2 dB at 100 m, 2 dB at 1 km, no picture at 10 km; "
-        "the plan warns where that is 3 % of the near end's depth",
+        "the plan warns where that is 3 % of the near end's depth; scenes of Blender are moved near the camera before",
         (0, 10, 100),
     ),
     Sweep(

@@ -109,6 +109,13 @@ def view_of(camera, resolution, scale):
     )
 
 
+def about(origin, camera):
+    """The same camera in coordinates about `origin`, metres."""
+    to_world = camera.to_world.copy()
+    to_world[:3, 3] -= origin
+    return dataclasses.replace(camera, to_world=to_world)
+
+
 def depth_of(camera, thing, scale):
     """Depth of an object's origin along a camera object's axis, metres; negative behind the camera."""
     eye = camera.matrix_world

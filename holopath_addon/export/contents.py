@@ -64,6 +64,8 @@ class Contents:
         How much of a box a pixel of the hologram covers, see `scene.footprint`.
     cache : ExportCache
     notes : Notes
+    origin : array, shape (3,)
+        Of Mitsuba's scene in Blender's world, metres.
 
     Attributes
     ----------
@@ -77,13 +79,14 @@ class Contents:
         For the cache, likewise.
     """
 
-    def __init__(self, depsgraph, scale, pixel, cache, notes):
+    def __init__(self, depsgraph, scale, pixel, cache, notes, origin):
         self.emitters = []
         self.emits = False
         self.smooth = {}
         self.meshes = {}
         self._depsgraph = depsgraph
         self._scale = scale
+        self._origin = tuple(map(float, origin))
         self._pixel = pixel
         self._can_bake = baking.possible()
         self._looks_of = {}
@@ -138,7 +141,7 @@ class Contents:
             key = _mesh_key(object, original, materials)
             matrix = instance.matrix_world.copy().freeze()
             kept = self._recall(key, object, owner, materials, matrix)
-            looks, done = kept.shapes.get((name, matrix, self._scale), (None, {}))
+            looks, done = kept.shapes.get((name, matrix, self._scale, self._origin), (None, {}))
             self._placed.append(_Placed(key, name, matrix, done if _same(looks, self._slots[key]) else {}))
         elif object.type in UNSUPPORTED_TYPES:
             self._notes.add(object.name, UNSUPPORTED_TYPES[object.type], "not supported: left out")
@@ -155,6 +158,7 @@ class Contents:
         if emission_varies(object.data):
             frame = self._depsgraph.scene.frame_current_final
             profile = self._cache.looks.profile(object.data, object.name, frame, read_profile)
+        matrix[:3, 3] -= np.array(self._origin) / self._scale
         emitter = export_lamp(object.data, matrix, object.name, self._scale, self._notes, profile)
         if emitter is not None:
             self.emitters.append(emitter)
@@ -179,6 +183,7 @@ class Contents:
             if _reads_maps(look):
                 self._notes.add(object.name, *_BARE_HAIR)
             metres = np.diag([self._scale, self._scale, self._scale, 1.0])
+            metres[:3, 3] = np.negative(self._origin)
             self._hair.append((_with_bare_maps(surface, look).transformed(metres), look, object.name))
 
     def _recall(self, key, object, owner, materials, matrix):
@@ -334,7 +339,7 @@ class Contents:
                 shapes += done[slot]
                 if looks[slot].emission is not None:
                     self.emits = self.emits or done[slot][0].is_emitter()
-            made[key][placed.name, placed.matrix, self._scale] = looks, done
+            made[key][placed.name, placed.matrix, self._scale, self._origin] = looks, done
             remaining[key] -= 1
             if not remaining[key]:
                 surfaces.pop(key, None)
@@ -401,9 +406,10 @@ class Contents:
         return {"type": "instance", "to_world": mi.ScalarTransform4f(self._metres(placed)), "group": group}
 
     def _metres(self, placed):
-        """Object to world in metres."""
+        """Object to Mitsuba's scene, metres."""
         matrix = self._finite(placed.matrix, placed.name)
         matrix[:3] *= self._scale
+        matrix[:3, 3] -= self._origin
         return matrix
 
     @staticmethod

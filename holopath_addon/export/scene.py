@@ -7,7 +7,7 @@ import numpy as np
 from ..engine import Camera, InvalidInput
 from ..engine.backend import activate
 from .cache import ExportCache
-from .camera import export_camera, find_camera
+from .camera import about, export_camera, find_camera
 from .contents import Contents
 from .notes import Notes
 from .world import export_world
@@ -16,6 +16,9 @@ from .world import export_world
 RAY_OFFSET = 9e-5
 # ... which should stay below this part of the scene's diagonal.
 MAX_OFFSET = 0.03
+# Mitsuba's scene has its origin near the camera, on a grid so coarse, in metres, that it stays where the camera moves a
+# little: what is kept of a scene holds for one origin.
+ORIGINS = 64.0
 
 
 @dataclass
@@ -25,8 +28,9 @@ class Exported:
     Attributes
     ----------
     scene : mitsuba.Scene
-        Metres, Blender's axes.
+        Metres, Blender's axes, about an origin near the camera.
     camera : Camera
+        About the same origin.
     notes : list of Note
         Everything approximated or left out.
     """
@@ -47,13 +51,17 @@ class Reading:
     parts : dict
         For `mitsuba.load_dict`.
     camera : Camera
+        About `origin`.
     notes : Notes
+    origin : numpy.ndarray
+        Of the scene as Mitsuba has it, in Blender's world, metres.
     """
 
     name: str
     parts: dict
     camera: Camera
     notes: Notes
+    origin: np.ndarray
 
     def build(self):
         """Have Mitsuba build its scene, which takes longest where there are many triangles; in any thread.
@@ -112,8 +120,9 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
     if not isinstance(camera, Camera):
         exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
     pixel = footprint(exported_camera, resolution, scale)
-    parts = read_parts(depsgraph, scale, pixel, notes, cache)
-    return Reading(scene.name, parts, exported_camera, notes)
+    origin = ORIGINS * np.round(exported_camera.position / ORIGINS)
+    parts = read_parts(depsgraph, scale, pixel, notes, cache, origin)
+    return Reading(scene.name, parts, about(origin, exported_camera), notes, origin)
 
 
 def _note_precision(exported_scene, name, notes):
@@ -126,8 +135,8 @@ def _note_precision(exported_scene, name, notes):
     if RAY_OFFSET * (1 + np.abs(nearest).max()) > MAX_OFFSET * np.linalg.norm(upper - lower):
         notes.add(
             name,
-            "Scene tiny, or far from the origin for its size",
-            "light leaks at edges: raise Scene > Units > Unit Scale, or move it to the origin",
+            "Scene tiny, or far from the camera for its size",
+            "light leaks at edges: raise Scene > Units > Unit Scale, or move it near the camera",
         )
 
 
@@ -141,7 +150,7 @@ def footprint(camera, resolution, scale):
     return lambda lower, upper: per_pixel * np.linalg.norm(np.clip(eye, lower, upper) - eye)
 
 
-def read_parts(depsgraph, scale, pixel, notes, cache=None):
+def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0)):
     """What of Blender's scene becomes Mitsuba's.
 
     Parameters
@@ -153,6 +162,8 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None):
         See `footprint`.
     notes : Notes
     cache : ExportCache, optional
+    origin : array, shape (3,)
+        As of `Reading`.
 
     Returns
     -------
@@ -168,7 +179,7 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None):
     looks.begin(notes)
     parts = {"type": "scene"}
     try:
-        contents = Contents(depsgraph, scale, pixel, cache, notes)
+        contents = Contents(depsgraph, scale, pixel, cache, notes, origin)
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
             parts[f"part_{number}"] = part
         world = looks.world(scene.world, scene.frame_current_final, export_world)

@@ -133,3 +133,18 @@ def test_a_render_has_its_own_steps(stage):
         bpy.utils.unregister_class(Probe)
     assert faces == [3 * 2**4 * 12]
     assert max(shape.face_count() for shape in stage.export().scene.shapes()) == 3 * 2 * 12
+
+
+@pytest.mark.parametrize("kind", ["curves", "particles"])
+def test_hair_moves_with_the_origin_of_what_mitsuba_has(stage, kind):
+    if kind == "curves":
+        thing = curves(stage, [np.array([(0, 0, 0), (0, 0, 1)])], 0.05)
+    else:
+        thing = stage.plane()
+        thing.modifiers.new("hair", "PARTICLE_SYSTEM")
+        thing.particle_systems[0].settings.type = "HAIR"
+        thing.show_instancer_for_render = thing.show_instancer_for_viewport = False
+    here = bounds(stage.export().scene)
+    for moved in (thing, stage.camera):
+        moved.location.x += 640
+    assert bounds(stage.export().scene) == pytest.approx(here, abs=1e-3)

@@ -232,12 +232,39 @@ def test_ten_micrometres_are_noted_and_the_unit_scale_helps(stage):
 
 
 def test_far_from_the_origin(stage):
-    """Float32 positions: 10 km away they are 1 mm apart."""
+    """Float32 positions: 10 km away from the camera they are 1 mm apart."""
     stage.plane(location=(1e4, 0, 0))
     exported = stage.export()
-    assert any("far from the origin" in note.feature for note in exported.notes)
+    assert any("far from the camera" in note.feature for note in exported.notes)
     si = hit(exported.scene, (1e4 + 0.5, 0.3, 5), (0, 0, -1))
     assert float(si.t[0]) == pytest.approx(5, abs=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+def test_scene_and_camera_far_from_the_origin(stage, scale):
+    """Kilometres away Mitsuba's rays would start a metre above surfaces; instances, hair and lamps move along."""
+    stage.scene.unit_settings.scale_length = scale
+    scene_of_size(stage, 1)
+    things = bpy.data.collections.new("things")
+    ball = stage.sphere(0.2, name="ball")
+    stage.scene.collection.objects.unlink(ball)
+    things.objects.link(ball)
+    for x in (-0.9, 0.9):
+        empty = stage.link(bpy.data.objects.new("ball", None))
+        empty.instance_type, empty.instance_collection = "COLLECTION", things
+        empty.location = (x, -0.7, 0.2)
+    near = stage.export()
+    here = stage.mitsuba((24, 24), 256, exported=near)
+    for thing in stage.scene.collection.objects:
+        if thing.parent is None:
+            thing.location = np.add(thing.location, (4096, -16384, 8192))
+    far = stage.export()
+    assert not any("far" in note.feature for note in far.notes)
+    assert abs(far.camera.position).max() <= 32
+    there = stage.mitsuba((24, 24), 256, exported=far)
+    assert there.mean((0, 1)) == pytest.approx(here.mean((0, 1)), rel=0.01)
+    assert abs(there - here).mean() < 0.05 * here.mean()
+    assert there.mean((0, 1)) == pytest.approx(stage.cycles((24, 24), 256).mean((0, 1)), rel=0.03)
 
 
 @pytest.mark.parametrize("case", ["no faces", "nan", "nan matrix", "zero scale", "flat", "metaball", "text"])
