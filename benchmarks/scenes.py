@@ -98,7 +98,7 @@ class Scenes:
         return {"bsdf": {"type": "diffuse", "reflectance": reflectance}}
 
     def scene(self, **shapes):
-        return self.mi.load_dict({"type": "scene", **shapes})
+        return self.mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, **shapes})
 
     def two_planes(self, surface):
         """A textured plane at 2 m behind one at 0.5 m that covers the left half; `surface` emissive or diffuse."""

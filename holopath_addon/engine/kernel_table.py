@@ -7,7 +7,6 @@ import numpy as np
 
 LEAST_REACH = 2.0  # pixels, of any lattice
 TAILS = 1.3  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
-WIDEST = 2.2  # times the cone: more is left out beside the plane, where a pixel is a steep slope
 LEVELS = (64, 768)  # fewest and most depths of a table
 LEVELS_A_GRAIN = (
     16  # depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
@@ -18,10 +17,11 @@ FIT_STEPS = 4  # more gain little
 def reach_of(max_slope, depth_limit, pitch, cone=1.15):
     """Pixels that a grain's kernel is cut to at `depth_limit`; parameters as of `Lattice.of`.
 
-    By `TAILS` at least 16 dB of the kernel's energy are kept, where the factor alone keeps 10 to 14 dB within 1 mm.
+    With `TAILS` the error of what is kept has 2 % of the kernel's energy, with the factor alone up to 10 % where the
+    cone is 2 to 5 pixels wide. Beside the plane, where a pixel is a steep slope, the factor has to do.
     """
-    shadow = max_slope * depth_limit / pitch
-    return np.maximum(cone * shadow, np.minimum(shadow + TAILS, WIDEST * shadow))
+    wide = max_slope * depth_limit / pitch
+    return np.maximum(cone * wide, np.minimum(wide + TAILS, 2 * wide - 1))
 
 
 @dataclass(frozen=True)

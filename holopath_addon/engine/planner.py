@@ -284,8 +284,9 @@ def plan(scene, camera, hologram, settings=None, store=None):
     )
     depths = np.clip(mapping.z_far + mapping.beta * np.array([low, *seen.vergence, high]), z_low, z_high)
     gloss = mapping.z_far + mapping.beta * seen.gloss if seen.turn > GLOSSY_TURN else np.empty(0)
+    bent = np.clip(mapping.z_far + mapping.beta * seen.images, z_low, z_high)
     planes, regions = _planes(
-        hologram, settings, z_low, z_high, depths, gloss, chain, seen.places, decisions, warnings
+        hologram, settings, z_low, z_high, depths, gloss, bent, chain, seen.places, decisions, warnings
     )
     rays = sum(plane.rays for plane in planes)
     middle = 0.5 * (planes[0].z + planes[-1].z)
@@ -456,7 +457,7 @@ def _chains(scene, camera, settings, pilot, seen, decisions, warnings):
     return seen, optics_of(chain, splits), chain, splits, image, pupil
 
 
-def _planes(hologram, settings, z_low, z_high, depths, gloss, chain, places, decisions, warnings):
+def _planes(hologram, settings, z_low, z_high, depths, gloss, bent, chain, places, decisions, warnings):
     """The recording planes, and whether their tiles are traced by what each needs."""
     several = settings.planes > 1 and not chain and not len(gloss)
     placed = settings.method != "direct" and settings.wrp == "auto"
@@ -476,7 +477,7 @@ def _planes(hologram, settings, z_low, z_high, depths, gloss, chain, places, dec
         z, reason = float(settings.wrp), "as asked"
     else:
         # images in mirrors and glass lose where the plane is far from them: only without them it may leave the middle
-        z, reason = best_place(hologram, settings, z_low, z_high, gloss, places, regions and not chain)
+        z, reason = best_place(hologram, settings, z_low, z_high, gloss, bent, places, regions and not chain)
         if settings.planes > 1:
             reason += "; one only, since "
             reason += (
@@ -539,12 +540,7 @@ def passes_for(settings, noise, fewest=None):
     if "passes" in settings.fixed:
         return settings.fixed["passes"]
     least, most = PASSES[settings.quality]
-    return min(max(fewest or least, _passes_wanted(settings, noise)), most)
-
-
-def _passes_wanted(settings, noise):
-    """Radiance paths a pixel that leave no more than the noise that is wanted, however many."""
-    return math.ceil(noise / wanted_noise(settings) ** 2)
+    return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
 
 
 def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
@@ -557,10 +553,7 @@ def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
     from .baking import is_baked
     from .lobes import surfaces_of
 
-    # as many as leave the wanted noise, which baked light does: beyond the most, too, or noisy paths look cheap
-    wanted = max(PASSES[settings.quality][0], _passes_wanted(settings, light.noise))
-    passes = settings.fixed.get("passes", wanted)
-    paths = costs.path_seconds(light, columns * passes)
+    paths = costs.path_seconds(light, columns * passes_for(settings, light.noise))
     if settings.radiance == "ray":
         paths = math.inf
     most = PASSES[settings.quality][1]

@@ -36,6 +36,8 @@ class Probe:
         Inverse world depths of what was hit, 1/m; through mirrors and lenses of the image, which may be negative.
     bent : bool
         Whether images lie elsewhere than at the optical path length, as in curved mirrors and through glass.
+    images : numpy.ndarray
+        Inverse depths of such images, 1/m.
     sky : bool
         Whether rays that hit nothing meet an environment.
     specular : float
@@ -64,6 +66,7 @@ class Probe:
 
     vergence: np.ndarray
     bent: bool
+    images: np.ndarray
     sky: bool
     specular: float
     nearly: float
@@ -229,6 +232,7 @@ class Pilot:
         return Probe(
             vergence,
             False,
+            np.empty(0),
             sky,
             specular,
             nearly,
@@ -264,7 +268,8 @@ class Pilot:
         splits = int(branches.max(initial=0)).bit_length()
         path = dr.rcp(view.path)
         bent = dr.abs(dr.rcp(view.distance) - path) > BENT * (path + 1)
-        bent = bool((np.asarray(bent) & exists).mean() > LEAST_SHARE)
+        bent = np.asarray(bent) & exists
+        images = np.asarray(1 / depth)[bent]
         # light that is seen at its image hardly differs across the pupil
         flags = view.surface.shape.bsdf().flags()
         glossy = view.surface.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Glossy) & (view.image < 1)
@@ -279,7 +284,8 @@ class Pilot:
             gloss=gloss,
             splits=splits,
             cut=float(np.asarray(beyond).mean()),
-            bent=bent,
+            bent=bool(bent.mean() > LEAST_SHARE),
+            images=images[np.isfinite(images)],
             places=places,
             chains_per_second=speed,
         )

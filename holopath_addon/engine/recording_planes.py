@@ -20,6 +20,8 @@ DEPTH_BINS = 128  # that recording planes are fitted to
 MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
 CANDIDATES = 9  # places of a plane that are compared
 WORTH = 0.85  # of the rays: a place off the middle must need less
+BESIDE = 0.75  # depths of focus that a plane is put beside images in curved mirrors and lenses...
+BENT_NEAR = 0.1  # ... where they would fill more of the view nearer to it
 LOOKS = 64  # probe rays in a tile
 
 
@@ -88,14 +90,20 @@ def plane_at(hologram, settings, z, z_low, z_high, chain, places, by_region, war
     return RecordingPlane(z, -math.inf, math.inf, z_low, limit, rays, plain * rays, chained * rays)
 
 
-def best_place(hologram, settings, z_low, z_high, gloss, places, by_region):
+def best_place(hologram, settings, z_low, z_high, gloss, bent, places, by_region):
     """Distance from the SLM at which a plane for all depths needs the fewest rays, and why, in words."""
-    middle = 0.5 * (z_low + z_high)
+    middle, depth = 0.5 * (z_low + z_high), depth_of_focus(hologram)
     if len(gloss):
         reason = "a depth of focus beside gloss, which looks different across the pupil"
-        return _beside_gloss(z_low, z_high, gloss, depth_of_focus(hologram)), reason
+        return _beside(z_low, z_high, gloss, depth, 0.01 * len(gloss)), reason
+    few = BENT_NEAR * len(places.z)
+    if (abs(bent - middle) < BESIDE * depth).sum() > few:
+        reason = (
+            "beside the images of curved mirrors and lenses, whose depths differ from direction to direction"
+        )
+        return _beside(z_low, z_high, bent, BESIDE * depth, few), reason
     reason = "the middle of the depths in view needs the fewest rays"
-    if not by_region or z_high - z_low < 0.1 * depth_of_focus(hologram):
+    if not by_region or z_high - z_low < 0.1 * depth:
         return middle, reason
 
     def needed(z):
@@ -124,17 +132,18 @@ def _shares(hologram, settings, z, limit, places):
     return float((share * ~look.chains).mean()), float((share * look.chains).mean())
 
 
-def _beside_gloss(z_low, z_high, gloss, distance):
-    """The plane nearest to the middle that has hardly any glossy surface within a distance.
+def _beside(z_low, z_high, depths, distance, few):
+    """The plane nearest to the middle that has no more than a few of some depths within a distance.
 
-    Nearer than about a depth of focus all directions of a grain fall into one pixel, which cannot hold that
-    they differ.
+    Gloss nearer than about a depth of focus has all directions of a grain in one pixel, which cannot hold that they
+    differ. Images whose depths differ by as much as their distance from the plane leave too many rays for some grains
+    and too few for others: up to a tenth of the light.
     """
     middle = 0.5 * (z_low + z_high)
     candidates = np.linspace(z_low - 1.05 * distance, z_high + 1.05 * distance, DEPTH_BINS)
     candidates = candidates[np.argsort(abs(candidates - middle), kind="stable")]
-    near = [(abs(gloss - z) < distance).mean() for z in candidates]
-    return float(candidates[np.argmax(np.array(near) < 0.01)])
+    near = [(abs(depths - z) < distance).sum() for z in candidates]
+    return float(candidates[np.argmax(np.array(near) <= few)])
 
 
 def depth_slabs(depths, count):

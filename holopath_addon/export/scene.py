@@ -177,7 +177,8 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
         cache.begin(depsgraph)
     looks = cache.looks
     looks.begin(notes)
-    parts = {"type": "scene"}
+    # on CUDA, OptiX has no cracks; Embree lets rays through where triangles meet, unless told otherwise
+    parts = {"type": "scene", "embree_use_robust_intersections": True}
     try:
         contents = Contents(depsgraph, scale, pixel, cache, notes, origin)
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
@@ -187,7 +188,7 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
     except BaseException:
         cache.clear()
         raise
-    if len(parts) - len(contents.emitters) == 1 and world is None:
+    if len(parts) - len(contents.emitters) == 2 and world is None:
         raise InvalidInput(
             f"The scene '{scene.name}' has nothing visible to render: add or unhide an object with faces."
         )

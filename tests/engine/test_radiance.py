@@ -70,5 +70,5 @@ def test_more_paths_a_ray_are_less_dark(build):
         settings = engine.Settings(frames=8, radiance="ray", paths=paths)
         field = engine.render(scene, camera, hologram, settings)
         bright.append(float(engine.reconstruct(field, [1.0]).mean() / truth))
-    assert bright[0] < 0.8
+    assert bright[0] < 0.87
     assert bright[0] + 0.1 < bright[1] < 1
