@@ -22,6 +22,7 @@ CANDIDATES = 9  # places of a plane that are compared
 WORTH = 0.85  # of the rays: a place off the middle must need less
 BESIDE = 0.75  # depths of focus that a plane is put beside images in curved mirrors and lenses...
 BENT_NEAR = 0.1  # ... where they would fill more of the view nearer to it
+BENT_SPREAD = 0.06  # ... and lie at depths that differ by more depths of focus, at 90 % of their places
 LOOKS = 64  # probe rays in a tile
 
 
@@ -97,7 +98,8 @@ def best_place(hologram, settings, z_low, z_high, gloss, bent, places, by_region
         reason = "a depth of focus beside gloss, which looks different across the pupil"
         return _beside(z_low, z_high, gloss, depth, 0.01 * len(gloss)), reason
     few = BENT_NEAR * len(places.z)
-    if (abs(bent - middle) < BESIDE * depth).sum() > few:
+    spread = np.ptp(np.quantile(bent, (0.05, 0.95))) if len(bent) else 0.0
+    if spread > BENT_SPREAD * depth and (abs(bent - middle) < BESIDE * depth).sum() > few:
         reason = (
             "beside the images of curved mirrors and lenses, whose depths differ from direction to direction"
         )
