@@ -1,5 +1,5 @@
 # make demo: a hologram of a Blender scene and refocused pictures of it, in out/demo
-# make test: the tests          make env: only what both need, in .venv
+# make test: the tests (make test-slow: those that take long)          make env: only what both need, in .venv
 # make lint, make bench, make extension (the zips that Blender installs)
 # make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
 
@@ -13,7 +13,7 @@ DEV := $(VENV)/.holopath-dev
 BPY_LIBRARIES := libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libegl1
 PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 
-.PHONY: env demo test lint bench chart chart-quick extension clean
+.PHONY: env demo test test-slow lint bench chart chart-quick extension clean
 
 env: $(RUN) $(DEV)
 
@@ -41,6 +41,9 @@ demo: $(RUN)
 
 test: $(RUN) $(DEV)
 	$(PY) -m pytest
+
+test-slow: $(RUN) $(DEV)
+	$(PY) -m pytest -m slow
 
 lint: $(RUN) $(DEV)
 	$(PY) -m ruff check .

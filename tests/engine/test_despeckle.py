@@ -73,6 +73,7 @@ def three(backend):
     return measure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frames", "kind", "steps", "gain"),
     [(8, "designed", 60, 0.8), (8, "random", 60, 1.0), (3, "designed", 200, 0.8)],

@@ -320,6 +320,7 @@ def test_frames_that_do_not_fit_into_memory(monkeypatch):
     assert alone + 1 < grouped < together
 
 
+@pytest.mark.slow
 def test_loss_to_the_complex_field(build, camera, small):
     """Against a thin lens: 24 frames of phases, rounded to eight bits, show what their field does."""
     scene, focus = build.two_planes(build.emissive), (0.5, 1.0, 2.0)
@@ -349,6 +350,7 @@ def test_loss_to_the_complex_field(build, camera, small):
     assert seen[1] - 6 < seen[0] and seen[0] > 19.5
 
 
+@pytest.mark.slow
 def test_references_are_better_than_the_field(build, camera, small):
     """No view is worse than before the stage; between the supervised depths and through half pupils, too."""
     scene = build.three_planes()

@@ -39,6 +39,7 @@ def test_three_planes_with_a_tenth_of_the_rays(build, camera, small):
     assert values[3][0] > values[1][0]
 
 
+@pytest.mark.slow
 def test_a_floor_without_gaps(build, camera, small):
     scene, focus = build.floor(), [0.55, 1.0, 4.0]
     field = engine.render(scene, camera, small, engine.Settings(frames=24, planes=4))

@@ -236,6 +236,7 @@ def test_rays_once_where_no_glass_in_view_disperses(build, camera):
         assert engine.plan(scene, camera, display).traversals == traversals
 
 
+@pytest.mark.slow
 def test_the_error_of_the_field_is_foretold_and_measured(build, camera):
     """Noise of radiance paths, by the plan, by the halves of the paths, and against a field with many more paths."""
     scene = build.closed_box()

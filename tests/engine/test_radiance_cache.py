@@ -309,6 +309,7 @@ def test_light_is_baked_anew_when_the_scene_changes(build, camera, tmp_path):
     assert again(depth=3) in ("charts", "nothing")
 
 
+@pytest.mark.slow
 def test_a_side_that_was_never_seen_is_not_black(build, camera, tmp_path):
     """A sheet lit from both sides, with nothing that its back could light."""
     store, white = engine.BakeStore(tmp_path), {"type": "diffuse", "reflectance": 0.6}
@@ -428,6 +429,7 @@ def test_hologram_of_baked_light(build, camera, tmp_path):
         assert picture.mean() == pytest.approx(paths.mean(), rel=0.04)
 
 
+@pytest.mark.slow
 def test_materials_that_come_and_go_are_no_damage(build, camera, tmp_path):
     """A block that is cached, then traced, then scatters nothing diffusely, then is cached again."""
     store = engine.BakeStore(tmp_path)

@@ -74,6 +74,7 @@ def test_paper_s_estimator(build, camera, small):
         assert engine.psnr(picture, reference) >= 20, depth
 
 
+@pytest.mark.slow
 def test_closed_box_in_colour(build):
     """Nearly all light in view is indirect: every region and colour is as bright as path traced."""
     camera = engine.Camera(np.eye(4), math.radians(36))
@@ -93,6 +94,7 @@ def blocks(picture, n):
     ]
 
 
+@pytest.mark.slow
 def test_one_path_a_ray_is_biased_dark(build):
     """Finding F13: why the radiance is averaged before its root is taken."""
     camera = engine.Camera(np.eye(4), math.radians(36))
