@@ -361,3 +361,24 @@ def test_linked_libraries(stage, tmp_path):
     scene = again.export().scene
     assert bounds(scene)[:, 0] == pytest.approx((1.5, 2.5), abs=1e-4)
     assert all(shape.is_emitter() for shape in scene.shapes())
+
+
+def test_rays_do_not_slip_between_triangles(stage):
+    """Embree by default lets some rays through that meet an edge."""
+    import mitsuba as mi
+
+    n, turn = 65, np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0], [0.48, 0.64, 0.6]])
+    y, x = np.mgrid[:n, :n] / (n - 1)
+    vertices = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3) @ turn.T
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.stack([corner, corner + 1, corner + n + 1, corner + n], axis=-1)
+    stage.mesh("grid", vertices.tolist(), faces.tolist())
+    scene = stage.export().scene
+    rng = np.random.default_rng(0)
+    inner = corner.reshape(n - 1, n - 1)[1:, 1:].ravel()
+    a, b = (vertices[np.repeat(inner + step, 20)] for step in (0, n))
+    place = a + rng.random((len(a), 1)) * (b - a)
+    towards = -turn[:, 2] + 0.5 * rng.normal(size=place.shape) @ np.diag([1, 1, 0]) @ turn.T
+    start = place - towards
+    ray = mi.Ray3f(mi.Point3f(*start.T), mi.Vector3f(*towards.T))
+    assert np.asarray(scene.ray_intersect(ray).is_valid()).all()
