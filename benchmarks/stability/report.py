@@ -23,7 +23,8 @@ physics, the largest step is left out or counts only falls, and the last column 
 
 `python -m benchmarks stability` walks all sweeps and writes this page; `python -m benchmarks stability pitch
 rays` walks those that are named, and takes the others' rows from out/bench/stability.json. Tests in
-tests/stability walk a few values of each; `python -m benchmarks stability quick` walks those.
+tests/stability walk a few values of each; `python -m benchmarks stability quick` walks those. The command ends with
+the steps that are larger than they may be.
 
 In the plots blue is PSNR in dB, or gigabytes, orange brightness and other ratios; red dots mark what is refused.
 """
