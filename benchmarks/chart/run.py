@@ -18,6 +18,7 @@ from .scenes import SCENES, TRIANGLES
 FOLDER = Path("build/chart")
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 TIMED = ("point", "polygon", "gaussian", "auto")  # over triangles
+OVER_FRAMES = ("planes", "mirror", "room")  # scenes in which seconds over frames are found
 
 
 @dataclass(frozen=True)
@@ -81,13 +82,13 @@ class Chart:
         )
 
 
-def full():
-    """The chart of ``make chart``."""
-    hologram = engine.Hologram(512, 512, 8e-6, RGB, 1e-3, 6e-3)
+def full(pixels=256):
+    """The chart of ``make chart``, of holograms so many pixels wide and high."""
+    hologram = engine.Hologram(pixels, pixels, 8e-6, RGB, 1e-3, 6e-3)
     others = tuple(m for m in FRAMES if m != M)
     return Chart(
-        "full", hologram, 256, 900.0, tuple(SCENES), tuple(methods(hologram)), {},
-        dict.fromkeys(SCENES, others), TRIANGLES, loss=True,
+        "full", hologram, 256, 300.0, tuple(SCENES), tuple(methods(hologram)), {},
+        dict.fromkeys(OVER_FRAMES, others), TRIANGLES, loss=True,
     )  # fmt: skip
 
 
@@ -119,7 +120,7 @@ def run(*arguments):
     Parameters
     ----------
     *arguments : str
-        ``[quick] [SCENE ...] [--methods NAME ...] [--anew] [--docs]``; see `parser`.
+        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs]``; see `parser`.
 
     Returns
     -------
@@ -128,7 +129,7 @@ def run(*arguments):
     """
     options = parser().parse_args(arguments)
     names = list(options.names)
-    chart = quick() if names[:1] == ["quick"] else full()
+    chart = quick() if names[:1] == ["quick"] else full(options.pixels)
     scenes = names[names[:1] == ["quick"] :] or chart.scenes
     known = methods(chart.hologram)
     for given, choices, what in ((scenes, SCENES, "scene"), (options.methods or (), known, "method")):
@@ -148,6 +149,9 @@ def parser():
         "names", nargs="*", metavar="[quick] SCENE", help=f"of {', '.join(SCENES)}; default: all"
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="default: all")
+    parser.add_argument(
+        "--pixels", type=int, default=256, metavar="N", help="of the full chart's holograms, a side"
+    )
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
     parser.add_argument("--docs", action="store_true", help="write docs/chart.md and its pictures, too")
     return parser

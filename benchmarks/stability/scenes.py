@@ -235,16 +235,18 @@ def corridor(hits):
 
 
 def panes(surfaces):
-    """A wall at 2 m behind so many surfaces of glass."""
+    """A wall at 2 m behind so many surfaces of glass, in focus: behind an odd number it lies nearer, in glass."""
     s = Scenes()
-    stack = {}
+    stack, image = {}, 0.6
     for number in range(surfaces):
         inside, outside = (1.5, 1.0) if number % 2 == 0 else (1.0, 1.5)
         glass = {"bsdf": {"type": "dielectric", "int_ior": inside, "ext_ior": outside}}
-        stack[f"surface_{number}"] = s.plane(0.6 + 0.01 * number, glass, 0.3)
+        place = 0.6 + 0.01 * number
+        stack[f"surface_{number}"] = s.plane(place, glass, 0.3)
+        image += ((2.0 if number == surfaces - 1 else place + 0.01) - place) / inside
     scene = s.scene(wall=s.plane(2.0, s.emissive(s.texture(128, 1)), 1.0), **stack)
     return against(
-        *pictures_of(scene, [1.8], hologram=hologram_of(0.5), most_hits=surfaces, max_depth=40, spp=256)
+        *pictures_of(scene, [image], hologram=hologram_of(0.5), most_hits=surfaces, max_depth=40, spp=256)
     )
 
 

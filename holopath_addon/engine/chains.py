@@ -11,8 +11,8 @@ from .lobes import SpecularLobes
 from .rays import intersect
 
 NARROW = (
-    2.0,
-    6.0,
+    1.5,
+    8.0,
 )  # widths of a lobe that the view turns across the pupil, from which and up to which it is one
 LEAST_ALBEDO = 1e-3
 SPLITS = 2  # hits of a chain at which more than one way on is followed
@@ -368,7 +368,7 @@ def _narrow(lobe, density, distance, pupil):
     """The same for lobes seen at a distance in metres, of a density along their middle, by a pupil of this radius."""
     # a lobe of constant density over a cap of half-angle a has a = 1 / sqrt(pi density)
     turn = 2 * pupil / distance * dr.sqrt(math.pi * density) / lobe.eta
-    x = dr.clip((turn - NARROW[0]) / (NARROW[1] - NARROW[0]), 0, 1)
+    x = dr.clip(dr.log(dr.maximum(turn, 1e-6) / NARROW[0]) / math.log(NARROW[1] / NARROW[0]), 0, 1)
     return x * x * (3 - 2 * x)
 
 

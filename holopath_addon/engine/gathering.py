@@ -34,7 +34,8 @@ def solve(scene, cache, max_depth, seed, progress):
     """
     groups = cache.coarse
     tracer = PathTracer(max_depth, cache=cache)
-    bounces, before = max(max_depth - 2, 0) if len(groups) else 0, 0.0
+    # one for the view alone, whose rays now and then meet what no probe met
+    bounces, before = max(max_depth - 2, 1) if len(groups) and max_depth > 1 else 0, 0.0
     for bounce in range(bounces):
         sums = _sums(
             scene,

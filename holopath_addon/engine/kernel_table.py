@@ -5,8 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LEAST_REACH = 2.0  # pixels, of any lattice
-TAILS = 1.3  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
+TAILS = 1.6  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
+STEEPEST = 2.0  # recordable slopes that directions have at most for that, beside the plane
+# Directions along a radius that a lattice has at least: so many a pixel of the cone, within bounds. It counts on one
+# depth for all that meet in a grain, which slanted surfaces do not have, and errs less the more there are.
+FINER, LEAST_DIRECTIONS = 8.0, (2.0, 4.2)
 LEVELS = (64, 768)  # fewest and most depths of a table
 LEVELS_A_GRAIN = (
     16  # depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
@@ -17,11 +20,17 @@ FIT_STEPS = 4  # more gain little
 def reach_of(max_slope, depth_limit, pitch, cone=1.15):
     """Pixels that a grain's kernel is cut to at `depth_limit`; parameters as of `Lattice.of`.
 
-    With `TAILS` the error of what is kept has 2 % of the kernel's energy, with the factor alone up to 10 % where the
-    cone is 2 to 5 pixels wide. Beside the plane, where a pixel is a steep slope, the factor has to do.
+    With `TAILS` the error of what is kept has 1 to 1.5 % of the kernel's energy, with the factor alone up to 10 % where
+    the cone is 2 to 5 pixels wide.
     """
     wide = max_slope * depth_limit / pitch
-    return np.maximum(cone * wide, np.minimum(wide + TAILS, 2 * wide - 1))
+    return np.maximum(cone * wide, np.minimum(wide + TAILS, STEEPEST * wide))
+
+
+def directions_of(max_slope, depth_limit, pitch, cone=1.15):
+    """Directions along a radius of the lattice; parameters as of `Lattice.of`."""
+    least = np.clip(FINER * max_slope * depth_limit / pitch, *LEAST_DIRECTIONS)
+    return np.maximum(reach_of(max_slope, depth_limit, pitch, cone), least)
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,7 @@ class Lattice:
 
     @classmethod
     def of(cls, max_slope, depth_limit, pitch, cone=1.15, most=None):
-        """One direction a grain at `depth_limit`, as far as `reach_of` says.
+        """One direction a grain at `depth_limit`, or more where these are few, as far as `reach_of` says.
 
         Parameters
         ----------
@@ -61,7 +70,7 @@ class Lattice:
             Most directions; the lattice is coarsened to meet it, which aliases the far depths.
         """
         wide = reach_of(max_slope, depth_limit, pitch, cone)
-        reach = max(wide, LEAST_REACH)
+        reach = directions_of(max_slope, depth_limit, pitch, cone)
         levels = int(np.clip(math.ceil(LEVELS_A_GRAIN * reach), *LEVELS))
         while True:
             n = math.floor(reach)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from .errors import InvalidInput
-from .kernel_table import LEAST_REACH, Lattice, reach_of
+from .kernel_table import Lattice, directions_of
 from .regions import IMAGE_REACH, TILE, limit_of
 
 CONE = {
@@ -188,9 +188,8 @@ def _limit(hologram, thickness):
 
 
 def _reach(hologram, settings, limit):
-    """Of a lattice, pixels."""
-    reach = reach_of(max_slope(hologram), limit, hologram.pitch, CONE[settings.quality])
-    return np.maximum(reach, LEAST_REACH)
+    """Directions along the radius of a lattice, one a pixel or more."""
+    return directions_of(max_slope(hologram), limit, hologram.pitch, CONE[settings.quality])
 
 
 def _rays(hologram, settings, thickness, warnings, planes=1):

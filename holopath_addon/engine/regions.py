@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kernel_table import LEAST_REACH
+from .kernel_table import LEAST_DIRECTIONS
 
 TILE = 16  # pixels
 STEPS = 8  # of the depth limit at most; each has half the rays of the one before
@@ -55,7 +55,8 @@ class Look:
         where no rays are needed.
         """
         most = np.where(
-            self.chains, *(max(0, 2 * math.log2(reach / least)) for least in (IMAGE_REACH, LEAST_REACH))
+            self.chains,
+            *(max(0, 2 * math.log2(reach / least)) for least in (IMAGE_REACH, LEAST_DIRECTIONS[0])),
         )
         # a surface between the rays may lie a little farther
         part = np.minimum((self.depth + 2) / DEPTHS, 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import backend, baselines, despeckle, planner
 from .hologram import Settings
-from .kernel_table import Lattice, kernel_table, reach_of
+from .kernel_table import Lattice, directions_of, kernel_table
 from .mapping import DepthMapping
 from .phase_fields import phasors_of, pixel_transmission, recordable_fraction
 from .propagation import carrier, field_of, padded_shape, spectrum, transfer_function
@@ -343,7 +343,7 @@ class Recording:
         hologram, plan = self.hologram, self.plan
         behind = plane.far > self.mapping.z_far
         if plan.regions:
-            reach = reach_of(self.max_slope, plane.depth_limit, hologram.pitch, plan.cone)
+            reach = directions_of(self.max_slope, plane.depth_limit, hologram.pitch, plan.cone)
             regions = regions_of(radiance.look, hologram.width, hologram.height, plane.depth_limit, reach)
         else:
             pixels = np.arange(hologram.width * hologram.height, dtype=np.uint32)
