@@ -16,7 +16,25 @@ from .sweep import Sweep
 BORDER = 25
 FRAMES, SPP = 24, 128
 # Mitsuba's alpha, the square of Blender's roughness: 0.3 is a roughness of 0.55
-SMALL = (0.0, 0.0005, 0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03)
+SMALL = (
+    0.0,
+    0.0005,
+    0.001,
+    0.002,
+    0.003,
+    0.004,
+    0.005,
+    0.0055,
+    0.006,
+    0.007,
+    0.008,
+    0.01,
+    0.012,
+    0.015,
+    0.02,
+    0.025,
+    0.03,
+)
 ALPHAS = (*SMALL, 0.04, 0.05, 0.06, 0.08, 0.1, 0.12, 0.15, 0.18, 0.21, 0.24, 0.27, 0.3)
 FOLLOWED = (
     "Narrow lobes are followed as if they were δ, to place their light; broad ones stay on the surface."

@@ -135,12 +135,14 @@ def slanted(s, degrees, surface, near=0.5, far=10.0, side=64):
 
 
 def turned_by(degrees):
-    """A plane that turns until it is seen edge on: with a wall behind it, and alone for its brightness."""
-    s = Scenes()
+    """A plane that turns until it is seen edge on: between walls at its ends, and alone for its brightness."""
+    s, half = Scenes(), 0.5 * 1.25 * math.tan(FOV / 2)
+    edge = -0.5 / max(math.tan(math.radians(degrees)), 1e-9)  # of the near wall, which the plane begins at
     alone = s.scene(plane=slanted(s, degrees, s.emissive(s.grey(1.0))))
     textured = s.scene(
         plane=slanted(s, degrees, s.emissive(s.texture(128, 3))),
         wall=s.plane(10.0, s.emissive(s.texture(128, 1))),
+        near=s.plane(0.5, s.emissive(s.texture(128, 2)), half, half, x=edge - half),
     )
     hologram = hologram_of(0.5, (1e-3, 1.5e-3))  # its pupil is 6 mm wide
     figures = against(*pictures_of(textured, [1.0], hologram=hologram))
@@ -546,7 +548,7 @@ SWEEPS = [
         "lens through its focus",
         "a plane behind a lens passes through its focus",
         "m",
-        (0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 1, 1.02, 1.05, 1.1, 1.3, 1.6, 2, 2.4, 3),
+        (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 1, 1.02, 1.05, 1.1, 1.3, 1.6, 2, 2.4, 3),
         through_a_lens,
         "from 0.45 m on the plane goes beside the image, whose depths differ from direction to direction",
         (0.6, 0.9, 1.02),

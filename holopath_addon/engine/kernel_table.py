@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 TAILS = 1.6  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
-STEEPEST = 2.0  # recordable slopes that directions have at most for that, beside the plane
+STEEPEST = 1.5  # recordable slopes that directions have at most for that, beside the plane
 # Directions along a radius that a lattice has at least: so many a pixel of the cone, within bounds. It counts on one
 # depth for all that meet in a grain, which slanted surfaces do not have, and errs less the more there are.
 FINER, LEAST_DIRECTIONS = 8.0, (2.0, 4.2)

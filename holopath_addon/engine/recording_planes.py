@@ -22,7 +22,7 @@ CANDIDATES = 9  # places of a plane that are compared
 WORTH = 0.85  # of the rays: a place off the middle must need less
 BESIDE = 0.75  # depths of focus that a plane is put beside images in curved mirrors and lenses...
 BENT_NEAR = 0.1  # ... where they would fill more of the view nearer to it
-BENT_SPREAD = 0.06  # ... and lie at depths that differ by more depths of focus, at 90 % of their places
+BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus, at 90 % of their places
 LOOKS = 64  # probe rays in a tile
 
 
