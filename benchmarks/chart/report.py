@@ -35,9 +35,10 @@ PLAIN = (
 INTRODUCTION = """# Speed against accuracy
 
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
-scene to a field or phases for the same display. `make chart` measures all of it, `make chart-quick` a part in under ten
-minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods NAME ...] [--anew] [--docs]` what is named. What is
-measured already is kept in build/chart as long as the code that it depends on stays as it is.
+scene to a field or phases for the same display. `make chart` measures all of it, which takes hours, `make chart-quick` a
+part in under ten minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew]
+[--docs]` what is named. What is measured already is kept in build/chart as long as the code that it depends on stays as
+it is, so that a chart that was stopped goes on where it was.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the back
 and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest of

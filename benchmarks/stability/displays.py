@@ -507,9 +507,14 @@ SWEEPS = [
             32,
             28,
             25,
+            23.5,
             22,
+            21.5,
+            21,
             20,
+            19,
             18,
+            17,
             16,
             14.5,
             13,
@@ -780,7 +785,7 @@ SWEEPS = [
         "texels",
         "Texels of the radiance cache from a sixteenth to sixteen times a pixel's, in a closed box",
         "pixels",
-        (0.0625, 0.088, 0.125, 0.177, 0.25, 0.354, 0.5, 0.707, 1, 1.41, 2, 2.83, 4, 5.66, 8, 11.3, 16),
+        (0.0625, 0.088, 0.125, 0.177, 0.25, 0.354, 0.5, 0.707, 1, 1.41, 2, 2.83, 4, 5.66, 6.7, 8, 11.3, 16),
         texels,
         "Surfaces whose texels would have to be over twice as large as asked for, to bound memory, are traced instead, "
         "with the noise of paths; texels of over two pixels, which the program never uses, lose light: 6 % at 5.7, "
