@@ -145,6 +145,9 @@ def _mean_of(record, names):
 
 
 def _pictures_first(record):
+    """Seconds; None of a method that takes its pictures bit by bit, between other work."""
+    if record["method"] == "stereogram":
+        return None
     return sum(
         seconds for stage, seconds in record["stages"].items() if stage in ("Picture", "Pictures", "Preview")
     )

@@ -11,11 +11,11 @@ from .scenes import SCENES
 
 OURS = {
     "auto": "black",
-    "full": "tab:red",
-    "fast": "tab:orange",
+    "full": "magenta",
+    "fast": "gold",
     "auto-opl": "dimgrey",
-    "paper": "tab:pink",
-    "direct": "tab:purple",
+    "paper": "saddlebrown",
+    "direct": "teal",
 }
 CLOSE = 120  # pixels along the side of a close-up
 COLUMNS = 4
@@ -102,6 +102,8 @@ def _own(records, scene):
 
 def _seconds(records, scenes, colours, path):
     """PSNR over seconds: mean above, worst below."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     figure, axes = _panels(len(scenes), 2)
     for axis in axes.flat:
         axis.set_visible(False)
@@ -123,6 +125,9 @@ def _seconds(records, scenes, colours, path):
             )
             axis.step(*zip(*front, strict=True), where="post", color="k", lw=0.6, ls=":")
             axis.set_xscale("log")
+            axis.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+            axis.xaxis.set_major_formatter("{x:g}")
+            axis.xaxis.set_minor_formatter(NullFormatter())
             axis.set_title(f"{scene}, {'worst' if below else 'mean'}", fontsize=10)
             axis.set_xlabel("seconds", fontsize=8)
             axis.set_ylabel("PSNR, dB", fontsize=8)

@@ -104,13 +104,12 @@ def quick():
     efforts |= {
         "direct": ("512 rays",),
         "full": ("balanced",),
-        "fast": ("balanced",),
         "auto": ("preview", "balanced"),
     }
-    left_out = ("paper", "auto-opl", *peers.PEERS)
+    left_out = ("paper", "fast", "auto-opl", *peers.PEERS)
     return Chart(
         "quick", hologram, 32, 60.0, ("planes", "mirror", "tea"),
-        tuple(name for name in known if name not in left_out), efforts, {"mirror": (1, 24)}, (2_000, 200_000),
+        tuple(name for name in known if name not in left_out), efforts, {"planes": (1, 24)}, (2_000, 200_000),
     )  # fmt: skip
 
 

@@ -37,6 +37,7 @@ LEAST_TEXELS = 8  # across a part that no probe met
 MARGIN = 1.15  # of the view's width: after small moves of the camera its texels are baked
 GRAZING = 0.05  # least cosine that texels are stretched for
 SEPARABLE = 0.05  # most relative error of the product form of a BSDF's diffuse lobes
+LEAST_DISTANCE = 1e-20  # of a surface that another touches
 ALL = int(mi.BSDFFlags.All)
 # what is summed over samples: R by lamps and by what they light, samples, inverse distances, and of every other
 # sample the mean channels
@@ -215,7 +216,8 @@ class RadianceCache:
                 dr.select(valid, dr.select(g > 1e-4 * dr.max(g), light / g, mi.Color3f(rest)), 0)
                 for light, rest in zip(lights, grey, strict=True)
             ]
-            more = [*lights[0], *lights[1], dr.select(valid, 1.0, 0.0), dr.select(valid, 1 / distance, 0)]
+            inverse = dr.rcp(dr.maximum(distance, LEAST_DISTANCE))
+            more = [*lights[0], *lights[1], dr.select(valid, 1.0, 0.0), dr.select(valid, inverse, 0)]
             more += [dr.select(number % 2 == 0, dr.mean(light), 0) for light in lights]
             return number + 1, [total + m for total, m in zip(sums, more, strict=True)], sampler
 
