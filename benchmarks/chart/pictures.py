@@ -61,7 +61,7 @@ def draw(chart, records, triangles, table, ratios, folder):
     if triangles:
         files["chart-triangles.png"] = lambda path: _triangles(triangles, colours, path)
     for scene in scenes:
-        files[f"chart-closeups-{scene}.png"] = lambda path, scene=scene: _close_ups(
+        files[f"chart-closeups-{scene}.jpg"] = lambda path, scene=scene: _close_ups(
             chart, records, scene, path
         )
     for name, write in files.items():

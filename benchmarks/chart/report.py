@@ -246,7 +246,7 @@ def _page(chart, records, triangles, budgets, failed, made, usual, ceilings):
         "## Close-ups\n\nThe reference first, then each method at its most work: in focus in front, at the back, and "
         "the view to the right.\n"
     )
-    text += [f"![{scene}](IMAGES/chart-closeups-{scene}.png)\n" for scene in _scenes(records)]
+    text += [f"![{scene}](IMAGES/chart-closeups-{scene}.jpg)\n" for scene in _scenes(records)]
     text.append("## All figures\n")
     text += _all_figures(records)
     if failed:

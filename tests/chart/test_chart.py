@@ -62,9 +62,10 @@ def test_a_tiny_chart_is_written_and_kept(backend, tiny, monkeypatch):
         rows = list(csv.DictReader(file))
     assert [float(row["psnr"]) for row in rows] == [record["psnr"] for record in chart["records"]]
     page = (tiny.folder / "chart.md").read_text()
-    for name in ("seconds", "convergence", "frames", "table-1", "closeups-planes"):
-        assert (tiny.folder / f"chart-{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert f"(chart-{name}.png)" in page
+    for name in ("seconds.png", "convergence.png", "frames.png", "table-1.png", "closeups-planes.jpg"):
+        start = b"\x89PNG" if name.endswith("png") else b"\xff\xd8\xff"
+        assert (tiny.folder / f"chart-{name}").read_bytes().startswith(start)
+        assert f"(chart-{name})" in page
 
     before = {path: path.stat().st_mtime_ns for path in (tiny.folder / "records").iterdir()}
     again, _ = run.measured(tiny, tiny.scenes, tiny.methods, tell=told.append)
