@@ -26,9 +26,9 @@ rays` walks those that are named, and takes the others' rows from out/bench/stab
 tests/stability walk a few values of each; `python -m benchmarks stability quick` walks those. The command ends with
 the steps that are larger than they may be.
 
-Kernels are cut to whole pixels of a lattice: where it gains or loses a ring, PSNR changes by up to 0.7 dB, as the smooth
-parts of all curves show. Values lie densely where several rings follow each other: a rough mirror's surface loses
-1.5 dB between alpha 0.006 and 0.007, in three steps.
+Kernels are cut to whole pixels of a lattice: where it gains or loses a ring, PSNR changes by up to 0.7 dB. Values lie
+densely where several rings follow each other: a rough mirror's surface loses 1.5 dB between alpha 0.006 and 0.007, in
+three steps.
 
 In the plots blue is PSNR in dB, or gigabytes, orange brightness and other ratios; red dots mark what is refused.
 """
