@@ -149,7 +149,11 @@ def parser():
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="default: all")
     parser.add_argument(
-        "--pixels", type=int, default=256, metavar="N", help="of the full chart's holograms, a side"
+        "--pixels",
+        type=int,
+        default=256,
+        choices=(256, 512, 1024),
+        help="of the full chart's holograms, a side",
     )
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
     parser.add_argument("--docs", action="store_true", help="write docs/chart.md and its pictures, too")

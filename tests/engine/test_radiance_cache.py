@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.scenes import FOV, GREEN
 from holopath_addon import engine
-from holopath_addon.engine import radiance_cache
+from holopath_addon.engine import gathering, radiance_cache
 
 SIZE = 32
 HOLOGRAM = engine.Hologram(SIZE, SIZE, 8e-6, (GREEN,), depth_far=0.3e-3, depth_near=1.5e-3)
@@ -372,6 +372,28 @@ def test_broken_input(build, camera, kind):
     # a texel beside one without light is darker: a column of these few pixels
     close = 0.07 if kind == "nan texture" else 0.03
     assert mine[defined].mean() == pytest.approx(light[defined].mean(), rel=close)
+
+
+def test_surfaces_that_touch(build, camera, monkeypatch):
+    """Rays from between them end at once: their inverse distance is bounded all the same."""
+    found, sums = [], gathering._sums
+
+    def seen(*arguments):
+        found.append(sums(*arguments))
+        return found[-1]
+
+    monkeypatch.setattr(gathering, "_sums", seen)
+    grey, places = build.diffuse(build.grey(0.6)), ((-0.15, 20), (0.0, 40), (0.15, 65))
+    bricks = {
+        f"brick_{turn}": build.box([x - 0.05, -0.1, -0.8], [x + 0.05, 0.0, -0.7], grey, turn)
+        for x, turn in places
+    }
+    bake(
+        stage(build, table=build.box([-0.4, -0.13, -1.1], [0.4, -0.1, -0.3], grey), **bricks),
+        camera,
+        noise=0.1,
+    )
+    assert found and all(np.isfinite(values).all() for values in found)
 
 
 @pytest.mark.parametrize("scale", [1e-5, 1e6])
