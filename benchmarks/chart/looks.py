@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
@@ -132,6 +133,26 @@ def truth_of(scene, camera, hologram, foci, spp, progress=None):
         "blurred": np.stack(blurred),
         "near": np.array(near),
     }
+
+
+def diffracted(pictures, foci, hologram):
+    """Pictures of `truth_of` blurred by what is open of the pupil: no light through it shows more, Mitsuba's rays do.
+
+    The incoherent image, the picture * |h|^2, h the transform of the opening (Goodman, Introduction to Fourier Optics,
+    section 6.3).
+    """
+    rows, columns = pictures.shape[1:3]
+    f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
+    out = np.empty_like(pictures)
+    for number, look in enumerate(looks_of(foci, hologram)):
+        for k, wavelength in enumerate(hologram.wavelengths):
+            radius = (
+                0.5 if look.part is None else look.part[2] * slope_of(hologram) * hologram.pitch / wavelength
+            )
+            kernel = np.abs(scipy.fft.ifft2(f <= radius)) ** 2
+            transfer = scipy.fft.fft2(kernel / kernel.sum())
+            out[number, ..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[number, ..., k]) * transfer).real
+    return np.maximum(out, 0)
 
 
 def seen(field, foci):

@@ -82,7 +82,11 @@ def digest_of(*things):
 @functools.cache
 def code_of(kind):
     """Digest of what decides what a kind of method does: the engine, and with baselines theirs."""
-    files = sorted(path for path in ENGINE.rglob("*.py") if "baselines" not in path.parts)
+    files = sorted(
+        path
+        for path in ENGINE.rglob("*")
+        if path.suffix in (".py", ".npy") and "baselines" not in path.parts  # phase maps, too
+    )
     if kind in ("baseline", "peer"):
         files += sorted((ENGINE / "baselines").glob("*.py"))
     if kind == "peer":

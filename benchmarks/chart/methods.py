@@ -54,9 +54,10 @@ class Method:
 QUALITIES = {quality: {"quality": quality} for quality in engine.hologram.QUALITIES}
 DRAFT = {"quality": "preview", "spp": 4}  # paths of a picture's pixel
 ONCE = {"draft": DRAFT, **QUALITIES}
+OURS = {"draft": {"quality": "preview", "fixed": {"passes": DRAFT["spp"]}}, **QUALITIES}
 DESCENTS = {
     name: settings | {"fixed": {"steps": steps}}
-    for (name, settings), steps in zip(ONCE.items(), (30, 100, 300, 1000), strict=True)
+    for (name, settings), steps in zip(ONCE.items(), (30, 100, 300, 600), strict=True)
 }
 DESPECKLED = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
@@ -78,19 +79,17 @@ def methods(hologram):
         for name in BASELINES
         if name != "network"  # takes a user's own weights, and there are none
     ]
-    direct, usual_direct = _rays((64, 512, 4096), 512, **PAPER)
-    paper, usual_paper = _rays((64, 256, 1024, 4096), 1024, method="full", wrp=hologram.depth_far, **PAPER)
-    opl = {
-        name: settings | {"method": "auto", "virtual_image": "opl"} for name, settings in QUALITIES.items()
-    }
+    direct, usual_direct = _rays((64, 512, 2048), 512, **PAPER)
+    paper, usual_paper = _rays((64, 256, 1024), 1024, method="full", wrp=hologram.depth_far, **PAPER)
+    opl = {"balanced": {"method": "auto", "virtual_image": "opl"}}
     every = [
         *baselines,
-        *(Method(name, "peer", ONCE) for name in peers.PEERS),
+        *(Method(name, "peer", {"balanced": QUALITIES["balanced"]}) for name in peers.PEERS),
         Method("direct", "paper", direct, usual_direct),
         Method("paper", "paper", paper, usual_paper),
-        Method("full", "ours", QUALITIES),
+        Method("full", "ours", OURS),
         Method("fast", "ours", QUALITIES),
-        Method("auto", "ours", QUALITIES | DESPECKLED),
+        Method("auto", "ours", OURS | DESPECKLED),
         Method("auto-opl", "ours", opl),
     ]
     return {method.name: method for method in every}

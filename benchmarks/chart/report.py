@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from . import analysis, measure, pictures
+from holopath_addon import engine
+
+from . import analysis, looks, measure, pictures
 from .looks import HEADLINE, PUPILS
 from .methods import methods
 from .scenes import SCENES
@@ -43,12 +45,13 @@ it is, so that a chart that was stopped goes on where it was.
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the back
 and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest of
 these. M = 8 frames unless said. A picture is scaled to be as bright as the reference; borders that lose light to the
-SLM's aperture do not count. **Seconds** are those of the whole pipeline: planning, pictures of the scene, bakes and
-descents, all but the scene itself; of the plan baselines take no more than the range of depths in view, which is given
-to them and not counted. Kernels are compiled beforehand by a run with hardly any work, and what takes under
-{short:g} s runs twice, the shorter time counts. **Memory** is the most of a process that has the scene, Python and its
-libraries included. **Speckle** is deviation over mean of picture / reference in 16 x 16 patches, lit pixels only, the
-median. *Out of focus* are the pixels whose blur is over two pixels in radius. Methods that find phases are compared by
+SLM's aperture do not count. Mitsuba's rays do not diffract: through a part of the pupil the reference is sharper than
+light can be, which caps what any method has there. **Seconds** are those of the whole pipeline: planning, pictures of
+the scene, bakes and descents, all but the scene itself; of the plan baselines take no more than the range of depths in
+view, which is given to them and not counted. Kernels are compiled beforehand by a run with hardly any work, and what
+takes under {short:g} s runs twice, the shorter time counts. **Memory** is the most of a process that has the scene,
+Python and its libraries included. **Speckle** is deviation over mean of picture / reference in 16 x 16 patches, lit
+pixels only, the median. *Out of focus* are the pixels whose blur is over two pixels in radius. Methods that find phases are compared by
 the light of these; those that find a complex field by that field, and the phase-only loss says what phases in its place
 lose (`sgd`, mean of three foci).
 
@@ -161,14 +164,23 @@ def _of(records, scene):
 
 
 def _ceilings(chart, records):
-    """PSNR in dB that the reference's own noise allows, by scene: mean and worst."""
+    """PSNR in dB that the reference's own noise and the pupil's diffraction allow, by scene: mean and worst."""
     out = {}
     for scene in _scenes(records):
         path = measure.truth_path(chart.task(scene, "reference", []))
         if path.exists():
             with np.load(path) as truth:
-                values = truth["ceiling"][: len(HEADLINE)]
-            out[scene] = {"psnr": float(values.mean()), "psnr_worst": float(values.min()), "spp": chart.spp}
+                noise, wanted = truth["ceiling"][: len(HEADLINE)], truth["pictures"]
+            blurred = looks.diffracted(wanted, SCENES[scene].foci, chart.hologram)
+            border = looks.border_of(chart.hologram)
+            waves = np.array(
+                [engine.psnr(*pair, border) for pair in zip(blurred, wanted, strict=True)][: len(HEADLINE)]
+            )
+            out[scene] = {
+                "spp": chart.spp,
+                "noise": {"psnr": float(noise.mean()), "psnr_worst": float(noise.min())},
+                "diffraction": {"psnr": float(waves.mean()), "psnr_worst": float(waves.min())},
+            }
     return out
 
 
@@ -213,12 +225,15 @@ def _page(chart, records, triangles, budgets, failed, made, usual, ceilings):
     text.append("## Within a budget\n")
     for scene, rows in budgets.items():
         note = ceilings.get(scene)
-        noise = (
-            f"; the reference's own noise allows {note['psnr']:.1f}, {note['psnr_worst']:.1f} dB"
+        allowed = "".join(
+            f"; {what} allows {note[name]['psnr']:.1f} / {note[name]['psnr_worst']:.1f} dB"
+            for name, what in (
+                ("noise", "the reference's own noise"),
+                ("diffraction", "the pupil's diffraction"),
+            )
             if note
-            else ""
         )
-        text.append(f"**{scene}**, {SCENES[scene].what}: best PSNR in dB, mean / worst{noise}\n")
+        text.append(f"**{scene}**, {SCENES[scene].what}: best PSNR in dB, mean / worst{allowed}\n")
         text += _budget_table(rows)
         text.append("")
         text += _why(scene, rows)
@@ -303,16 +318,19 @@ def _triangles_table(triangles):
 
 
 def _all_figures(records):
-    header = ["scene", "method", "effort", "M", "s", "GB", "PSNR", "worst", "SSIM", "views", "pupil 1/2, 1/4"]
+    header = ["scene", "method", "effort", "M", "s", "GB", "PSNR", "worst", "SSIM"]
+    header += ["front, middle, back", "views", "pupil 1/2, 1/4"]
     header += ["out of focus", "speckle", "phase-only loss"]
     body = []
     for r in records:
-        pupils = ", ".join(_number(r["pictures"][name]["psnr"]) for name in PUPILS)
-        views = ", ".join(_number(r["pictures"][name]["psnr"]) for name in ("view-left", "view-right"))
+        shown = (("front", "middle", "back"), ("view-left", "view-right"), PUPILS)
+        foci, views, pupils = (
+            ", ".join(_number(r["pictures"][name]["psnr"]) for name in names) for names in shown
+        )
         body.append(
             [r["scene"], r["method"], r["effort"], str(r["frames"]), _seconds(r["seconds"])]
             + [_number(r["peak_bytes"] / 1e9, 2), _number(r["psnr"], 2), _number(r["psnr_worst"], 2)]
-            + [_number(r["ssim"], 3), views, pupils, _number(r["psnr_defocus"])]
+            + [_number(r["ssim"], 3), foci, views, pupils, _number(r["psnr_defocus"])]
             + [_number(r["speckle"], 3), _number(r["phase_loss_db"], 2)]
         )
     return _rows(header, body)

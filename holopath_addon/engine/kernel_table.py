@@ -127,19 +127,20 @@ def kernel_table(lattice, pitch, wavelength):
     twice = np.where((bins == 0) | (bins == n // 2), 1.0, 2.0)
     images = np.where(np.arange(side) == 0, 1.0, 2.0)
     cosine = np.cos(2 * math.pi / n * np.outer(np.arange(side), bins))
-    to_space, to_frequency = cosine * twice / n, (cosine * images[:, None]).T
+    to_space, to_frequency = np.float32(cosine * twice / n), np.float32((cosine * images[:, None]).T)
     f = bins / n
     band = f[:, None] ** 2 + f**2 <= 0.25
     u = (wavelength / pitch) ** 2 * (f[:, None] ** 2 + f**2)
-    detour = u / (1 + np.sqrt(np.maximum(1 - u, 0)))
-    weight = np.where(band, np.outer(twice, twice), 0) / n**2
+    detour = u / (1 + np.sqrt(np.maximum(1 - u, 0))) / wavelength
+    weight = np.float32(np.where(band, np.outer(twice, twice), 0) / n**2)
+    band = np.float32(band)
     i, j = np.abs(lattice.indices).T
     table = np.empty((lattice.levels, side, side), np.complex64)
     together = max(1, (1 << 20) // detour.size)
     for first in range(0, lattice.levels, together):
         levels = np.arange(first, min(first + together, lattice.levels))
         dz = (levels + 0.5) / lattice.levels * lattice.depth_limit
-        spectrum = np.where(band, np.exp((2j * math.pi / wavelength) * dz[:, None, None] * detour), 0)
+        spectrum = _phasor(dz[:, None, None] * detour) * band
         kernel = _along_both(to_space, spectrum)
         cell = (np.arange(len(levels))[:, None] * side + offsets[levels[:, None], j]) * side + offsets[
             levels[:, None], i
@@ -147,13 +148,24 @@ def kernel_table(lattice, pitch, wavelength):
         count = np.bincount(cell.ravel(), minlength=kernel.size).reshape(kernel.shape) / np.outer(
             images, images
         )
-        kernel[count == 0] = 0
+        reached = np.float32(count > 0)
+        kernel *= reached
         for _ in range(FIT_STEPS):
-            missing = np.where(band, spectrum - _along_both(to_frequency, kernel), 0)
-            kernel += np.where(count == 0, 0, _along_both(to_space, missing))
-        energy = (np.abs(_along_both(to_frequency, kernel)) ** 2 * weight).sum((1, 2))
+            missing = spectrum - _along_both(to_frequency, kernel)
+            kernel += _along_both(to_space, missing * band) * reached
+        kept = _along_both(to_frequency, kernel)
+        energy = ((kept.real**2 + kept.imag**2) * weight).sum((1, 2), dtype=np.float64)
         table[levels] = kernel / np.maximum(count, 1) * np.sqrt(math.pi / 4 / energy)[:, None, None]
     return table
+
+
+def _phasor(turns):
+    """exp(2 pi i turns), complex64; whole turns are left out first, since single precision cannot hold many."""
+    angle = np.float32(2 * math.pi * (turns - np.rint(turns)))
+    phasor = np.empty(angle.shape, np.complex64)
+    np.cos(angle, out=phasor.real)
+    np.sin(angle, out=phasor.imag)
+    return phasor
 
 
 def _along_both(matrix, stack):
@@ -165,4 +177,6 @@ def _along_both(matrix, stack):
     for _ in range(2):
         count, rows, columns = values.shape
         values = (values.reshape(-1, columns) @ matrix.T).reshape(count, rows, len(matrix)).swapaxes(1, 2)
-    return values[: len(stack)] + 1j * values[len(stack) :]
+    out = np.empty((len(stack), *values.shape[1:]), np.complex64)
+    out.real, out.imag = values[: len(stack)], values[len(stack) :]
+    return out

@@ -25,9 +25,13 @@ from .recording_planes import (
 
 GRAIN_NOISE = {
     "preview": 0.5,
-    "balanced": 0.3,
+    "balanced": 0.35,
     "full": 0.15,
-}  # of a grain's mean, as a share of random speckle
+}  # of a grain's mean, as a share of the random speckle of as many frames as these
+USUAL_FRAMES = 8
+LESS_NOISE = (
+    1 / 3
+)  # power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
 PASSES = {
     "preview": (8, 64),
     "balanced": (16, 256),
@@ -526,8 +530,9 @@ def slab_of(hologram):
 
 
 def wanted_noise(settings):
-    """Relative standard error of a grain's mean radiance that hardly shows in the frames' speckle."""
-    return GRAIN_NOISE[settings.quality] * speckle_contrast("random", settings.frames)
+    """Relative standard error of a grain's mean radiance that hardly shows in pictures of so many frames."""
+    usual = GRAIN_NOISE[settings.quality] * speckle_contrast("random", USUAL_FRAMES)
+    return usual * (USUAL_FRAMES / settings.frames) ** LESS_NOISE
 
 
 def texel_noise(settings):

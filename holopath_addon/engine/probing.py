@@ -24,6 +24,7 @@ BENT = 1e-3  # of the vergence, and dioptres
 LEAST_LIGHT = 0.005  # of the light: bounces that add less are left out
 OUTLIERS = 0.01  # of the grains: a few at the edges of lamps' images would else decide
 DEPTHS_TRIED = (1, 2, 3, 4, 6)  # vertices of a path
+TIMED = 0.06  # seconds after which a call is not timed again
 
 
 @dataclass(frozen=True)
@@ -471,11 +472,14 @@ def _same_surface(si):
 
 
 def _timed(work):
-    """Seconds of the fastest of three calls, after one that compiles: one in ten or so is held up by the system."""
+    """Seconds of the fastest of up to three calls, after one that compiles: one in ten or so is held up by the system.
+
+    Calls that take long have no more of them than `TIMED` seconds.
+    """
     import drjit as dr
 
     found = []
-    for _ in range(4):
+    while len(found) < 2 or (len(found) < 4 and sum(found[1:]) < TIMED):
         dr.sync_thread()
         start = time.perf_counter()
         work()

@@ -254,6 +254,7 @@ def test_the_design_program_designs(tmp_path):
         (["--size", "100"], "power of two"),
         (["--steps", "0"], "Steps"),
         (["--plane", "2"], "share"),
+        (["--narrow", "-1"], "narrow"),
         (["--out", "nowhere/maps.npy"], "make it first"),
     ],
 )

@@ -5,6 +5,7 @@ import math
 import signal
 import sys
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -34,13 +35,20 @@ def main(argv=None):
         default=Recipe.prefixes,
         help="how much the first few frames count besides all",
     )
+    design.add_argument(
+        "--narrow",
+        type=float,
+        default=Recipe.narrow,
+        help="how much pictures through narrow parts of the pupil count",
+    )
+    design.add_argument("--rate", type=float, default=Recipe.rate, help="longest step in radians")
     design.add_argument("--start", type=Path, metavar="FILE.npy", help="maps to begin with (default: random)")
     design.add_argument("--seed", type=int, default=Recipe.seed)
     design.add_argument("--out", type=Path, required=True, metavar="FILE.npy")
     design.add_argument("--state", type=Path, metavar="FILE.npz", help="default: beside the result")
     args = parser.parse_args(argv)
     try:
-        recipe = Recipe(args.frames, args.size, args.steps, args.seed, args.reach, args.plane, args.prefixes)
+        recipe = Recipe(**{field.name: getattr(args, field.name) for field in fields(Recipe)})
         state = args.state or args.out.with_suffix(".state.npz")
         if not args.out.parent.is_dir():
             raise InvalidInput(f"There is no folder {args.out.parent}: make it first.")

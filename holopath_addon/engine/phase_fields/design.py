@@ -20,9 +20,12 @@ from ..errors import InvalidInput
 from ..propagation import circular_band
 from ..supervision import Adam, Frames, View, relative, supervise
 
-RATE = 0.1  # radians, Adam's longest step
 STOPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # first frames whose own mean is looked at
 LAYERS, PUPILS, FLAT, IN_FOCUS = 0.3, 0.15, 0.2, 1 / 3  # how often a step has what
+PARTS, NARROW = (
+    (0.2, 0.4),
+    (0.08, 0.3),
+)  # radii of parts of the pupil, cycles a pixel: halves, and down to a sixth
 BRANCH = 37  # pixels, as tracer.BRANCH_SHIFT
 VIEWS = 2  # pictures a step
 PLANE_VIEWS = 7  # of an even plane out of focus, spread evenly
@@ -45,6 +48,10 @@ class Recipe:
         parts of the pupil, which with few frames come short otherwise.
     prefixes : float
         How much the first 1, 2, 3, 4, 6, ... frames count in all, against one for all frames.
+    narrow : float
+        How much a picture through a narrow part of the pupil counts, which each step has besides.
+    rate : float
+        Adam's longest step, radians; less where good maps are only to be bettered.
     """
 
     frames: int
@@ -54,15 +61,18 @@ class Recipe:
     reach: float = 63.0
     plane: float = 0.6
     prefixes: float = 0.1
+    narrow: float = 0.0
+    rate: float = 0.1
 
     def __post_init__(self):
         if not 1 <= self.frames <= 256:
             raise InvalidInput(f"A set has 1 to 256 frames, not {self.frames}.")
         if self.size < 64 or self.size & (self.size - 1):
             raise InvalidInput(f"The size of a map is a power of two, at least 64, not {self.size}.")
-        if min(self.steps - 1, self.seed, self.reach, self.prefixes) < 0 or not 0 <= self.plane <= 1:
+        least = min(self.steps - 1, self.seed, self.reach, self.prefixes, self.narrow, self.rate)
+        if least < 0 or not 0 <= self.plane <= 1:
             raise InvalidInput(
-                "Steps must be positive; seed, reach, prefixes not negative; the share of planes 0 to 1."
+                "Steps must be positive; seed, reach, prefixes, narrow, rate not negative; the share of planes 0 to 1."
             )
 
     @property
@@ -128,20 +138,33 @@ def texture(rng, size):
     return np.roll(blocks, rng.integers(0, size, 2), (0, 1))
 
 
-def invent(rng, size, reach, plane):
+def invent(rng, size, reach, plane, narrow=0.0):
     """Layers of a random scene, and pictures of it.
 
     An even plane; or a textured one; or two at different depths, one in front of the other or both at once, as
-    the branches of a clear surface are, which look up their phases elsewhere.
+    the branches of a clear surface are, which look up their phases elsewhere. With `narrow` there is one more
+    picture, through a narrow part of the pupil, which counts so much.
     """
+    layers, pictures = _invented(rng, size, reach, plane)
+    if narrow:
+        pictures.append(Picture(float(rng.uniform(-reach, reach)), _part(rng, *NARROW), narrow))
+    return layers, pictures
+
+
+def _part(rng, low, high):
+    """A part of the pupil of a radius from `low` to `high`, anywhere."""
+    radius, angle = float(rng.uniform(low, high)), 2 * math.pi * rng.random()
+    aside = (0.5 - radius) * math.sqrt(rng.random())
+    return aside * math.cos(angle), aside * math.sin(angle), radius
+
+
+def _invented(rng, size, reach, plane):
 
     def focus():
         return float(rng.uniform(-reach, reach))
 
     def part():
-        radius, angle = float(rng.uniform(0.2, 0.4)), 2 * math.pi * rng.random()
-        aside = (0.5 - radius) * math.sqrt(rng.random())
-        return aside * math.cos(angle), aside * math.sin(angle), radius
+        return _part(rng, *PARTS)
 
     if rng.random() < plane:
         places = (np.arange(PLANE_VIEWS) + rng.random(PLANE_VIEWS)) / PLANE_VIEWS
@@ -238,9 +261,9 @@ class Design:
         """One step; returns the losses by number of frames, 1 being that of independent frames."""
         recipe = self.recipe
         rng = np.random.default_rng((recipe.seed, self.done))
-        layers, pictures = invent(rng, recipe.size, recipe.reach, recipe.plane)
+        layers, pictures = invent(rng, recipe.size, recipe.reach, recipe.plane, recipe.narrow)
         losses, slopes = self.slopes(layers, pictures, threads)
-        rate = Adam.rate(self.done, recipe.steps, RATE)
+        rate = Adam.rate(self.done, recipe.steps, recipe.rate)
         self.adam.step(self.phases, slopes, rate, threads)
         self.done += 1
         count = sum(picture.speckle for picture in pictures)
