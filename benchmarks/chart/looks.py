@@ -81,6 +81,13 @@ def pupil_of(look, hologram, mapping):
     return engine.Pupil(x, y, 2 * radius)
 
 
+def openings_of(look, hologram):
+    """Radius of what is open in each wavelength's own cone, in cycles a pixel: the edge of the cone is at 0.5."""
+    if look.part is None:
+        return np.full(len(hologram.wavelengths), 0.5)
+    return look.part[2] * slope_of(hologram) * hologram.pitch / np.array(hologram.wavelengths)
+
+
 def border_of(hologram):
     """Pixels at each edge that lose light of the near end to the SLM's aperture."""
     slope = max(map(hologram.max_slope, hologram.wavelengths))
@@ -145,10 +152,7 @@ def diffracted(pictures, foci, hologram):
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty_like(pictures)
     for number, look in enumerate(looks_of(foci, hologram)):
-        for k, wavelength in enumerate(hologram.wavelengths):
-            radius = (
-                0.5 if look.part is None else look.part[2] * slope_of(hologram) * hologram.pitch / wavelength
-            )
+        for k, radius in enumerate(openings_of(look, hologram)):
             kernel = np.abs(scipy.fft.ifft2(f <= radius)) ** 2
             transfer = scipy.fft.fft2(kernel / kernel.sum())
             out[number, ..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[number, ..., k]) * transfer).real
@@ -156,8 +160,14 @@ def diffracted(pictures, foci, hologram):
 
 
 def seen(field, foci):
-    """Pictures of a wave field, as those of `truth_of`."""
+    """Pictures of a wave field, as those of `truth_of`: how bright each wavelength's opening is, whatever its share.
+
+    Red fills a wider cone than blue, so that a part of the pupil has less of its light: white would be blue there with
+    any method, and hide all other errors.
+    """
     hologram, mapping, refocuser = field.hologram, field.mapping, engine.Refocuser(field)
-    return np.stack(
-        [refocuser([look.depth], pupil_of(look, hologram, mapping))[0] for look in looks_of(foci, hologram)]
-    )
+    pictures = []
+    for look in looks_of(foci, hologram):
+        share = (2 * openings_of(look, hologram)) ** 2
+        pictures.append(refocuser([look.depth], pupil_of(look, hologram, mapping))[0] / share)
+    return np.stack(pictures)

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holopath_addon import engine
+from holopath_addon import engine, pipeline
 from holopath_addon.engine import backend
 from holopath_addon.engine.metrics import display_values
 
@@ -103,9 +103,10 @@ def record_path(task, effort, frames):
 
 def record_digest(task, method, effort, frames):
     """Of all that decides a record."""
-    settings = asdict(method.settings(effort, frames))
+    settings, encoding = asdict(method.settings(effort, frames)), method.encoding(effort)
     return digest_of(
         code_of(method.kind),
+        *((Path(pipeline.__file__), encoding) if encoding else ()),
         *SCENE_CODE,
         *TRUTH_CODE,
         *FIGURES_CODE,
@@ -208,15 +209,17 @@ def line_of(record):
 
 
 def _measured(task, method, effort, frames, scene, camera, hologram, truth):
-    settings = method.settings(effort, frames)
-    clock = Stages(task.limit)
+    settings, encoding = method.settings(effort, frames), method.encoding(effort)
+    view, clock = (scene, camera, hologram), Stages(task.limit)
     try:
-        _render(method, scene, camera, hologram, warmed(settings), Stages(task.limit))
+        warm = _render(method, *view, warmed(settings), Stages(task.limit))
+        if encoding:
+            pipeline.encode(warm, encoding, Stages(task.limit), scene, settings, views=1, most_steps=1)
         free()
-        seconds, field = _timed(method, scene, camera, hologram, settings, clock)
+        seconds, field = _timed(method, *view, settings, encoding, clock)
         peak = peak_bytes()
         if seconds < SHORT:
-            again, field = _timed(method, scene, camera, hologram, settings, Stages(task.limit))
+            again, field = _timed(method, *view, settings, encoding, Stages(task.limit))
             seconds = min(seconds, again)
     except engine.Cancelled:
         return {"failed": f"over {task.limit:g} s"}
@@ -234,15 +237,18 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
         np.savez_compressed(path, **shown(pictures, truth, looks.border_of(hologram)))
     result["phase_loss_db"] = None
     if task.loss and frames == M and effort == method.usual:
-        result["phase_loss_db"] = 0.0 if method.phases else phase_loss(field, foci, truth, result["pictures"])
+        phases = method.phases or encoding
+        result["phase_loss_db"] = 0.0 if phases else phase_loss(field, foci, truth, result["pictures"])
     return result
 
 
-def _timed(method, scene, camera, hologram, settings, clock):
+def _timed(method, scene, camera, hologram, settings, encoding, clock):
     """Seconds, and the field; the baselines' plan, of which they take the depths in view alone, is not counted."""
     plan = engine.plan(scene, camera, hologram, settings) if method.kind in ("baseline", "peer") else None
     start = time.perf_counter()
     field = _render(method, scene, camera, hologram, settings, clock, plan)
+    if encoding:
+        field = pipeline.encode(field, encoding, clock, scene, settings).field()
     return time.perf_counter() - start, field
 
 

@@ -21,7 +21,8 @@ class Method:
     name : str
     kind : {'ours', 'paper', 'baseline', 'peer'}
     efforts : dict of str to dict
-        `engine.Settings` by the effort's name, from the least.
+        `engine.Settings` by the effort's name, from the least; ``encode`` among them is a method of `pipeline.encode`,
+        and what is compared is then the light of its phases.
     usual : str
         The effort of the seconds over frames, of the phase-only loss and of Table 1.
     phases : bool
@@ -36,9 +37,13 @@ class Method:
 
     def settings(self, effort, frames):
         """The `engine.Settings` of an effort."""
-        own = self.efforts[effort]
+        own = {name: value for name, value in self.efforts[effort].items() if name != "encode"}
         method = own.get("method", self.name if self.kind != "peer" else "rgbd")
         return engine.Settings(**{"method": method, "frames": frames} | own)
+
+    def encoding(self, effort):
+        """How an effort finds phases; None where it leaves the complex field."""
+        return self.efforts[effort].get("encode")
 
     def missing(self):
         """Why it cannot be run, a sentence; None where it can."""
@@ -54,14 +59,15 @@ class Method:
 QUALITIES = {quality: {"quality": quality} for quality in engine.hologram.QUALITIES}
 DRAFT = {"quality": "preview", "spp": 4}  # paths of a picture's pixel
 ONCE = {"draft": DRAFT, **QUALITIES}
-OURS = {"draft": {"quality": "preview", "fixed": {"passes": DRAFT["spp"]}}, **QUALITIES}
+OURS = {"draft": {"quality": "preview", "spp": 300, "fixed": {"passes": DRAFT["spp"]}}, **QUALITIES}  # rays a pixel
 DESCENTS = {
     name: settings | {"fixed": {"steps": steps}}
     for (name, settings), steps in zip(ONCE.items(), (30, 100, 300, 600), strict=True)
 }
-DESPECKLED = {
+MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
     "full, despeckled": {"quality": "full", "despeckle": 200},
+    "full, refined": {"quality": "full", "encode": "refine"},
 }
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 
@@ -89,7 +95,7 @@ def methods(hologram):
         Method("paper", "paper", paper, usual_paper),
         Method("full", "ours", OURS),
         Method("fast", "ours", QUALITIES),
-        Method("auto", "ours", OURS | DESPECKLED),
+        Method("auto", "ours", OURS | MORE),
         Method("auto-opl", "ours", opl),
     ]
     return {method.name: method for method in every}

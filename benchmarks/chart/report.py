@@ -44,16 +44,18 @@ it is, so that a chart that was stopped goes on where it was.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest
-of these. M = 8 frames unless said. A picture is scaled to be as bright as the reference; borders that lose light to
-the SLM's aperture do not count. Mitsuba's rays do not diffract: through a part of the pupil the reference is sharper
-than light can be, which caps what any method has there. **Seconds** are those of the whole pipeline: planning,
-pictures of the scene, bakes and descents, all but the scene itself; of the plan baselines take no more than the range
-of depths in view, which is given to them and not counted. Kernels are compiled beforehand by a run with hardly any
-work, and what takes under {short:g} s runs twice, the shorter time counts. **Memory** is the most of a process that
-has the scene, Python and its libraries included. **Speckle** is deviation over mean of picture / reference in 16 x 16
-patches, lit pixels only, the median. *Out of focus* are the pixels whose blur is over two pixels in radius. Methods
-that find phases are compared by the light of these; those that find a complex field by that field, and the phase-only
-loss says what phases in its place lose (`sgd`, mean of three foci).
+of these. M = 8 frames unless said. A picture is scaled to be as bright as the reference, and through parts of the
+pupil wavelengths count as bright as their openings are, for red fills a wider cone than blue; borders that lose light
+to the SLM's aperture do not count. Mitsuba's rays do not diffract: through a part of the pupil the reference is
+sharper than light can be, which caps what any method has there. **Seconds** are those of the whole pipeline:
+planning, pictures of the scene, bakes and descents, all but the scene itself; of the plan baselines take no more than
+the range of depths in view, which is given to them and not counted. Kernels are compiled beforehand by a run with
+hardly any work, and what takes under {short:g} s runs twice, the shorter time counts. **Memory** is the most of a
+process that has the scene, Python and its libraries included. **Speckle** is deviation over mean of picture /
+reference in 16 x 16 patches, lit pixels only, the median. *Out of focus* are the pixels whose blur is over two pixels
+in radius. Methods that find phases are compared by the light of these; those that find a complex field by that field,
+and the phase-only loss says what phases in its place lose (`sgd`, mean of three foci). Efforts of ours that are
+*refined* are phases, too, towards 40 pictures through a lens.
 
 All methods have diffuse light as Mitsuba's path tracer finds it: those that start from pictures take them with mirrors,
 glass and gloss in them. A learned network is not in the chart: the method `network` takes a user's own.
