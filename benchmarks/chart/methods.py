@@ -59,7 +59,10 @@ class Method:
 QUALITIES = {quality: {"quality": quality} for quality in engine.hologram.QUALITIES}
 DRAFT = {"quality": "preview", "spp": 4}  # paths of a picture's pixel
 ONCE = {"draft": DRAFT, **QUALITIES}
-OURS = {"draft": {"quality": "preview", "spp": 300, "fixed": {"passes": DRAFT["spp"]}}, **QUALITIES}  # rays a pixel
+OURS = {
+    "draft": {"quality": "preview", "spp": 300, "fixed": {"passes": DRAFT["spp"]}},
+    **QUALITIES,
+}  # rays a pixel
 DESCENTS = {
     name: settings | {"fixed": {"steps": steps}}
     for (name, settings), steps in zip(ONCE.items(), (30, 100, 300, 600), strict=True)
