@@ -44,6 +44,8 @@ class Chart:
         Whether the loss of phase-only encoding is found.
     apart : bool
         Whether each scene and method has a process of its own; without, peak memory is not each one's own.
+    folder, kept : Path
+        What is written, and where records and references are kept, by default there, too.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Chart:
     loss: bool = False
     apart: bool = True
     folder: Path = FOLDER
+    kept: Path | None = None
 
     def usual(self, method):
         """The effort of figures that have one only."""
@@ -78,7 +81,7 @@ class Chart:
         """The `measure.Task` of a scene and the name of a method."""
         hologram = self.hologram.to_dict()
         return measure.Task(
-            scene, method, hologram, self.spp, self.limit, records, self.loss, str(self.folder)
+            scene, method, hologram, self.spp, self.limit, records, self.loss, str(self.kept or self.folder)
         )
 
 
@@ -110,6 +113,7 @@ def quick():
     return Chart(
         "quick", hologram, 32, 60.0, ("planes", "mirror", "tea"),
         tuple(name for name in known if name not in left_out), efforts, {"planes": (1, 24)}, (2_000, 200_000),
+        kept=FOLDER / "quick",  # a chart in little must not put out hours of work
     )  # fmt: skip
 
 
