@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from holopath_addon import engine
@@ -133,7 +133,10 @@ def run(*arguments):
     options = parser().parse_args(arguments)
     names = list(options.names)
     chart = quick() if names[:1] == ["quick"] else full(options.pixels)
-    scenes = names[names[:1] == ["quick"] :] or chart.scenes
+    scenes = names[names[:1] == ["quick"] :]
+    if scenes:
+        chart = replace(chart, triangles=())  # only what is named
+    scenes = scenes or chart.scenes
     known = methods(chart.hologram)
     for given, choices, what in ((scenes, SCENES, "scene"), (options.methods or (), known, "method")):
         unknown = sorted(set(given) - set(choices))
