@@ -60,9 +60,10 @@ QUALITIES = {quality: {"quality": quality} for quality in engine.hologram.QUALIT
 DRAFT = {"quality": "preview", "spp": 4}  # paths of a picture's pixel
 ONCE = {"draft": DRAFT, **QUALITIES}
 OURS = {
+    # rays a pixel, and paths of a pixel as of the pictures that others start from
     "draft": {"quality": "preview", "spp": 300, "fixed": {"passes": DRAFT["spp"]}},
     **QUALITIES,
-}  # rays a pixel
+}
 DESCENTS = {
     name: settings | {"fixed": {"steps": steps}}
     for (name, settings), steps in zip(ONCE.items(), (30, 100, 300, 600), strict=True)

@@ -1,10 +1,90 @@
-"""What the pupil's diffraction leaves of a picture."""
+"""Pictures that are compared: where they lie, and what their figures tell."""
+
+import math
 
 import numpy as np
 import pytest
 
-from benchmarks.chart.looks import HEADLINE, PUPILS, diffracted
+from benchmarks.chart.figures import figures, speckle
+from benchmarks.chart.looks import HEADLINE, PUPILS, border_of, diffracted, looks_of, pupil_of, seen
 from holopath_addon import engine
+from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.phase_fields import random_phasors
+from holopath_addon.engine.wavefield import WaveField
+
+RGB = (640e-9, 516.5e-9, 455.4e-9)
+FOCI = (0.5, 1.0, 2.0)
+
+
+@pytest.fixture
+def hologram():
+    return engine.Hologram(96, 96, 8e-6, RGB, 0.2e-3, 1e-3)
+
+
+def test_pupil_parts_lie_within_every_cone(hologram):
+    mapping = DepthMapping.of(hologram, engine.Camera(np.eye(4), 0.35), 0.5)
+    radius = mapping.pupil_radius(hologram.max_slope(455.4e-9))
+    looks = {look.name: look for look in looks_of(FOCI, hologram)}
+    assert tuple(looks) == (*HEADLINE, *PUPILS)
+    for look in looks.values():
+        pupil = pupil_of(look, hologram, mapping)
+        if pupil is not None:
+            assert math.hypot(pupil.x, pupil.y) + pupil.diameter / 2 <= 1.0001 * radius
+    left = pupil_of(looks["left"], hologram, mapping)
+    assert (left.x, left.diameter) == pytest.approx((-radius / 2, radius))
+    view = pupil_of(looks["view-right"], hologram, mapping)
+    # half a degree: a slope s of hologram space leaves the pupil at s beta / F
+    assert view.x == pytest.approx(math.tan(math.radians(0.5)) * mapping.beta / mapping.focal)
+    assert pupil_of(looks["pupil-quarter"], hologram, mapping).diameter == pytest.approx(radius / 2)
+
+
+def test_depths_between_are_half_way_in_the_volume(hologram):
+    mapping = DepthMapping.of(hologram, engine.Camera(np.eye(4), 0.35), 0.5)
+    z = mapping.depth_to_z([look.depth for look in looks_of(FOCI, hologram)[:5]])
+    assert z[1] == pytest.approx(0.5 * (z[0] + z[2]))
+    assert z[3] == pytest.approx(0.5 * (z[2] + z[4]))
+
+
+def test_speckle_of_so_many_independent_frames_is_known():
+    rng = np.random.default_rng(1)
+    truth = np.broadcast_to(np.linspace(0.5, 1, 128)[:, None, None], (128, 128, 3))
+    for frames in (1, 16):
+        picture = truth * rng.exponential(size=(frames, 128, 128, 3)).mean(0)
+        assert speckle(picture, truth, 0) == pytest.approx(1 / math.sqrt(frames), rel=0.05)
+    assert speckle(picture, 0 * truth, 0) is None
+
+
+def test_figures_of_pictures_with_known_errors(hologram):
+    rng = np.random.default_rng(2)
+    looks = looks_of(FOCI, hologram)
+    inner = 96 - 2 * border_of(hologram)
+    assert inner > 64
+    root = rng.uniform(0.2, 0.8, (len(looks), 96, 96, 3))
+    blurred = np.zeros((3, 96, 96), bool)
+    blurred[:, :, 48:] = True
+    truth = {"pictures": (root**2).astype(np.float32), "blurred": blurred}
+    error = rng.choice([-1.0, 1.0], root.shape) * 0.02
+    error[:, :, :48] *= 0.5
+    error[HEADLINE.index("up")] *= 4
+    result = figures(((root + error) ** 2).astype(np.float32), truth, hologram)
+    white = 0.77  # the 95th percentile; brighter pixels are cut
+    expected = -20 * math.log10(0.02 / white)
+    assert result["psnr_defocus"] == pytest.approx(expected, abs=0.5)
+    whole = expected - 10 * math.log10((1 + 0.25) / 2)
+    assert result["pictures"]["front"]["psnr"] == pytest.approx(whole, abs=0.5)
+    assert result["psnr_worst"] == result["pictures"]["up"]["psnr"] == pytest.approx(whole - 12, abs=0.7)
+    assert result["psnr"] == pytest.approx(np.mean([result["pictures"][name]["psnr"] for name in HEADLINE]))
+
+
+def test_white_is_white_through_any_part_of_the_pupil(hologram):
+    """Waves that fill every wavelength's own cone evenly: each part of it is as bright in all colours."""
+    shape = hologram.height, hologram.width
+    waves = np.repeat(random_phasors(16, *shape)[:, None], len(RGB), axis=1)
+    field = WaveField(waves, hologram, engine.Camera(np.eye(4), 0.35), 0.5, {}, {})
+    inner = slice(border_of(hologram), -border_of(hologram))
+    for picture in seen(field, FOCI):
+        bright = picture[inner, inner].mean((0, 1))
+        np.testing.assert_allclose(bright / bright.mean(), 1, atol=0.06)
 
 
 def test_a_point_through_a_quarter_of_the_pupil_is_an_airy_disk():
@@ -13,11 +93,11 @@ def test_a_point_through_a_quarter_of_the_pupil_is_an_airy_disk():
     names = (*HEADLINE, *PUPILS)
     pictures = np.zeros((len(names), 128, 128, 1), np.float32)
     pictures[:, 64, 64] = 1
-    seen = diffracted(pictures, (0.5, 1.0, 2.0), hologram)[..., 0]
-    np.testing.assert_allclose(seen.sum((1, 2)), 1, rtol=1e-5)
-    row = seen[names.index("pupil-quarter"), 64, 64:] / seen[names.index("pupil-quarter"), 64, 64]
+    blurred = diffracted(pictures, (0.5, 1.0, 2.0), hologram)[..., 0]
+    np.testing.assert_allclose(blurred.sum((1, 2)), 1, rtol=1e-5)
+    row = blurred[names.index("pupil-quarter"), 64, 64:] / blurred[names.index("pupil-quarter"), 64, 64]
     assert row[:8].argmin() == 5
     assert row[5] < 0.005
     # Airy's second ring: 1.75 % at 6.7 pixels
     assert row[6:9].max() == pytest.approx(0.0175, rel=0.2)
-    assert seen[names.index("front"), 64, 66] < 0.05 * seen[names.index("front"), 64, 64]
+    assert blurred[names.index("front"), 64, 66] < 0.05 * blurred[names.index("front"), 64, 64]
