@@ -29,7 +29,7 @@ from .figures import figures
 from .methods import M, methods, warmed
 from .scenes import SCENES, built
 
-SHORT = 3.0
+SHORT = 10.0
 SHOWN = ("front", "back", "view-right")  # pictures that are kept for the close-ups
 ROOT = Path(__file__).parents[2]
 ENGINE = ROOT / "holopath_addon" / "engine"
@@ -271,6 +271,7 @@ class Stages:
         self._start = self._last = time.perf_counter()
 
     def __call__(self, done, message):
+        message = message.split(",")[0]  # what is told of how far it came is no other stage
         now = time.perf_counter()
         if now - self._start > self._limit:
             raise engine.Cancelled("It takes too long.")

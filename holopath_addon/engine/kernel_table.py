@@ -11,10 +11,12 @@ STEEPEST = 1.5  # recordable slopes that directions have at most for that, besid
 # depth for all that meet in a grain, which slanted surfaces do not have, and errs less the more there are.
 FINER, LEAST_DIRECTIONS = 8.0, (2.0, 4.2)
 LEVELS = (64, 768)  # fewest and most depths of a table
-LEVELS_A_GRAIN = (
-    16  # depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
-)
+# depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
+LEVELS_A_GRAIN = 16
 FIT_STEPS = 4  # more gain little
+WIDENED = 2  # grains by which levels that are computed together differ in reach at most
+TOGETHER = 64  # and how many these are at most
+SMALL = 48  # pixels up to which a convolution with a kernel as large is less work than two transforms
 
 
 def reach_of(max_slope, depth_limit, pitch, cone=1.15):
@@ -120,52 +122,97 @@ def kernel_table(lattice, pitch, wavelength):
     numpy.ndarray, complex64, shape (levels, reach + 1, reach + 1), indexed [level, |oy|, |ox|]
     """
     offsets = lattice.offsets(pitch)
-    side = int(offsets.max()) + 1
-    # even spectra on an even grid: cosines over half the bins replace the Fourier transform
-    n = max(128, 4 * side + 64)
-    bins = np.arange(n // 2 + 1)
-    twice = np.where((bins == 0) | (bins == n // 2), 1.0, 2.0)
-    images = np.where(np.arange(side) == 0, 1.0, 2.0)
-    cosine = np.cos(2 * math.pi / n * np.outer(np.arange(side), bins))
-    to_space, to_frequency = np.float32(cosine * twice / n), np.float32((cosine * images[:, None]).T)
-    f = bins / n
-    band = f[:, None] ** 2 + f**2 <= 0.25
-    u = (wavelength / pitch) ** 2 * (f[:, None] ** 2 + f**2)
-    detour = u / (1 + np.sqrt(np.maximum(1 - u, 0))) / wavelength
-    weight = np.float32(np.where(band, np.outer(twice, twice), 0) / n**2)
-    band = np.float32(band)
-    i, j = np.abs(lattice.indices).T
-    table = np.empty((lattice.levels, side, side), np.complex64)
-    together = max(1, (1 << 20) // detour.size)
-    for first in range(0, lattice.levels, together):
-        levels = np.arange(first, min(first + together, lattice.levels))
+    farthest = int(offsets.max()) + 1
+    grid = _Grid.of(farthest, pitch, wavelength)
+    table = np.zeros((lattice.levels, farthest, farthest), np.complex64)
+    sides, first = offsets.max(1) + 1, 0
+    while first < lattice.levels:
+        last = min(np.searchsorted(sides, sides[first] + WIDENED, "right"), first + TOGETHER)
+        levels, side = np.arange(first, last), sides[last - 1]
         dz = (levels + 0.5) / lattice.levels * lattice.depth_limit
-        spectrum = _phasor(dz[:, None, None] * detour) * band
-        kernel = _along_both(to_space, spectrum)
-        cell = (np.arange(len(levels))[:, None] * side + offsets[levels[:, None], j]) * side + offsets[
-            levels[:, None], i
-        ]
-        count = np.bincount(cell.ravel(), minlength=kernel.size).reshape(kernel.shape) / np.outer(
-            images, images
-        )
-        reached = np.float32(count > 0)
-        kernel *= reached
+        exact, within = grid.kernels(dz, side), grid.within(side)
+        images = np.where(np.arange(side) == 0, 1.0, 2.0)
+        images = np.outer(images, images)
+        y, x = (offsets[levels[:, None], index] for index in np.abs(lattice.indices).T[::-1])
+        cell = (np.arange(len(levels))[:, None] * side + y) * side + x
+        count = np.bincount(cell.ravel(), minlength=exact.size).reshape(exact.shape) / images
+        kernel = exact * (count > 0)
         for _ in range(FIT_STEPS):
-            missing = spectrum - _along_both(to_frequency, kernel)
-            kernel += _along_both(to_space, missing * band) * reached
-        kept = _along_both(to_frequency, kernel)
-        energy = ((kept.real**2 + kept.imag**2) * weight).sum((1, 2), dtype=np.float64)
-        table[levels] = kernel / np.maximum(count, 1) * np.sqrt(math.pi / 4 / energy)[:, None, None]
+            kernel += (exact - within(kernel)) * (count > 0)
+        energy = (images * (kernel.conj() * within(kernel)).real).sum((1, 2))
+        kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.maximum(count, 1)
+        table[levels, :side, :side] = kernel
+        first = last
     return table
 
 
-def _phasor(turns):
-    """exp(2 pi i turns), complex64; whole turns are left out first, since single precision cannot hold many."""
-    angle = np.float32(2 * math.pi * (turns - np.rint(turns)))
-    phasor = np.empty(angle.shape, np.complex64)
-    np.cos(angle, out=phasor.real)
-    np.sin(angle, out=phasor.imag)
-    return phasor
+@dataclass(frozen=True)
+class _Grid:
+    """A quadrant of even spectra on an even grid: cosines over half the bins replace the Fourier transform.
+
+    Attributes
+    ----------
+    to_space, to_frequency : numpy.ndarray, shape (pixels, bins) and (bins, pixels)
+        Along an axis.
+    band : numpy.ndarray of bool, shape (bins, bins)
+        The circular band.
+    detour : numpy.ndarray, shape (bins, bins)
+        Turns of the phase for each metre.
+    """
+
+    to_space: np.ndarray
+    to_frequency: np.ndarray
+    band: np.ndarray
+    detour: np.ndarray
+
+    @classmethod
+    def of(cls, side, pitch, wavelength):
+        """For kernels of `side` pixels in a quadrant."""
+        n = max(128, 4 * side + 64)
+        pixels, bins = np.arange(2 * side), np.arange(n // 2 + 1)
+        cosine = np.cos(2 * math.pi / n * np.outer(pixels, bins))
+        f = bins / n
+        u = (wavelength / pitch) ** 2 * (f[:, None] ** 2 + f**2)
+        return cls(
+            cosine * np.where((bins == 0) | (bins == n // 2), 1.0, 2.0) / n,
+            cosine.T * np.where(pixels == 0, 1.0, 2.0),
+            f[:, None] ** 2 + f**2 <= 0.25,
+            u / (1 + np.sqrt(np.maximum(1 - u, 0))) / wavelength,
+        )
+
+    def kernels(self, dz, side):
+        """The exact kernel of each distance, as far as `side`."""
+        spectrum = np.exp(2j * math.pi * dz[:, None, None] * self.detour) * self.band
+        return _along_both(self.to_space[:side], spectrum)
+
+    def within(self, side):
+        """What takes even images of `side` pixels through the band and back.
+
+        That is a convolution with the transform of the band, hence one matrix, which is less work than the way to the
+        spectrum as long as it is small.
+        """
+        if side > SMALL:
+            there, back = self.to_frequency[:, :side], self.to_space[:side]
+            return lambda images: _along_both(back, _along_both(there, images) * self.band)
+        matrix = _convolution(self.to_space @ self.band @ self.to_space.T, side)
+        return lambda images: _times(matrix, images)
+
+
+def _convolution(kernel, side):
+    """Matrix that convolves what one quadrant holds of an even image with an even kernel; of (y, x) in one index."""
+    a = np.arange(side)
+    apart, mirrored = np.abs(a[:, None] - a), a[:, None] + a
+    images = np.where(a == 0, 0.0, 1.0)  # an axis is its own image
+    rows = kernel[apart] + images[:, None] * kernel[mirrored]  # (y, y', x offset)
+    both = rows[:, :, apart] + images * rows[:, :, mirrored]  # (y, y', x, x')
+    return both.transpose(0, 2, 1, 3).reshape(side * side, side * side)
+
+
+def _times(matrix, stack):
+    """A real matrix times each complex image of a stack, in one product."""
+    flat = stack.reshape(len(stack), -1)
+    out = np.concatenate([flat.real, flat.imag]) @ matrix.T
+    return (out[: len(stack)] + 1j * out[len(stack) :]).reshape(stack.shape)
 
 
 def _along_both(matrix, stack):
@@ -177,6 +224,4 @@ def _along_both(matrix, stack):
     for _ in range(2):
         count, rows, columns = values.shape
         values = (values.reshape(-1, columns) @ matrix.T).reshape(count, rows, len(matrix)).swapaxes(1, 2)
-    out = np.empty((len(stack), *values.shape[1:]), np.complex64)
-    out.real, out.imag = values[: len(stack)], values[len(stack) :]
-    return out
+    return values[: len(stack)] + 1j * values[len(stack) :]

@@ -29,9 +29,8 @@ GRAIN_NOISE = {
     "full": 0.15,
 }  # of a grain's mean, as a share of the random speckle of as many frames as these
 USUAL_FRAMES = 8
-LESS_NOISE = (
-    1 / 3
-)  # power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
+# power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
+LESS_NOISE = 1 / 3
 PASSES = {
     "preview": (8, 64),
     "balanced": (16, 256),

@@ -22,10 +22,8 @@ from ..supervision import Adam, Frames, View, relative, supervise
 
 STOPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # first frames whose own mean is looked at
 LAYERS, PUPILS, FLAT, IN_FOCUS = 0.3, 0.15, 0.2, 1 / 3  # how often a step has what
-PARTS, NARROW = (
-    (0.2, 0.4),
-    (0.08, 0.3),
-)  # radii of parts of the pupil, cycles a pixel: halves, and down to a sixth
+# radii of parts of the pupil, cycles a pixel: halves, and down to a sixth
+PARTS, NARROW = (0.2, 0.4), (0.08, 0.3)
 BRANCH = 37  # pixels, as tracer.BRANCH_SHIFT
 VIEWS = 2  # pictures a step
 PLANE_VIEWS = 7  # of an even plane out of focus, spread evenly
@@ -159,6 +157,7 @@ def _part(rng, low, high):
 
 
 def _invented(rng, size, reach, plane):
+    """Layers of light, and the pictures to be even in: of one plane, as likely as `plane`, or of several."""
 
     def focus():
         return float(rng.uniform(-reach, reach))
