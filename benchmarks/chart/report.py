@@ -225,6 +225,10 @@ def _page(chart, records, triangles, budgets, failed, made, usual, ceilings):
     text.append("## Seconds and PSNR\n\n![PSNR over seconds](IMAGES/chart-seconds.png)\n")
     text.append("Each line is a method at its efforts, M = 8; rings mark what no other beats in both.\n")
     text.append("## Within a budget\n")
+    text.append(
+        "dB by which auto leads the best that starts from pictures or surfaces alone, mean / worst:\n"
+    )
+    text += [*_leads_table(budgets), ""]
     for scene, rows in budgets.items():
         note = ceilings.get(scene)
         allowed = "".join(
@@ -287,6 +291,23 @@ def _budget_table(rows):
     ahead = ((mean["ahead"], worst["ahead"]) for mean, worst in pairs)
     body.append(["*auto ahead*", *("" if a is None else f"{said[a]} / {said[b]}" for a, b in ahead)])
     return _rows(["method", *(f"{mean['budget']} s" for mean, _ in pairs)], body)
+
+
+def _leads_table(budgets):
+    """By how much `auto` is ahead on each scene within each budget."""
+
+    def lead(row):
+        if row["auto"] is None:
+            return "none" if row["rival"] is not None else ""
+        return "alone" if row["rival"] is None else f"{row['auto'] - row['rival']:+.1f}"
+
+    rows = list(budgets.values())
+    header = ["scene", *(f"{row['budget']} s" for row in rows[0][::2])] if rows else ["scene"]
+    body = [
+        [scene, *(f"{lead(mean)} / {lead(worst)}" for mean, worst in zip(own[::2], own[1::2], strict=True))]
+        for scene, own in budgets.items()
+    ]
+    return _rows(header, body)
 
 
 def _why(scene, rows):

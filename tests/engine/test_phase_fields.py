@@ -248,6 +248,27 @@ def test_the_design_program_designs(tmp_path):
     )
 
 
+def test_views_through_narrow_parts_may_count_more(tmp_path):
+    """With --narrow, pictures through parts of the pupil a fifth as wide become evener than without."""
+
+    def contrast(*words):
+        status, out = program(tmp_path, "--steps", "150", "--reach", "20", "--plane", "1", *words)
+        assert status == 0
+        spectra = np.fft.fft2(np.exp(2j * math.pi / 256 * np.load(out)))
+        out.unlink()
+        out.with_suffix(".state.npz").unlink(missing_ok=True)
+        f = scipy.fft.fftfreq(64)
+        found = []
+        for angle in np.arange(8) * math.pi / 4:
+            x, y = 0.3 * math.cos(angle), 0.3 * math.sin(angle)
+            part = (f - x) ** 2 + (f[:, None] - y) ** 2 <= 0.1**2
+            image = np.mean(np.abs(np.fft.ifft2(spectra * part)) ** 2, axis=0)
+            found.append(image.std() / image.mean())
+        return np.mean(found)
+
+    assert contrast("--narrow", "4") < 0.95 * contrast()
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
