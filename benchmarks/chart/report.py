@@ -226,7 +226,8 @@ def _page(chart, records, triangles, budgets, failed, made, usual, ceilings):
     text.append("Each line is a method at its efforts, M = 8; rings mark what no other beats in both.\n")
     text.append("## Within a budget\n")
     text.append(
-        "dB by which auto leads the best that starts from pictures or surfaces alone, mean / worst; none: it has nothing yet\n"
+        "dB by which auto leads the best that starts from pictures or surfaces alone, mean / worst; none: it has "
+        "nothing yet.\n"
     )
     text += [*_leads_table(budgets), ""]
     for scene, rows in budgets.items():
