@@ -18,7 +18,7 @@ from .scenes import SCENES, TRIANGLES
 FOLDER = Path("build/chart")
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 TIMED = ("point", "polygon", "gaussian", "auto")  # over triangles
-OVER_FRAMES = ("mirror",)  # scenes in which seconds over frames are found
+OVER_FRAMES = ("planes", "mirror")  # scenes in which seconds over frames are found
 
 
 @dataclass(frozen=True)
