@@ -15,8 +15,9 @@ LEVELS = (64, 768)  # fewest and most depths of a table
 LEVELS_A_GRAIN = 16
 FIT_STEPS = 4  # more gain little
 WIDENED = 2  # grains by which levels that are computed together differ in reach at most
-TOGETHER = 64  # and how many these are at most
-SMALL = 48  # pixels up to which a convolution with a kernel as large is less work than two transforms
+TOGETHER = 64  # and how many these are at most,
+MOST_BINS = 1 << 20  # and how many bins of their spectra
+SMALL = 40  # pixels up to which a convolution with a kernel as large is less work than two transforms
 
 
 def reach_of(max_slope, depth_limit, pitch, cone=1.15):
@@ -117,6 +118,8 @@ def kernel_table(lattice, pitch, wavelength):
     iteration, for what lies outside the band is cut from the field anyway: it gains 1 to 5 dB where the kernel is
     few grains wide. Each depth thereby becomes an exact discrete convolution at one ray a grain.
 
+    Beside the table memory is 16 bytes a bin for a handful of arrays of `MOST_BINS` at most, whatever the depth.
+
     Returns
     -------
     numpy.ndarray, complex64, shape (levels, reach + 1, reach + 1), indexed [level, |oy|, |ox|]
@@ -124,10 +127,11 @@ def kernel_table(lattice, pitch, wavelength):
     offsets = lattice.offsets(pitch)
     farthest = int(offsets.max()) + 1
     grid = _Grid.of(farthest, pitch, wavelength)
+    together = max(1, min(TOGETHER, MOST_BINS // grid.detour.size))
     table = np.zeros((lattice.levels, farthest, farthest), np.complex64)
     sides, first = offsets.max(1) + 1, 0
     while first < lattice.levels:
-        last = min(np.searchsorted(sides, sides[first] + WIDENED, "right"), first + TOGETHER)
+        last = min(np.searchsorted(sides, sides[first] + WIDENED, "right"), first + together)
         levels, side = np.arange(first, last), sides[last - 1]
         dz = (levels + 0.5) / lattice.levels * lattice.depth_limit
         exact, within = grid.kernels(dz, side), grid.within(side)
@@ -136,9 +140,10 @@ def kernel_table(lattice, pitch, wavelength):
         y, x = (offsets[levels[:, None], index] for index in np.abs(lattice.indices).T[::-1])
         cell = (np.arange(len(levels))[:, None] * side + y) * side + x
         count = np.bincount(cell.ravel(), minlength=exact.size).reshape(exact.shape) / images
-        kernel = exact * (count > 0)
+        reached = count > 0
+        kernel = exact * reached
         for _ in range(FIT_STEPS):
-            kernel += (exact - within(kernel)) * (count > 0)
+            kernel += (exact - within(kernel)) * reached
         energy = (images * (kernel.conj() * within(kernel)).real).sum((1, 2))
         kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.maximum(count, 1)
         table[levels, :side, :side] = kernel
