@@ -62,6 +62,7 @@ ONCE = {"draft": DRAFT, **QUALITIES}
 OURS = {
     # rays a pixel, and paths of a pixel as of the pictures that others start from
     "draft": {"quality": "preview", "spp": 300, "fixed": {"passes": DRAFT["spp"]}},
+    "sketch": {"quality": "preview", "spp": 500, "fixed": {"passes": 2 * DRAFT["spp"]}},
     **QUALITIES,
 }
 DESCENTS = {
