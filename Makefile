@@ -1,5 +1,7 @@
 # make demo: a hologram of a Blender scene and refocused pictures of it, in out/demo
-# make test: the tests (make test-slow: those that take long)          make env: only what both need, in .venv
+# make test: the tests, in minutes            make env: only what both need, in .venv
+# make test-slow: those that take long, or compare with other people's programs (MINUTES=8: as many as begin in that time)
+# make test-all: both, and those in the Blender that HOLOPATH_BLENDER names
 # make lint, make bench, make extension (the zips that Blender installs)
 # make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
 
@@ -10,10 +12,14 @@ PYTHON ?= $(firstword $(foreach v,3.11 3.13,$(shell command -v python$(v) 2>/dev
 
 RUN := $(VENV)/.holopath-run
 DEV := $(VENV)/.holopath-dev
+ORACLES := $(VENV)/.holopath-oracles
 BPY_LIBRARIES := libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libegl1
 PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 
-.PHONY: env demo test test-slow lint bench chart chart-quick extension clean
+# A worker for each processor, as far as memory goes: each has Blender and Mitsuba loaded.
+PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
+
+.PHONY: env demo test test-slow test-all lint bench chart chart-quick extension clean
 
 env: $(RUN) $(DEV)
 
@@ -35,15 +41,23 @@ $(DEV): pyproject.toml install_monitors.sh | $(RUN)
 	./install_monitors.sh
 	@touch $@
 
+# Other people's programs to compare with.
+$(ORACLES): pyproject.toml | $(DEV)
+	$(PIP_INSTALL) -e '.[blender,test,oracles]'
+	@touch $@
+
 demo: $(RUN)
 	$(PY) -m holopath_addon render demo:suzanne --resolution 512x512 --pitch 8 --frames 8 \
 		--focus 0.5m,1m,4m --out out/demo
 
 test: $(RUN) $(DEV)
-	$(PY) -m pytest
+	$(PYTEST_PARALLEL)
 
-test-slow: $(RUN) $(DEV)
-	$(PY) -m pytest -m slow
+test-slow: $(RUN) $(DEV) $(ORACLES)
+	$(PYTEST_PARALLEL) -m '(slow or oracle) and not dense and not blender' $(if $(MINUTES),--minutes $(MINUTES))
+
+test-all: test test-slow
+	@if [ -n "$$HOLOPATH_BLENDER" ]; then $(PY) -m pytest -m blender; fi
 
 lint: $(RUN) $(DEV)
 	$(PY) -m ruff check .

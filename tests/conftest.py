@@ -1,13 +1,15 @@
 """Fixtures for all tests.
 
 Blender's user folders are set before anything imports bpy: an installed copy of the extension would otherwise
-shadow the working tree. Baked light stays in a folder of the tests.
+shadow the working tree. Baked light stays in a folder of the tests. Workers that run side by side share the processors.
 """
 
 import atexit
+import datetime
 import os
 import shutil
 import tempfile
+import time
 
 import pytest
 
@@ -16,6 +18,31 @@ atexit.register(shutil.rmtree, _user, ignore_errors=True)
 os.environ["BLENDER_USER_RESOURCES"] = _user
 os.environ["BLENDER_USER_EXTENSIONS"] = os.path.join(_user, "extensions")
 os.environ["HOLOPATH_CACHE"] = os.path.join(_user, "cache")
+
+_workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
+for _name in ("HOLOPATH_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if _workers > 1 else ():
+    os.environ.setdefault(_name, str(max(1, (os.cpu_count() or 1) // _workers)))
+
+_started = time.monotonic()
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--minutes", type=float, help="begin no test after this time; another day begins elsewhere"
+    )
+
+
+def pytest_collection_modifyitems(config, items):
+    """Where not all can be run, begin with another test every day."""
+    if config.getoption("--minutes") and items:
+        first = datetime.date.today().toordinal() * 37 % len(items)
+        items[:] = items[first:] + items[:first]
+
+
+def pytest_runtest_setup(item):
+    minutes = item.config.getoption("--minutes")
+    if minutes and time.monotonic() - _started > 60 * minutes:
+        pytest.skip("no time was left")
 
 
 @pytest.fixture(scope="session")

@@ -75,6 +75,7 @@ def activate(prefer=None):
             wanted = LLVM
         if wanted == LLVM:
             _check_loaded_llvm()
+            _limit_threads()
         if wanted != current:
             try:
                 mitsuba.set_variant(wanted)
@@ -89,6 +90,26 @@ def activate(prefer=None):
             mixture.register()
             _extended.add(wanted)
         return wanted
+
+
+def threads():
+    """How many threads this process may compute with: `HOLOPATH_THREADS`, or one for each processor.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InvalidInput
+        If `HOLOPATH_THREADS` is no whole number from 1 on.
+    """
+    text = os.environ.get("HOLOPATH_THREADS", "")
+    if not text:
+        return os.cpu_count() or 1
+    if not (text.isdecimal() and int(text) > 0):
+        raise InvalidInput(f"HOLOPATH_THREADS is '{text}': set it to a whole number from 1 on, or unset it.")
+    return int(text)
 
 
 def describe():
@@ -195,6 +216,14 @@ def _check_loaded_llvm():
             f"Dr.Jit has loaded LLVM {_dotted(version)}, which crashes it: "
             f"{_how_to_install()}, set DRJIT_LIBLLVM_PATH to its path, and start again."
         )
+
+
+def _limit_threads():
+    """Have Dr.Jit compute with no more threads than `threads`; by itself it takes one for each processor."""
+    import drjit
+
+    if drjit.thread_count() != threads():
+        drjit.set_thread_count(threads())
 
 
 def _cuda_device():

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 import scipy.ndimage
 
 from .errors import InvalidInput
+from .propagation import filtered
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,10 @@ class Modulator:
 
     def _pixels(self, light):
         side = math.sqrt(self.fill_factor)
-        fy, fx = (np.sinc(side * scipy.fft.fftfreq(n)) for n in light.shape[-2:])
+        fy, fx = (np.sinc(side * np.fft.fftfreq(n)) for n in light.shape[-2:])
         envelope = (self.fill_factor * fy[:, None] * fx[None, :]).astype(np.float32)
         for index in np.ndindex(light.shape[:-2]):
-            light[index] = scipy.fft.ifft2(scipy.fft.fft2(light[index], workers=-1) * envelope, workers=-1)
+            light[index] = filtered(light[index], envelope)
         return light
 
 

@@ -4,10 +4,11 @@ Sign convention exp(-i omega t): going forward by z multiplies a plane wave by e
 """
 
 import math
-import os
 
 import numpy as np
 import scipy.fft
+
+from .backend import threads
 
 BLOCK = 1 << 18  # numbers that are worked on at a time
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
@@ -139,12 +140,17 @@ def grid_bytes(shape, pitch, wavelength, distance):
 
 def spectrum(field, shape):
     """FFT of the last two axes, zero-padded to `shape`; complex64."""
-    return scipy.fft.fft2(np.asarray(field, np.complex64), s=shape, workers=os.cpu_count())
+    return scipy.fft.fft2(np.asarray(field, np.complex64), s=shape, workers=threads())
+
+
+def filtered(field, response):
+    """The field with its spectrum times `response`, without padding; over the last two axes."""
+    return scipy.fft.ifft2(scipy.fft.fft2(field, workers=threads()) * response, workers=threads())
 
 
 def field_of(spectrum_, shape):
     """Inverse of `spectrum`, cropped to the window `shape`."""
-    field = scipy.fft.ifft2(spectrum_, workers=os.cpu_count())
+    field = scipy.fft.ifft2(spectrum_, workers=threads())
     return field[..., : shape[0], : shape[1]]
 
 

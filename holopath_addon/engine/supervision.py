@@ -1,12 +1,13 @@
 """How far the frame mean of the intensity is from what it should be, and the way down: loss, adjoint, Adam."""
 
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
+
+from .backend import threads
 
 BRIGHTNESS = 10.0  # a view 10 % too bright counts as much as a speckle contrast of 0.3
 DARK = 0.05  # of the mean intensity, added where errors are divided by the intensity
@@ -35,7 +36,7 @@ class Frames:
     """Threads that work on frames side by side; a context manager."""
 
     def __enter__(self):
-        self.pool = ThreadPoolExecutor(os.cpu_count())
+        self.pool = ThreadPoolExecutor(threads())
         return self
 
     def __exit__(self, *_):

@@ -6,10 +6,11 @@ import time
 import numpy as np
 import scipy.fft
 
+from ..backend import threads
 from ..errors import Cancelled, InvalidInput, cancelled
 from ..modulator import Modulator
 from ..pictures import Pictures, spread_looks
-from ..propagation import circular_band
+from ..propagation import circular_band, filtered
 from ..supervision import Frames
 from . import descent
 from .double_phase import clipping_level, double_phase, half_band
@@ -207,7 +208,7 @@ class _Work:
         for k in self.colours:
             waves = np.empty((frames, *keep.shape), np.complex64)
             for m in range(frames):
-                waves[m] = scipy.fft.ifft2(scipy.fft.fft2(self._fields(m, k), workers=-1) * keep, workers=-1)
+                waves[m] = filtered(self._fields(m, k), keep)
                 self._progress((k + 0.7 * (m + 1) / frames) / count, "Encoding")
             level = clipping_level(waves) or 1
             for m, wave in enumerate(waves):
@@ -227,7 +228,7 @@ class _Work:
                 self.phases[:, k] = start.data[:, k]
             elif start == "dpac":
                 keep = half_band(data.shape[-2:])
-                waves = scipy.fft.ifft2(scipy.fft.fft2(data[:, k], workers=-1) * keep, workers=-1)
+                waves = filtered(data[:, k], keep)
                 self.phases[:, k] = [double_phase(wave) for wave in waves / (clipping_level(waves) or 1)]
             else:
                 self.phases[:, k] = np.mod(np.angle(data[:, k]), 2 * math.pi)
@@ -327,10 +328,10 @@ class _Work:
         band = circular_band(self.field.data.shape[-2:])
         wanted = shown = 0.0
         for m, phase in enumerate(self.phases[:, k]):
-            wave = scipy.fft.fft2(self._fields(m, k), workers=-1)
+            wave = scipy.fft.fft2(self._fields(m, k), workers=threads())
             wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
             light = np.exp(np.complex64(1j) * phase)
-            shown += float((np.abs(scipy.fft.fft2(light, workers=-1)[band]) ** 2).sum(dtype=float))
+            shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
     def _round(self):

@@ -4,12 +4,12 @@ Maps are periodic; a hologram of any size repeats them.
 """
 
 import math
-import os
 from pathlib import Path
 
 import numpy as np
 import scipy.fft
 
+from ..backend import threads
 from ..errors import InvalidInput
 from ..propagation import circular_band
 
@@ -90,7 +90,7 @@ def random_phasors(frames, height, width, seed=0):
     phasors = np.empty((frames, height, width), np.complex64)
     for m in range(frames):
         xi = np.random.default_rng((seed, m)).random((height, width), dtype=np.float32)
-        field = scipy.fft.ifft2(band * np.exp(2j * np.float32(math.pi) * xi), workers=os.cpu_count())
+        field = scipy.fft.ifft2(band * np.exp(2j * np.float32(math.pi) * xi), workers=threads())
         phasors[m] = np.exp(1j * np.angle(field))
     return phasors
 
@@ -154,7 +154,7 @@ def recordable_fraction(phasors):
     band = circular_band(phasors.shape[-2:])
     kept = total = 0.0
     for phasor in phasors:
-        energy = np.abs(scipy.fft.fft2(phasor, workers=os.cpu_count())) ** 2
+        energy = np.abs(scipy.fft.fft2(phasor, workers=threads())) ** 2
         kept += energy[band].sum(dtype=np.float64)
         total += energy.sum(dtype=np.float64)
     return kept / total
