@@ -56,6 +56,7 @@ class Working:
         timer = context.window_manager.event_timer_add(POLL, window=context.window)
         session.current.leave = lambda: _leave(timer)
         context.window_manager.modal_handler_add(self)
+        self._tell(context)  # before the first event: once that is served, the thread may hold Python for seconds
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
@@ -125,6 +126,7 @@ class Working:
         except engine.InvalidInput as error:
             work = _failing(error)
         job = Job(lambda progress: work(job, progress))
+        job.message = self.doing.capitalize()
         self._job = session.current.job = job
         return job
 

@@ -191,7 +191,7 @@ def render(layout, context):
     column.scale_y = 1.5
     column.enabled = not missing
     if session.running():
-        text = "Cancelling" if job.cancelling else session.progresswrapped(job)
+        text = "Cancelling" if job.cancelling else session.progress_text(job)
         column.progress(factor=job.done, text=text)
         layout.operator("holopath.cancel", icon="CANCEL")
     else:
