@@ -3,6 +3,8 @@
 Sign convention exp(-i omega t): going forward by z multiplies a plane wave by exp(+i kz z).
 """
 
+from __future__ import annotations
+
 import math
 import os
 
@@ -13,7 +15,7 @@ BLOCK = 1 << 18  # numbers that are worked on at a time
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
-def spectral_u(shape, pitch, wavelength):
+def spectral_u(shape: tuple[int, int], pitch: float, wavelength: float) -> np.ndarray:
     """(wavelength x spatial frequency)^2 on the FFT grid: the squared sine of each plane wave's angle.
 
     Parameters
@@ -31,14 +33,16 @@ def spectral_u(shape, pitch, wavelength):
     return (wavelength * fx[None, :]) ** 2 + (wavelength * fy[:, None]) ** 2
 
 
-def circular_band(shape):
+def circular_band(shape: tuple[int, int]) -> np.ndarray:
     """True on the FFT bins within the circle of radius 1 / (2 pitch): what a pixel grid records at every
     azimuth (paper section 4.3, Omega_f)."""
     fy, fx = (scipy.fft.fftfreq(n) for n in shape)
     return fx[None, :] ** 2 + fy[:, None] ** 2 <= 0.25
 
 
-def transfer_function(shape, pitch, wavelength, distance, band="circular"):
+def transfer_function(
+    shape: tuple[int, int], pitch: float, wavelength: float, distance: float, band: str = "circular"
+) -> np.ndarray:
     """Carrier-free transfer function exp(i z (kz - k)) of free space.
 
     The phase is written -(2 pi z / wavelength) u / (1 + sqrt(1 - u)), which keeps its digits where
@@ -75,7 +79,7 @@ def transfer_function(shape, pitch, wavelength, distance, band="circular"):
     return transfer
 
 
-def lag(shape, pitch, wavelength):
+def lag(shape: tuple[int, int], pitch: float, wavelength: float) -> np.ndarray:
     """Radians a metre by which each plane wave falls behind the carrier: k - kz."""
     u = spectral_u(shape, pitch, wavelength)
     return (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
@@ -92,12 +96,12 @@ class FreeSpace:
         Metres.
     """
 
-    def __init__(self, shape, pitch, wavelength):
+    def __init__(self, shape: tuple[int, int], pitch: float, wavelength: float) -> None:
         self.shape, self.pitch, self.wavelength = shape, pitch, wavelength
         self.band = circular_band(shape)
         self._lag = lag(shape, pitch, wavelength).astype(np.float32)
 
-    def __call__(self, distance):
+    def __call__(self, distance: float) -> np.ndarray:
         """Transfer function, complex64, in FFT order."""
         phase = np.float32(-distance) * self._lag
         transfer = np.empty(self.shape, np.complex64)
@@ -110,7 +114,9 @@ class FreeSpace:
         return transfer
 
 
-def representable(shape, pitch, wavelength, distance):
+def representable(
+    shape: tuple[int, int], pitch: float, wavelength: float, distance: float
+) -> list[np.ndarray]:
     """For each axis, the FFT frequencies at which the sampled transfer function has no aliases.
 
     Matsushima and Shimobaba, Opt. Express 17, 19662 (2009), eq. 21.
@@ -122,7 +128,7 @@ def representable(shape, pitch, wavelength, distance):
     return axes
 
 
-def padded_shape(shape, pitch, wavelength, distance):
+def padded_shape(shape: tuple[int, int], pitch: float, wavelength: float, distance: float) -> tuple[int, int]:
     """Smallest fast FFT shape on which a window of `shape` is propagated without wrap-around.
 
     A wave of the steepest recordable slope walks s = tan(asin(wavelength / 2 pitch)) |distance|; the grid
@@ -132,28 +138,30 @@ def padded_shape(shape, pitch, wavelength, distance):
     return tuple(scipy.fft.next_fast_len(max(n + walk, 2 * walk)) for n in shape)
 
 
-def grid_bytes(shape, pitch, wavelength, distance):
+def grid_bytes(shape: tuple[int, int], pitch: float, wavelength: float, distance: float) -> int:
     """Memory that propagating one field of `shape` by a distance takes, bytes."""
     return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance))
 
 
-def spectrum(field, shape):
+def spectrum(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """FFT of the last two axes, zero-padded to `shape`; complex64."""
     return scipy.fft.fft2(np.asarray(field, np.complex64), s=shape, workers=os.cpu_count())
 
 
-def field_of(spectrum_, shape):
+def field_of(spectrum_: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Inverse of `spectrum`, cropped to the window `shape`."""
     field = scipy.fft.ifft2(spectrum_, workers=os.cpu_count())
     return field[..., : shape[0], : shape[1]]
 
 
-def carrier(wavelength, distance):
+def carrier(wavelength: float, distance: float) -> np.complex64:
     """exp(i k z), the phase that `transfer_function` leaves out, from double precision."""
     return np.complex64(np.exp(2j * math.pi * math.fmod(distance / wavelength, 1.0)))
 
 
-def propagate(field, distance, pitch, wavelength, band="circular"):
+def propagate(
+    field: np.ndarray, distance: float, pitch: float, wavelength: float, band: str = "circular"
+) -> np.ndarray:
     """Propagate fields by a distance along z with the band-limited angular spectrum method.
 
     Parameters

@@ -1,5 +1,7 @@
 """Which pixels of a recording plane need rays, how many, and how followed: tile by tile, from what rays saw there."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -50,7 +52,7 @@ class Look:
     depth: np.ndarray
     chains: np.ndarray
 
-    def steps(self, reach):
+    def steps(self, reach: float) -> np.ndarray:
         """Step of the depth limit for each tile, from 0, the whole limit, at which a lattice reaches so many pixels; -1
         where no rays are needed.
         """
@@ -64,17 +66,17 @@ class Look:
         return np.where(self.depth == 0, -1, step)
 
 
-def limit_of(step, depth_limit):
+def limit_of(step: np.ndarray, depth_limit: float) -> np.ndarray:
     """Depth limit of a step."""
     return depth_limit * 2.0 ** (-0.5 * step)
 
 
-def tiles_of(width, height):
+def tiles_of(width: int, height: int) -> tuple[int, int]:
     """Rows and columns of tiles."""
     return -(-height // TILE), -(-width // TILE)
 
 
-def regions_of(look, width, height, depth_limit, reach):
+def regions_of(look: Look, width: int, height: int, depth_limit: float, reach: float) -> list[Region]:
     """The regions of a plane, those with most rays first.
 
     Parameters
