@@ -43,10 +43,11 @@ class HOLOPATH_OT_bake(Working, bpy.types.Operator):
         return bake
 
     def finish(self, context, result):
-        session.keep_baked(*result)
+        task, texture, done = result
+        session.keep_baked(task, texture, done)
         if self.show:
             self.present(context, session.show_texture())
-        return "Light taken from disk" if session.current.bake["reused"] == "all" else "Light baked"
+        return "Light taken from disk" if done.reused == "all" else "Light baked"
 
 
 class HOLOPATH_OT_show_texture(bpy.types.Operator):

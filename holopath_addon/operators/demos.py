@@ -32,11 +32,12 @@ class HOLOPATH_OT_add_demo(bpy.types.Operator):
 
     def execute(self, context):
         scene = demo.add(self.name)
+        # pyrefly: ignore[bad-assignment]  # Blender's stubs know no engines of others
         scene.render.engine = "HOLOPATH"
         distances = demo.FOCUS[self.name]
-        properties.note_focus(scene.holopath, distances[0])
+        properties.note_focus(properties.of(scene), distances[0])
         for metres in distances:
-            focus_list.add(scene.holopath, metres)
+            focus_list.add(properties.of(scene), metres)
         if context.window is not None:
             context.window.scene = scene
         if context.area is not None and context.area.type == "VIEW_3D":

@@ -27,7 +27,7 @@ class HOLOPATH_OT_refocus(bpy.types.Operator):
         return True
 
     def execute(self, context):
-        props = context.scene.holopath
+        props = properties.of(context.scene)
         try:
             session.refocus(*properties.seen_of(props))
         except Exception as error:
@@ -61,7 +61,7 @@ class HOLOPATH_OT_save_field(bpy.types.Operator):
             if not self.directory:
                 raise engine.InvalidInput("No folder is given: choose one to save the wave field in.")
             folder = Path(bpy.path.abspath(self.directory)) / "wavefield"
-            session.current.field.save(folder)
+            session.rendered().field.save(folder)
         except Exception as error:
             self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
@@ -88,7 +88,7 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
             name = context.active_object.name
             self.report({"ERROR"}, f"'{name}' is behind the camera: select another object.")
             return {"CANCELLED"}
-        properties.set_focus(context.scene.holopath, depth)
+        properties.set_focus(properties.of(context.scene), depth)
         return {"FINISHED"}
 
 
@@ -126,14 +126,14 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
         scene = bpy.data.scenes.get(self._scene)
         if stopped or scene is None or session.current.field is None or session.running():
             session.stop_sweep(self._sweep)
-        if session.current.sweep is not self._sweep:
+        if scene is None or session.current.sweep is not self._sweep:
             return {"FINISHED", "PASS_THROUGH"}
         if event.type == "TIMER" and not session.refocusing():
             turn = 2 * math.pi * (time.monotonic() - self._started) / self.PERIOD
             share = 0.5 + 0.5 * math.cos(turn)
             dioptres = self._far + (self._near - self._far) * share
-            properties.note_focus(scene.holopath, 1 / max(dioptres, 1e-9))
-            session.request_refocus(*properties.seen_of(scene.holopath))
+            properties.note_focus(properties.of(scene), 1 / max(dioptres, 1e-9))
+            session.request_refocus(*properties.seen_of(properties.of(scene)))
         return {"PASS_THROUGH"}
 
     def cancel(self, context):

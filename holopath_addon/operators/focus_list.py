@@ -1,18 +1,25 @@
 """The focus list: distances that focal stacks are made of."""
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from .. import properties
 from ..export import depth_of, unit_scale
 from . import session
 
+if TYPE_CHECKING:
+    _Operator = bpy.types.Operator
+else:
+    _Operator = object
 
-class _Filled:
+
+class _Filled(_Operator):
     """For operators that need a distance in the list."""
 
     @classmethod
     def poll(cls, context):
-        if not context.scene.holopath.focus_list:
+        if not properties.of(context.scene).focus_list:
             cls.poll_message_set("The focus list is empty")
             return False
         return True
@@ -26,7 +33,7 @@ class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
-        props = context.scene.holopath
+        props = properties.of(context.scene)
         add(props, properties.focus_of(props))
         properties.choose(props, properties.focus_list_of(props).index(properties.focus_of(props)))
         session.redraw()
@@ -41,7 +48,7 @@ class HOLOPATH_OT_focus_list_remove(_Filled, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
-        props = context.scene.holopath
+        props = properties.of(context.scene)
         props.focus_list.remove(min(props.focus_index, len(props.focus_list) - 1))
         properties.choose(props, max(0, min(props.focus_index, len(props.focus_list) - 1)))
         session.redraw()
@@ -56,7 +63,7 @@ class HOLOPATH_OT_focus_list_sort(_Filled, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
-        props = context.scene.holopath
+        props = properties.of(context.scene)
         distances = sorted(properties.focus_list_of(props))
         chosen = properties.focus_of(props.focus_list[min(props.focus_index, len(props.focus_list) - 1)])
         props.focus_list.clear()
@@ -83,7 +90,7 @@ class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
         return True
 
     def execute(self, context):
-        scene, props = context.scene, context.scene.holopath
+        scene, props = context.scene, properties.of(context.scene)
         depths = {
             thing.name: depth_of(scene.camera, thing, unit_scale(scene))
             for thing in context.selected_objects

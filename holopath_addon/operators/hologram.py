@@ -36,7 +36,8 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         return super().poll(context)
 
     def work(self, scene):
-        field, task, props = session.current.field, session.current.task, bpy.data.scenes[scene].holopath
+        field, task = session.rendered().field, session.current.task
+        props = properties.of(bpy.data.scenes[scene])
         method, bits = props.encoding, props.bits if props.bits < ENOUGH_BITS else None
         wanted, full = preferences.wanted(), task is not None and task.settings.method == "full"
 
@@ -104,11 +105,12 @@ class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
     def execute(self, context):
         """Save; after the file browser in a thread, of another operator: Blender ends this one."""
         if self._browsing:
+            # pyrefly: ignore[missing-attribute]  # this very operator
             return bpy.ops.holopath.save_hologram("INVOKE_DEFAULT", directory=self.directory)
         return super().execute(context)
 
     def work(self, scene):
-        directory, phase = bpy.path.abspath(self.directory), session.current.phase
+        directory, phase = bpy.path.abspath(self.directory), session.encoded()
 
         def save(job, progress):
             if not directory:

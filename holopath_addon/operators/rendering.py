@@ -49,7 +49,9 @@ class HOLOPATH_OT_cancel(bpy.types.Operator):
         return session.running()
 
     def execute(self, context):
-        session.current.job.cancel()
+        job = session.current.job
+        if job is not None:
+            job.cancel()
         return {"FINISHED"}
 
 
@@ -65,13 +67,13 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
 
     def execute(self, context):
         try:
-            task = session.prepare(context.evaluated_depsgraph_get(), context.scene.holopath)
-            session.keep_plan(task, task.plan())
+            task = session.prepare(context.evaluated_depsgraph_get(), properties.of(context.scene))
+            plan = task.plan()
+            session.keep_plan(task, plan)
         except Exception as error:
             self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
         session.redraw()
-        plan = session.current.plan
         if plan.seconds:
             self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")
         return {"FINISHED"}

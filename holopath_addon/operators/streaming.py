@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy.props import StringProperty
 
-from .. import device_properties, engine, failures, slm
+from .. import device_properties, engine, failures, properties, slm
 from . import devices, session
 from .working import Working
 
@@ -33,7 +33,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
 
     def _begin(self, context, endless):
         """The job; `endless`: whether no number of loops means none."""
-        device = context.scene.holopath.device
+        device = properties.of(context.scene).device
         sequence = device_properties.sequence_of(device, session.current.phase)
         driver, trigger = device_properties.driver_of(device, sequence), None
         port = device.port, device.baud
@@ -56,22 +56,24 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
     def execute(self, context):
         """Show it and wait for the end: without a number of loops, once."""
         try:
-            self._begin(context, endless=False).run()
+            job = self._begin(context, endless=False)
+            job.run()
         except Exception as error:
             self.report({"ERROR"}, devices.fail(error))
             return {"CANCELLED"}
-        return self._end()
+        return self._end(job)
 
     def invoke(self, context, event):
         """Show it in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
-            self._begin(context, endless=True).start()
+            job = self._begin(context, endless=True)
+            job.start()
         except Exception as error:
             self.report({"ERROR"}, devices.fail(error))
             return {"CANCELLED"}
-        self._job, self._lost = devices.current.job, ""
+        self._job, self._lost = job, ""
         devices.current.timer = context.window_manager.event_timer_add(POLL, window=context.window)
         context.window_manager.modal_handler_add(self)
         session.redraw(images=False)
@@ -87,7 +89,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         if event.type == "TIMER":
             if not self._job.running:
                 devices.leave()
-                return self._end()
+                return self._end(self._job)
             counts = devices.current.counts
             lost = counts.lost if counts is not None else ""
             if lost and lost != self._lost:
@@ -103,8 +105,8 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         devices.stop()
         devices.leave()
 
-    def _end(self):
-        job, counts = devices.current.job, devices.current.counts
+    def _end(self, job):
+        counts = devices.current.counts
         session.redraw()
         if job.error is not None and not failures.cancelled(job.error):
             self.report({"ERROR"}, devices.fail(job.error))
@@ -162,7 +164,7 @@ class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
     doing = "focusing"
 
     def work(self, scene):
-        device = bpy.data.scenes[scene].holopath.device
+        device = properties.of(bpy.data.scenes[scene]).device
         planes = device_properties.planes_of(device, _phase())
         move, number = _mover(device, planes), device.plane
 
@@ -184,7 +186,7 @@ class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
     doing = "asking the motor"
 
     def work(self, scene):
-        device = bpy.data.scenes[scene].holopath.device
+        device = properties.of(bpy.data.scenes[scene]).device
         if not device.planes:
             raise engine.InvalidInput("There are no focus planes: choose their file, or make one with New.")
         path, number, port = bpy.path.abspath(device.planes), device.plane, (device.port, device.baud)
@@ -226,7 +228,7 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
         except Exception as error:
             self.report({"ERROR"}, devices.fail(error))
             return {"CANCELLED"}
-        context.scene.holopath.device.planes = str(path)
+        properties.of(context.scene).device.planes = str(path)
         self.report({"INFO"}, f"Five focus planes are in {path}.")
         return {"FINISHED"}
 
@@ -239,7 +241,7 @@ class HOLOPATH_OT_capture(Working, bpy.types.Operator):
     doing = "taking a picture"
 
     def work(self, scene):
-        device = bpy.data.scenes[scene].holopath.device
+        device = properties.of(bpy.data.scenes[scene]).device
         planes, number = device_properties.planes_of(device, _phase()), device.plane
         planes.calibrated(number, 0)  # there is such a plane
         distance = planes.planes[number].distance
@@ -270,7 +272,9 @@ class HOLOPATH_OT_capture(Working, bpy.types.Operator):
             with picture as folder:
                 image = devices.load(Path(folder) / "picture.png")
         else:
-            image = devices.show(picture, devices.current.phase.hologram.wavelengths)
+            phase = _phase()
+            assert phase is not None  # which the bench shows
+            image = devices.show(picture, phase.hologram.wavelengths)
         self.present(context, image)
         return f"Picture for {distance * 1e3:g} mm taken"
 

@@ -2,6 +2,9 @@
 
 import bpy
 
+from .. import properties
+from .text import layout_of
+
 
 class _Engine:
     bl_space_type = "PROPERTIES"
@@ -20,7 +23,7 @@ class HOLOPATH_PT_passes(_Engine, bpy.types.Panel):
     bl_context = "view_layer"
 
     def draw(self, context):
-        layout, layer = self.layout, context.view_layer.holopath
+        layout, layer = layout_of(self), properties.of_layer(context.view_layer)
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column(heading="Pictures", align=True)
@@ -40,7 +43,7 @@ class HOLOPATH_PT_animation(_Engine, bpy.types.Panel):
     bl_parent_id = "RENDER_PT_output"
 
     def draw(self, context):
-        layout, props = self.layout, context.scene.holopath
+        layout, props = layout_of(self), properties.of(context.scene)
         layout.use_property_split = True
         layout.use_property_decorate = False
         layout.prop(props, "keep_fields", text="Keep")

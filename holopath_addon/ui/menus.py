@@ -2,6 +2,8 @@
 
 import bpy
 
+from .text import layout_of
+
 
 class HOLOPATH_MT_demos(bpy.types.Menu):
     """Add > HoloPath Demo."""
@@ -9,11 +11,11 @@ class HOLOPATH_MT_demos(bpy.types.Menu):
     bl_label = "HoloPath Demo"
 
     def draw(self, context):
-        self.layout.operator_enum("holopath.add_demo", "name")
+        layout_of(self).operator_enum("holopath.add_demo", "name")
 
 
 def _add_menu(self, context):
-    self.layout.menu(HOLOPATH_MT_demos.__name__, icon="SCENE_DATA")
+    layout_of(self).menu(HOLOPATH_MT_demos.__name__, icon="SCENE_DATA")
 
 
 def add_to_menus():

@@ -1,10 +1,13 @@
 """The panels: the same sections in the 3D View's sidebar, the Render properties and the Image Editor; materials."""
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from . import sections
 from .device import device
 from .display_presets import HOLOPATH_PT_display_presets
+from .text import layout_of
 
 # In the order of work: name, label (none: no header), sections, closed at first
 _SUBPANELS = (
@@ -22,14 +25,24 @@ _SUBPANELS = (
 )
 
 
-class _Section:
+if TYPE_CHECKING:
+    _Panel = bpy.types.Panel
+else:
+    _Panel = object
+
+
+class _Section(_Panel):
     """Draws one section."""
 
+    @staticmethod
+    def section(layout, context):
+        raise NotImplementedError
+
     def draw(self, context):
-        layout = self.layout
+        layout = layout_of(self)
         layout.use_property_split = True
         layout.use_property_decorate = False
-        type(self).section(layout, context)
+        self.section(layout, context)
 
 
 class _View3D:
@@ -55,7 +68,7 @@ class HOLOPATH_PT_view3d(_View3D, bpy.types.Panel):
     bl_label = "HoloPath"
 
     def draw(self, context):
-        sections.summary(self.layout, context)
+        sections.summary(layout_of(self), context)
 
 
 class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
@@ -64,7 +77,7 @@ class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
     bl_label = "HoloPath"
 
     def draw(self, context):
-        sections.summary(self.layout, context)
+        sections.summary(layout_of(self), context)
 
 
 class HOLOPATH_PT_image(_Section, bpy.types.Panel):
@@ -98,7 +111,7 @@ class HOLOPATH_PT_material(_Section, bpy.types.Panel):
 
 
 def _display_presets(self, context):
-    HOLOPATH_PT_display_presets.draw_panel_header(self.layout)
+    HOLOPATH_PT_display_presets.draw_panel_header(layout_of(self))
 
 
 _HEADERS = {"display": {"draw_header_preset": _display_presets}}
