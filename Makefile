@@ -11,6 +11,8 @@ PYTHON ?= $(firstword $(foreach v,3.11 3.13,$(shell command -v python$(v) 2>/dev
 RUN := $(VENV)/.holopath-run
 DEV := $(VENV)/.holopath-dev
 BPY_LIBRARIES := libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libegl1
+# Blender's API for the type checker; outside site-packages, where its bpy would shadow the real one.
+BPY_STUBS := 'fake-bpy-module-5.0>=20260730'
 PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 
 .PHONY: env demo test test-slow lint bench chart chart-quick extension clean
@@ -32,6 +34,7 @@ $(RUN): pyproject.toml install_llvm.sh | $(PY)
 # What tests, benchmarks and lint need besides.
 $(DEV): pyproject.toml install_monitors.sh | $(RUN)
 	$(PIP_INSTALL) -e '.[blender,test]'
+	$(PIP_INSTALL) --upgrade --no-deps --target $(VENV)/share/stubs $(BPY_STUBS)
 	./install_monitors.sh
 	@touch $@
 
@@ -48,6 +51,7 @@ test-slow: $(RUN) $(DEV)
 lint: $(RUN) $(DEV)
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
+	$(PY) -m pyrefly check
 
 bench: $(RUN) $(DEV)
 	$(PY) -m benchmarks
