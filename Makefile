@@ -12,7 +12,7 @@ RUN := $(VENV)/.holopath-run
 DEV := $(VENV)/.holopath-dev
 BPY_LIBRARIES := libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libegl1
 # Blender's API for the type checker; outside site-packages, where its bpy would shadow the real one.
-BPY_STUBS := 'fake-bpy-module-5.0>=20260730'
+BPY_STUBS := fake-bpy-module-5.0==20260730
 PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 
 .PHONY: env demo test test-slow lint bench chart chart-quick extension clean

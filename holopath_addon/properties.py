@@ -643,8 +643,8 @@ def of_material(material: bpy.types.Material | None) -> HoloPathMaterial:
     return getattr(material, _NAME)
 
 
-def of_layer(layer: bpy.types.ViewLayer) -> HoloPathViewLayer:
-    """`ViewLayer.holopath`."""
+def of_layer(layer: bpy.types.ViewLayer | None) -> HoloPathViewLayer:
+    """`ViewLayer.holopath`, see `of`."""
     return getattr(layer, _NAME)
 
 

@@ -82,10 +82,10 @@ class HoloPathEngine(bpy.types.RenderEngine):
         result, _ = stills.update(folder, still, self._progress, export_seconds, say)
         return result or still.compute(self._progress, stills.kept(folder))
 
-    def view_update(self, context, depsgraph):
+    def view_update(self, context: bpy.types.Context, depsgraph):
         """Called by Blender when its scene has changed; `viewport` listens for itself."""
 
-    def view_draw(self, context, depsgraph):
+    def view_draw(self, context: bpy.types.Context, depsgraph):
         """Called by Blender to redraw a 3D View that is shaded RENDERED."""
         shown = viewport.of(self, context.region)
         self.update_stats("", shown.draw(context, depsgraph, self.get_preview_pixel_size(context.scene)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from .chains import FirstHits, SpecularChains
     from .hologram import Hologram
     from .radiance import PathTracer
+
+_Result = TypeVar("_Result")
 
 PILOT_PIXELS = 1 << 14
 NEAREST_PIXELS = 1 << 16  # to find the nearest surface, which may be thin
@@ -507,7 +509,7 @@ def _same_surface(si):
     return float((met[..., 1:] == met[..., :-1]).all(0).mean())
 
 
-def _timed(work):
+def _timed(work: Callable[[], _Result]) -> tuple[float, _Result]:
     """Seconds of the fastest of up to three calls, after one that compiles, and what the last of them returned.
 
     One call in ten or so is held up by the system.

@@ -29,7 +29,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
     doing = "encoding"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.field is None:
             cls.poll_message_set("Render a hologram first")
             return False
@@ -60,7 +60,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
 
         return encode
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         field, phase = result
         if field is not session.current.field:
             raise engine.InvalidInput("Another hologram has been rendered meanwhile: press Encode again.")
@@ -88,21 +88,21 @@ class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
     _browsing = False
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.phase is None:
             cls.poll_message_set("Encode a hologram first")
             return False
         return super().poll(context)
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for a folder, unless one is given."""
         if self.directory:
             return super().invoke(context, event)
         self._browsing = True
-        context.window_manager.fileselect_add(self)
+        bpy.data.window_managers[0].fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         """Save; after the file browser in a thread, of another operator: Blender ends this one."""
         if self._browsing:
             # pyrefly: ignore[missing-attribute]  # this very operator
@@ -121,7 +121,7 @@ class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
 
         return save
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         return f"Hologram saved in {result}"
 
 

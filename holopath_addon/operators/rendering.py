@@ -23,10 +23,10 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
 
         return render
 
-    def glimpse(self, context, picture):
+    def glimpse(self, context: bpy.types.Context, picture):
         self.present(context, session.show_rgb(picture))
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         task, result = result
         session.keep(task, result)
         props = self.scene_settings()
@@ -45,10 +45,10 @@ class HOLOPATH_OT_cancel(bpy.types.Operator):
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return session.running()
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         job = session.current.job
         if job is not None:
             job.cancel()
@@ -62,10 +62,10 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
     bl_label = "Estimate"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.scene is not None and free(cls)
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         try:
             task = session.prepare(context.evaluated_depsgraph_get(), properties.of(context.scene))
             plan = task.plan()
@@ -85,7 +85,7 @@ class HOLOPATH_OT_check(bpy.types.Operator):
     bl_idname = "holopath.check"
     bl_label = "Check Again"
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         preferences.look_again()
         problem = preferences.missing()
         session.current.error = ""

@@ -22,7 +22,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
     bl_label = "Stream to Device"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.phase is None:
             cls.poll_message_set("Encode a hologram first")
             return False
@@ -31,7 +31,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             return False
         return context.scene is not None
 
-    def _begin(self, context, endless):
+    def _begin(self, context: bpy.types.Context, endless):
         """The job; `endless`: whether no number of loops means none."""
         device = properties.of(context.scene).device
         sequence = device_properties.sequence_of(device, session.current.phase)
@@ -53,7 +53,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             driver, sequence, rate or None, loops, trigger, math.inf if endless else PATIENCE
         )
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         """Show it and wait for the end: without a number of loops, once."""
         try:
             job = self._begin(context, endless=False)
@@ -63,7 +63,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             return {"CANCELLED"}
         return self._end(job)
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Show it in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
@@ -74,12 +74,12 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             self.report({"ERROR"}, devices.fail(error))
             return {"CANCELLED"}
         self._job, self._lost = job, ""
-        devices.current.timer = context.window_manager.event_timer_add(POLL, window=context.window)
-        context.window_manager.modal_handler_add(self)
+        devices.current.timer = bpy.data.window_managers[0].event_timer_add(POLL, window=context.window)
+        bpy.data.window_managers[0].modal_handler_add(self)
         session.redraw(images=False)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Poll the thread; Esc stops, where it does not cancel a render."""
         if devices.current.job is not self._job or devices.current.timer is None:
             return {"FINISHED", "PASS_THROUGH"}
@@ -100,7 +100,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             session.redraw(images=False)
         return {"PASS_THROUGH"}
 
-    def cancel(self, context):
+    def cancel(self, context: bpy.types.Context):
         """The window closes or another file is opened."""
         devices.stop()
         devices.leave()
@@ -124,10 +124,10 @@ class HOLOPATH_OT_stop_streaming(bpy.types.Operator):
     bl_label = "Stop"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return devices.streaming()
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         devices.stop()
         return {"FINISHED"}
 
@@ -150,7 +150,7 @@ class HOLOPATH_OT_find_devices(Working, bpy.types.Operator):
 
         return look
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         device_properties.found.update(result)
         monitors, ports = len(result["monitors"]), len(result["ports"])
         return f"{monitors} monitor{'' if monitors == 1 else 's'}, {ports} serial port{'' if ports == 1 else 's'} found"
@@ -174,7 +174,7 @@ class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
 
         return focus
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         return f"Camera at plane {result[0]}, {result[1] * 1e3:g} mm,"
 
 
@@ -200,7 +200,7 @@ class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
 
         return store
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         return f"Plane {result[0]} is position {result[1]}, stored"
 
 
@@ -212,12 +212,12 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
 
     filepath: StringProperty(name="File", description="JSON file to write", subtype="FILE_PATH")
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         self.filepath = self.filepath or "focus_planes.json"
-        context.window_manager.fileselect_add(self)
+        bpy.data.window_managers[0].fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         path = Path(bpy.path.abspath(self.filepath)).with_suffix(".json")
         try:
             if path.exists():
@@ -266,7 +266,7 @@ class HOLOPATH_OT_capture(Working, bpy.types.Operator):
 
         return run
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         distance, picture = result
         if isinstance(picture, tempfile.TemporaryDirectory):
             with picture as folder:

@@ -36,7 +36,7 @@ class Working(_Operator):
     _presented = False
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.scene is not None and free(cls)
 
     def work(self, scene):
@@ -46,31 +46,31 @@ class Working(_Operator):
         """
         raise NotImplementedError
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         """Keep and show the result, on the main thread: what to tell, before the seconds."""
         raise NotImplementedError
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         """Work and wait for the end."""
         job = self._begin(context)
         job.run()
         return self._end(context, job)
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Work in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
         job = self._begin(context)
         job.start()
-        timer = context.window_manager.event_timer_add(POLL, window=context.window)
+        timer = bpy.data.window_managers[0].event_timer_add(POLL, window=context.window)
         session.current.leave = lambda: _leave(timer)
-        context.window_manager.modal_handler_add(self)
+        bpy.data.window_managers[0].modal_handler_add(self)
         self._tell(
             context, job
         )  # before the first event: once that is served, the thread may hold Python for seconds
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Poll the thread."""
         job = self._job
         if job is None:  # Blender does not take FINISHED where a window was opened meanwhile, and calls again
@@ -93,7 +93,7 @@ class Working(_Operator):
             self._tell(context, job)
         return {"PASS_THROUGH"}
 
-    def cancel(self, context):
+    def cancel(self, context: bpy.types.Context):
         """Blender ends the operator: the window closes or another file is opened."""
         job, self._job = self._job, None
         if job is None:  # nothing has begun: a file browser was closed
@@ -103,7 +103,7 @@ class Working(_Operator):
         if session.current.job is job:
             bpy.app.timers.register(lambda: _clear_away(job))
 
-    def glimpse(self, context, picture):
+    def glimpse(self, context: bpy.types.Context, picture):
         """Show what the work offers before its end."""
 
     def scene_settings(self):
@@ -111,13 +111,13 @@ class Working(_Operator):
         scene = bpy.data.scenes.get(self._scene)
         return scene and properties.of(scene)
 
-    def present(self, context, image):
+    def present(self, context: bpy.types.Context, image):
         """`present` an image, the first time; later it is only changed."""
         if not self._presented:
             self._presented = True
             present(context, image)
 
-    def _tell(self, context, job):
+    def _tell(self, context: bpy.types.Context, job):
         """Show progress where there is news, now and then."""
         now = time.monotonic()
         text = "cancelling" if job.cancelling else f"{session.progress_text(job)}, Esc cancels"
@@ -128,8 +128,9 @@ class Working(_Operator):
             context.workspace.status_text_set(f"HoloPath: {text}")
         session.redraw(images=False)
 
-    def _begin(self, context):
+    def _begin(self, context: bpy.types.Context):
         """The job."""
+        assert context.scene is not None  # as `poll` has it
         self._started, self._scene = time.monotonic(), context.scene.name
         session.current.error = ""
         try:
@@ -141,7 +142,7 @@ class Working(_Operator):
         self._job = session.current.job = job
         return job
 
-    def _end(self, context, job):
+    def _end(self, context: bpy.types.Context, job):
         if session.current.job is job:
             session.current.job = None
         try:

@@ -12,7 +12,7 @@ class _Engine:
     COMPAT_ENGINES = {"HOLOPATH"}
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.engine in cls.COMPAT_ENGINES
 
 
@@ -22,7 +22,7 @@ class HOLOPATH_PT_passes(_Engine, bpy.types.Panel):
     bl_label = "Passes"
     bl_context = "view_layer"
 
-    def draw(self, context):
+    def draw(self, context: bpy.types.Context):
         layout, layer = layout_of(self), properties.of_layer(context.view_layer)
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -42,7 +42,7 @@ class HOLOPATH_PT_animation(_Engine, bpy.types.Panel):
     bl_context = "output"
     bl_parent_id = "RENDER_PT_output"
 
-    def draw(self, context):
+    def draw(self, context: bpy.types.Context):
         layout, props = layout_of(self), properties.of(context.scene)
         layout.use_property_split = True
         layout.use_property_decorate = False

@@ -10,7 +10,7 @@ class HOLOPATH_MT_demos(bpy.types.Menu):
 
     bl_label = "HoloPath Demo"
 
-    def draw(self, context):
+    def draw(self, context: bpy.types.Context):
         layout_of(self).operator_enum("holopath.add_demo", "name")
 
 

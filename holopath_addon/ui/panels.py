@@ -38,7 +38,7 @@ class _Section(_Panel):
     def section(layout, context):
         raise NotImplementedError
 
-    def draw(self, context):
+    def draw(self, context: bpy.types.Context):
         layout = layout_of(self)
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -58,7 +58,7 @@ class _Properties:
     COMPAT_ENGINES = {"HOLOPATH"}
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.engine in cls.COMPAT_ENGINES
 
 
@@ -67,7 +67,7 @@ class HOLOPATH_PT_view3d(_View3D, bpy.types.Panel):
 
     bl_label = "HoloPath"
 
-    def draw(self, context):
+    def draw(self, context: bpy.types.Context):
         sections.summary(layout_of(self), context)
 
 
@@ -76,7 +76,7 @@ class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
 
     bl_label = "HoloPath"
 
-    def draw(self, context):
+    def draw(self, context: bpy.types.Context):
         sections.summary(layout_of(self), context)
 
 
@@ -106,7 +106,7 @@ class HOLOPATH_PT_material(_Section, bpy.types.Panel):
     section = staticmethod(sections.material)
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.material is not None and not context.material.is_grease_pencil
 
 
