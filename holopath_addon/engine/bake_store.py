@@ -62,7 +62,7 @@ class Stored:
     source: np.ndarray
 
     @classmethod
-    def of(cls, cache: RadianceCache, digest: bytes, noise: float, most: float) -> Stored:
+    def of(cls, cache: RadianceCache, digest: str, noise: float, most: int) -> Stored:
         """What a cache holds."""
         groups, layout = cache.groups, cache.atlas.layout
         pool, counts = (_joined([getattr(g, name) for g in groups]) for name in ("pool", "counts"))
@@ -87,7 +87,7 @@ class Stored:
 
         return Layout(self.texel, self.corners, self.copies, self.size, self.coarser, self.dense, self.laid)
 
-    def cache(self, triangles: Triangles, complete: bool, translucent: set[int]) -> RadianceCache | None:
+    def cache(self, triangles: Triangles, complete: bool, translucent: bool) -> RadianceCache | None:
         """The `RadianceCache` of these triangles, None where it groups texels otherwise."""
         from .atlas import Atlas
         from .radiance_cache import Groups, RadianceCache, dr, mi

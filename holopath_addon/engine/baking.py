@@ -73,7 +73,7 @@ class Bake:
     note: str
 
 
-def is_baked(scene: mi.Scene, settings: Settings, noise: float, most: float, store: BakeStore) -> bool:
+def is_baked(scene: mi.Scene, settings: Settings, noise: float, most: int, store: BakeStore) -> bool:
     """Whether a store has the light of a scene, as good as asked for and for some view."""
     stored, _ = store.load(_triangles(scene))
     return stored is not None and _serves(stored, _digest(scene, settings), noise, most)

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from typing import Any
 
 PHASOR_SCALE = 127
@@ -47,7 +48,7 @@ def packed(values: np.ndarray) -> Any:
     return (mi.UInt32 if values.dtype == np.uint32 else mi.Float)(np.ascontiguousarray(values).ravel())
 
 
-def packed_phasors(phasors: np.ndarray) -> Any:
+def packed_phasors(phasors: Sequence[np.ndarray]) -> Any:
     """Unit phasors as pairs of signed bytes, two frames a word, the frames of a grain side by side.
 
     Rounding to 1/127 is noise at -50 dB, far under any speckle, and a quarter of the memory traffic, which

@@ -105,7 +105,7 @@ def memory(
     margin: int,
     slabs: int,
     bins: int,
-    binned: bool,
+    binned: float,
     splits: int,
 ) -> float:
     """Estimated bytes of the arrays at most.

@@ -72,9 +72,7 @@ class GrainGrid:
         """Pixels along y, margins included."""
         return self.height + 2 * self.margin
 
-    def cell(
-        self, column: mi.UInt32, row: mi.UInt32, z: mi.Float, branch: mi.UInt32
-    ) -> tuple[mi.UInt32, mi.Bool]:
+    def cell(self, column: mi.Int, row: mi.Int, z: mi.Float, branch: mi.UInt32) -> tuple[mi.UInt32, mi.Bool]:
         """Number of the column, slab and branch of a grain, and whether it lies on the grid (Dr.Jit types)."""
         column, row = column + self.margin, row + self.margin
         inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
@@ -114,7 +112,7 @@ class RadianceMap:
         scene: mi.Scene,
         sampler: None,
         seen: View,
-        grain: tuple[mi.Float, mi.Float, mi.Float],
+        grain: tuple[mi.Int, mi.Int, mi.Float],
         slope: tuple[mi.Float, mi.Float],
         channels: Sequence[int],
     ) -> list:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from numpy.typing import ArrayLike
 
 TAILS = 1.6  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
@@ -26,7 +28,7 @@ MOST_BINS = 1 << 20  # and how many bins of their spectra
 SMALL = 40  # pixels up to which a convolution with a kernel as large is less work than two transforms
 
 
-def reach_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> np.ndarray:
+def reach_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> Any:
     """Pixels that a grain's kernel is cut to at `depth_limit`; parameters as of `Lattice.of`.
 
     With `TAILS` the error of what is kept has 1 to 1.5 % of the kernel's energy, with the factor alone up to 10 % where
@@ -36,7 +38,7 @@ def reach_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float
     return np.maximum(cone * wide, np.minimum(wide + TAILS, STEEPEST * wide))
 
 
-def directions_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> np.ndarray:
+def directions_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> Any:
     """Directions along a radius of the lattice; parameters as of `Lattice.of`."""
     least = np.clip(FINER * max_slope * depth_limit / pitch, *LEAST_DIRECTIONS)
     return np.maximum(reach_of(max_slope, depth_limit, pitch, cone), least)

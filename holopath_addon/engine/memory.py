@@ -39,12 +39,12 @@ def available() -> int | None:
     return min(free, installed() or free)
 
 
-def shortage(needed: int, doing: str) -> list[str]:
+def shortage(needed: float, doing: str) -> list[str]:
     """What to warn of when memory is short.
 
     Parameters
     ----------
-    needed : int
+    needed : float
         Bytes.
     doing : str
         What needs them, as the subject of a sentence.

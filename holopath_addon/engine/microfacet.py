@@ -107,7 +107,7 @@ class AlbedoTable:
         place = mi.Point2f(dr.sqrt(dr.clip(cosine, 0, 1)), roughness)
         return self._texture.eval((place * (ROWS - 1) + 0.5) / ROWS, active)
 
-    def at(self, roughness: mi.Float) -> _AlbedoRow:
+    def at(self, roughness: float) -> _AlbedoRow:
         """The table for one roughness, which costs less to look up."""
         row = np.nan_to_num(np.clip(roughness, 0, 1)) * (ROWS - 1)
         first = min(int(row), ROWS - 2)

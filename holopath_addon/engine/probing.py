@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     import mitsuba as mi
+    from numpy.typing import ArrayLike
 
     from .camera import Camera
     from .chains import FirstHits, SpecularChains
@@ -346,7 +347,7 @@ class Pilot:
                 return hits, max(lost, 0.0)
         return most, 0.0
 
-    def places(self, depth: np.ndarray, hit: np.ndarray, exists: np.ndarray, chains: np.ndarray) -> Places:
+    def places(self, depth: ArrayLike, hit: np.ndarray, exists: np.ndarray, chains: ArrayLike) -> Places:
         """The `Places` that rays saw, of world depths in metres."""
         column, row, slope = self._from
         vergence = np.where(hit, 1 / np.asarray(depth), 0)

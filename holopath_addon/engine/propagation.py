@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.fft
@@ -15,7 +16,7 @@ BLOCK = 1 << 18  # numbers that are worked on at a time
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
-def spectral_u(shape: tuple[int, int], pitch: float, wavelength: float) -> np.ndarray:
+def spectral_u(shape: Sequence[int], pitch: float, wavelength: float) -> np.ndarray:
     """(wavelength x spatial frequency)^2 on the FFT grid: the squared sine of each plane wave's angle.
 
     Parameters
@@ -33,7 +34,7 @@ def spectral_u(shape: tuple[int, int], pitch: float, wavelength: float) -> np.nd
     return (wavelength * fx[None, :]) ** 2 + (wavelength * fy[:, None]) ** 2
 
 
-def circular_band(shape: tuple[int, int]) -> np.ndarray:
+def circular_band(shape: Sequence[int]) -> np.ndarray:
     """True on the FFT bins within the circle of radius 1 / (2 pitch): what a pixel grid records at every
     azimuth (paper section 4.3, Omega_f)."""
     fy, fx = (scipy.fft.fftfreq(n) for n in shape)
@@ -41,7 +42,7 @@ def circular_band(shape: tuple[int, int]) -> np.ndarray:
 
 
 def transfer_function(
-    shape: tuple[int, int], pitch: float, wavelength: float, distance: float, band: str = "circular"
+    shape: Sequence[int], pitch: float, wavelength: float, distance: float, band: str = "circular"
 ) -> np.ndarray:
     """Carrier-free transfer function exp(i z (kz - k)) of free space.
 
@@ -79,7 +80,7 @@ def transfer_function(
     return transfer
 
 
-def lag(shape: tuple[int, int], pitch: float, wavelength: float) -> np.ndarray:
+def lag(shape: Sequence[int], pitch: float, wavelength: float) -> np.ndarray:
     """Radians a metre by which each plane wave falls behind the carrier: k - kz."""
     u = spectral_u(shape, pitch, wavelength)
     return (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
@@ -96,7 +97,7 @@ class FreeSpace:
         Metres.
     """
 
-    def __init__(self, shape: tuple[int, int], pitch: float, wavelength: float) -> None:
+    def __init__(self, shape: Sequence[int], pitch: float, wavelength: float) -> None:
         self.shape, self.pitch, self.wavelength = shape, pitch, wavelength
         self.band = circular_band(shape)
         self._lag = lag(shape, pitch, wavelength).astype(np.float32)
@@ -114,9 +115,7 @@ class FreeSpace:
         return transfer
 
 
-def representable(
-    shape: tuple[int, int], pitch: float, wavelength: float, distance: float
-) -> list[np.ndarray]:
+def representable(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> list[np.ndarray]:
     """For each axis, the FFT frequencies at which the sampled transfer function has no aliases.
 
     Matsushima and Shimobaba, Opt. Express 17, 19662 (2009), eq. 21.
@@ -128,7 +127,7 @@ def representable(
     return axes
 
 
-def padded_shape(shape: tuple[int, int], pitch: float, wavelength: float, distance: float) -> tuple[int, int]:
+def padded_shape(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> tuple[int, int]:
     """Smallest fast FFT shape on which a window of `shape` is propagated without wrap-around.
 
     A wave of the steepest recordable slope walks s = tan(asin(wavelength / 2 pitch)) |distance|; the grid
@@ -138,17 +137,17 @@ def padded_shape(shape: tuple[int, int], pitch: float, wavelength: float, distan
     return tuple(scipy.fft.next_fast_len(max(n + walk, 2 * walk)) for n in shape)
 
 
-def grid_bytes(shape: tuple[int, int], pitch: float, wavelength: float, distance: float) -> int:
+def grid_bytes(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> int:
     """Memory that propagating one field of `shape` by a distance takes, bytes."""
     return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance))
 
 
-def spectrum(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def spectrum(field: np.ndarray, shape: Sequence[int]) -> np.ndarray:
     """FFT of the last two axes, zero-padded to `shape`; complex64."""
     return scipy.fft.fft2(np.asarray(field, np.complex64), s=shape, workers=os.cpu_count())
 
 
-def field_of(spectrum_: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def field_of(spectrum_: np.ndarray, shape: Sequence[int]) -> np.ndarray:
     """Inverse of `spectrum`, cropped to the window `shape`."""
     field = scipy.fft.ifft2(spectrum_, workers=os.cpu_count())
     return field[..., : shape[0], : shape[1]]

@@ -252,7 +252,7 @@ class PathsPerRay:
         scene: mi.Scene,
         sampler: mi.Sampler,
         seen: View,
-        grain: tuple[mi.Float, mi.Float, mi.Float],
+        grain: tuple[mi.Int, mi.Int, mi.Float],
         slope: tuple[mi.Float, mi.Float],
         channels: Sequence[int],
     ) -> list:

@@ -54,7 +54,7 @@ class Rays:
         return ((column - 0.5 * (self.width - 1)) * self.pitch, (0.5 * (self.height - 1) - row) * self.pitch)
 
     def world(
-        self, x: mi.Float, y: mi.Float, slope_x: mi.Float, slope_y: mi.Float
+        self, x: mi.Float, y: mi.Float, slope_x: mi.Float | float, slope_y: mi.Float | float
     ) -> tuple[mi.Ray3f, mi.Float]:
         """The world ray through (x, y) of the recording plane with the given slopes, and depth per distance."""
         mapping = self.mapping

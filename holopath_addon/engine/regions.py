@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .kernel_table import LEAST_DIRECTIONS
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike
 
 TILE = 16  # pixels
 STEPS = 8  # of the depth limit at most; each has half the rays of the one before
@@ -66,7 +72,7 @@ class Look:
         return np.where(self.depth == 0, -1, step)
 
 
-def limit_of(step: np.ndarray, depth_limit: float) -> np.ndarray:
+def limit_of(step: ArrayLike, depth_limit: float) -> Any:
     """Depth limit of a step."""
     return depth_limit * 2.0 ** (-0.5 * step)
 

@@ -53,7 +53,7 @@ class Frames:
         return list(self.pool.map(work, range(count)))
 
 
-def blocks(shape: tuple[int, int]) -> list[slice]:
+def blocks(shape: Sequence[int]) -> list[slice]:
     """Slices of rows that stay in a processor's cache from one operation to the next."""
     height = max(1, (1 << 15) // shape[1])
     return [slice(first, min(first + height, shape[0])) for first in range(0, shape[0], height)]

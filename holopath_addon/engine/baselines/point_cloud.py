@@ -35,6 +35,10 @@ from .layers import GAIN, random_phasor
 from .shots import picture_with_depth
 
 if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike
+
     from ..hologram import Hologram
     from ..progress import PartProgress, Progress
     from . import Job
@@ -96,7 +100,7 @@ def slabs_of(hologram: Hologram, z: np.ndarray) -> list[tuple[float, float]]:
     return best
 
 
-def reach(hologram: Hologram, distance: np.ndarray) -> np.ndarray:
+def reach(hologram: Hologram, distance: ArrayLike) -> Any:
     """Pixels to the rim of the sub-hologram of a point at a distance in metres from the plane."""
     return CONE * max_slope(hologram) * np.abs(distance) / hologram.pitch + TAIL
 

@@ -69,7 +69,7 @@ def adam(
     rate: float,
     bits: int | None,
     effort: Effort,
-    told: Callable[[float, float], None],
+    told: Callable[[float, float], object],
     stage: dict,
 ) -> None:
     """Adam until the loss of a target stops falling; then, with few bits, ever more pixels come to their levels.
@@ -113,7 +113,7 @@ def kaczmarz(
     manner: Manner,
     bits: int | None,
     effort: Effort,
-    told: Callable[[float, float], None],
+    told: Callable[[float, float], object],
     stage: dict,
 ) -> None:
     """Take the pictures one after another, each time the step that would mend that one.

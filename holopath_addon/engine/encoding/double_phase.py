@@ -9,13 +9,13 @@ import numpy as np
 import scipy.fft
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
 CLIPPED = 0.005  # of the energy
 BINS = 1000
 
 
-def half_band(shape: tuple[int, int]) -> np.ndarray:
+def half_band(shape: Sequence[int]) -> np.ndarray:
     """FFT bins that a checkerboard's pixels of one colour sample without aliases: abs(fx) + abs(fy) <= 1 / (2 pitch).
 
     Double phase shows every second pixel's value twice; what is beyond becomes noise (Maimone et al., ACM TOG

@@ -80,7 +80,7 @@ def chosen_pictures(
         images[number] = np.asarray(references(float(mapping.z_to_depth(distance)), pupil), np.float32)
         if not np.isfinite(images[number]).all():
             raise InvalidInput("A reference holds values that are not finite: look for faults in the scene.")
-        looks = [Look(distance, pupil and _share_of(pupil, r)) for r in radii]
+        looks = [Look(distance, None if pupil is None else _share_of(pupil, r)) for r in radii]
         looked[number] = looks
         progress(len(images) / count)
 

@@ -143,7 +143,7 @@ def texture(rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def invent(
-    rng: np.random.Generator, size: int, reach: float, plane: bool, narrow: float = 0.0
+    rng: np.random.Generator, size: int, reach: float, plane: float, narrow: float = 0.0
 ) -> tuple[list, list]:
     """Layers of a random scene, and pictures of it.
 
