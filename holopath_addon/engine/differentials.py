@@ -20,7 +20,7 @@ def after_hit(
     moves: list,
     ray: mi.Ray3f,
     surface: mi.PreliminaryIntersection3f,
-    ahead: list,
+    ahead: mi.Float,
     reflected: mi.Bool,
     eta: mi.Float,
     active: mi.Bool,

@@ -11,6 +11,8 @@ import numpy as np
 from .errors import InvalidInput
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from numpy.typing import ArrayLike
 
     from .camera import Camera
@@ -65,7 +67,7 @@ class DepthMapping:
         shift = width / focal
         return cls(focal, beta, hologram.depth_far, camera.shift_x * shift, camera.shift_y * shift)
 
-    def depth_to_z(self, depth: ArrayLike) -> np.ndarray:
+    def depth_to_z(self, depth: ArrayLike) -> Any:
         """Hologram-space z in metres of a world depth in metres (infinity allowed)."""
         depth = np.asarray(depth, dtype=np.float64)
         if not (depth > 0).all():
@@ -74,7 +76,7 @@ class DepthMapping:
             )
         return self.z_far + self.beta / depth
 
-    def z_to_depth(self, z: ArrayLike) -> np.ndarray:
+    def z_to_depth(self, z: ArrayLike) -> Any:
         """World depth in metres of a hologram-space z in metres; infinite at and beyond the far end."""
         offset = np.asarray(z, dtype=np.float64) - self.z_far
         with np.errstate(divide="ignore"):
