@@ -14,6 +14,8 @@ RUN := $(VENV)/.holopath-run
 DEV := $(VENV)/.holopath-dev
 ORACLES := $(VENV)/.holopath-oracles
 BPY_LIBRARIES := libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libegl1
+# Blender's API for the type checker; outside site-packages, where its bpy would shadow the real one.
+BPY_STUBS := fake-bpy-module-5.0==20260730
 PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 
 # A worker for each processor, as far as memory goes: each has Blender and Mitsuba loaded.
@@ -38,6 +40,7 @@ $(RUN): pyproject.toml install_llvm.sh | $(PY)
 # What tests, benchmarks and lint need besides.
 $(DEV): pyproject.toml install_monitors.sh | $(RUN)
 	$(PIP_INSTALL) -e '.[blender,test]'
+	$(PIP_INSTALL) --upgrade --no-deps --target $(VENV)/share/stubs $(BPY_STUBS)
 	./install_monitors.sh
 	@touch $@
 
@@ -62,6 +65,7 @@ test-all: test test-slow
 lint: $(RUN) $(DEV)
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
+	$(PY) -m pyrefly check
 
 bench: $(RUN) $(DEV)
 	$(PY) -m benchmarks

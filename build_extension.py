@@ -201,7 +201,7 @@ def _entry(name):
 def validate(archive):
     """Run Blender's validator on a zip, or stop with what it says."""
     bpy = importlib.util.find_spec("bpy")
-    if bpy is None:
+    if bpy is None or bpy.origin is None:
         raise SystemExit(
             "build_extension.py: the validator is part of the bpy package: run `make env` first."
         )

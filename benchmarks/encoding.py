@@ -404,4 +404,4 @@ def _encode_large(shape, frames, most_steps):
 def _peak():
     """GiB at most so far; `resource.getrusage` would count those of the process that started this one."""
     status = Path("/proc/self/status").read_text()
-    return int(re.search(r"VmHWM:\s*(\d+) kB", status)[1]) / 2**20
+    return int(re.findall(r"VmHWM:\s*(\d+) kB", status)[0]) / 2**20

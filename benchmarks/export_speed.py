@@ -25,28 +25,31 @@ def build(objects=OBJECTS):
     sphere.free()
     first.shade_smooth()
     first.materials.append(_textured())
-    side = round(objects ** (1 / 3))
+    side, scene, collection = round(objects ** (1 / 3)), bpy.context.scene, bpy.context.collection
+    assert scene is not None and collection is not None  # a new file has both
     for number in range(objects):
         obj = bpy.data.objects.new(f"sphere {number}", first.copy())
         obj.location = (number % side, number // side % side, number // side**2)
         obj.rotation_euler = (0.1 * number, 0.2 * number, 0.3 * number)
-        bpy.context.collection.objects.link(obj)
+        collection.objects.link(obj)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.location = (side / 2, side / 2, 4 * side)
-    bpy.context.collection.objects.link(camera)
-    bpy.context.scene.camera = camera
+    collection.objects.link(camera)
+    scene.camera = camera
 
 
 def _textured():
     import bpy
 
+    from holopath_addon.export.node_graph import tree_of
+
     material = bpy.data.materials.new("textured")
-    material.use_nodes = True
-    nodes = material.node_tree.nodes
+    tree = tree_of(material)
+    nodes = tree.nodes
     texture = nodes.new("ShaderNodeTexImage")
     texture.image = bpy.data.images.new("colours", 64, 64)
     shader = next(node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
-    material.node_tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
+    tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
     return material
 
 

@@ -20,7 +20,7 @@ os.environ.setdefault("BLENDER_USER_RESOURCES", tempfile.mkdtemp(prefix="holopat
 import bpy
 import numpy as np
 
-from .features import BOUND, FEATURES
+from .features import BOUND, FEATURES, Feature
 from .stage import Stage
 
 SPP = 512
@@ -47,7 +47,7 @@ class Comparison:
     ours, theirs : array [y, x, 3]
     """
 
-    feature: object
+    feature: Feature
     differences: dict
     noise: float
     brightness: float
@@ -84,7 +84,7 @@ def compare(feature, spp=SPP):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     stage = Stage()
     feature.build(stage)
-    bpy.context.view_layer.update()
+    stage.scene.view_layers[0].update()
     options = dict(resolution=feature.resolution, spp=spp // 2, depth=feature.depth)
     exported = stage.export(feature.resolution)
     ours = np.stack([stage.mitsuba(**options, exported=exported, seed=seed) for seed in range(2)])

@@ -11,10 +11,13 @@ import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
+
+from .stage import added
 
 BOUND = 0.03
 SQUARE, WIDE, TALL = (48, 48), (60, 36), (36, 60)
@@ -107,7 +110,7 @@ def floor(stage, depth=-0.9, colour=WHITE):
 def ball(stage, material=None, radius=1.0, location=(0, 0, 0), name="ball"):
     """A sphere of triangles too small to see."""
     bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=location, segments=128, ring_count=64)
-    made = bpy.context.object
+    made = added()
     made.name = name
     made.data.shade_smooth()
     made.data.materials.append(material)
@@ -161,7 +164,7 @@ def surface(stage, tree, socket):
 
 
 def text(stage):
-    curve = bpy.data.curves.new("text", "FONT")
+    curve: Any = bpy.data.curves.new("text", "FONT")
     curve.body, curve.size, curve.extrude, curve.bevel_depth = "B", 2.4, 0.2, 0.03
     curve.align_x, curve.align_y = "CENTER", "CENTER"
     return stage.link(bpy.data.objects.new("text", curve))
@@ -169,7 +172,7 @@ def text(stage):
 
 def monkey(stage, material, smooth=False):
     bpy.ops.mesh.primitive_monkey_add(size=1.9, rotation=(-0.6, 0.3, 0.2))
-    made = bpy.context.object
+    made = added()
     if smooth:
         made.data.shade_smooth()
     made.data.materials.append(material)
@@ -178,7 +181,7 @@ def monkey(stage, material, smooth=False):
 
 def cube(stage, material, size=1.2, name="cube"):
     bpy.ops.mesh.primitive_cube_add(size=size, rotation=(0.5, 0.4, 0.3))
-    made = bpy.context.object
+    made = added()
     made.name = name
     made.data.materials.append(material)
     return made
@@ -186,14 +189,14 @@ def cube(stage, material, size=1.2, name="cube"):
 
 def cylinder(stage, material, segments=12):
     bpy.ops.mesh.primitive_cylinder_add(radius=0.7, depth=1.4, vertices=segments, rotation=(0.9, 0.2, 0))
-    made = bpy.context.object
+    made = added()
     made.data.materials.append(material)
     return made
 
 
 def grid(stage, material, count=24):
     bpy.ops.mesh.primitive_grid_add(x_subdivisions=count, y_subdivisions=count, size=2.2)
-    made = bpy.context.object
+    made = added()
     made.rotation_euler = (0.5, 0.25, 0.3)
     made.data.materials.append(material)
     return made
@@ -223,7 +226,7 @@ GEOMETRY_APPROXIMATE = {"smooth over sharp edges": (0.05, _BELOW), "custom norma
 
 def _curve(stage, material):
     bpy.ops.curve.primitive_bezier_circle_add(radius=0.8, rotation=(0.6, 0.3, 0))
-    curve = bpy.context.object
+    curve = added()
     curve.data.bevel_depth, curve.data.bevel_resolution = 0.25, 6
     curve.data.materials.append(material)
 
@@ -244,12 +247,12 @@ def _metaball(stage, material):
 
 def _nurbs(stage, material):
     bpy.ops.surface.primitive_nurbs_surface_sphere_add(radius=1.0)
-    bpy.context.object.data.materials.append(material)
+    added().data.materials.append(material)
 
 
 def _instances_on_points(stage, material):
     """Cubes on a grid's points, by geometry nodes."""
-    tree = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
+    tree: Any = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     entry, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
@@ -294,7 +297,7 @@ def _hidden(stage, material):
     part = stage.plane(0.8, material, "excluded", (-0.5, 0, 1.3))
     stage.scene.collection.objects.unlink(part)
     collection.objects.link(part)
-    bpy.context.view_layer.layer_collection.children["excluded"].exclude = True
+    stage.scene.view_layers[0].layer_collection.children["excluded"].exclude = True
 
 
 def _negative_scale(stage, material):
@@ -332,7 +335,7 @@ def _shape_key(stage, material):
 def _armature(stage, material):
     """A bar bent by its second bone."""
     bones = stage.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
-    bpy.context.view_layer.objects.active = bones
+    stage.scene.view_layers[0].objects.active = bones
     bpy.ops.object.mode_set(mode="EDIT")
     lower, upper = (bones.data.edit_bones.new(name) for name in ("lower", "upper"))
     lower.head, lower.tail, upper.head, upper.tail = (0, -1, 0), (0, 0, 0), (0, 0, 0), (0, 1, 0)
@@ -357,7 +360,8 @@ def _linked(stage, material):
         path = os.path.join(folder, "library.blend")
         bpy.data.libraries.write(path, {made})
         bpy.data.objects.remove(made)
-        with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        library: Any = bpy.data.libraries.load(path, link=True)
+        with library as (_, wanted):
             wanted.objects = ["linked"]
         stage.link(wanted.objects[0])
 
@@ -661,7 +665,7 @@ def _group(stage):
 
 
 def _group_of(make):
-    tree = bpy.data.node_groups.new("group", "ShaderNodeTree")
+    tree: Any = bpy.data.node_groups.new("group", "ShaderNodeTree")
     tree.interface.new_socket("Tint", in_out="INPUT", socket_type="NodeSocketColor")
     tree.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
     entry, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
@@ -1447,12 +1451,12 @@ def _random_object(stage, rng, material, number):
         made = ball(stage, material)
     elif kind == "torus":
         bpy.ops.mesh.primitive_torus_add(major_segments=64, minor_segments=24)
-        made = bpy.context.object
+        made = added()
         made.data.shade_smooth()
         made.data.materials.append(material)
     elif kind == "curve":
         _curve(stage, material)
-        made = bpy.context.object
+        made = added()
     elif kind == "text":
         made = text(stage)
         made.data.materials.append(material)

@@ -3,6 +3,7 @@
 import math
 import time
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -32,7 +33,7 @@ def contrast(phasors, wavelength, distance):
     transfer = transfer_function((SIZE, SIZE), PITCH, wavelength, distance)
     # the band limit of the sampled transfer function is for padded fields
     assert (transfer != 0).mean() > 0.78
-    total = 0
+    total: Any = 0
     for phasor in phasors:
         wave = scipy.fft.ifft2(scipy.fft.fft2(phasor) * transfer)
         total = total + wave.real**2 + wave.imag**2
@@ -186,7 +187,7 @@ def evenness():
     lines = ["pupil: light through nine parts of half its diameter, over an even pupil's: least and most"]
     for frames in FRAMES:
         for kind in KINDS:
-            power = sum(np.abs(scipy.fft.fft2(p)) ** 2 for p in phasors_of(kind, frames, SIZE, SIZE))
+            power: Any = sum(np.abs(scipy.fft.fft2(p)) ** 2 for p in phasors_of(kind, frames, SIZE, SIZE))
             band = fx**2 + fy**2 <= 0.25
             parts = [(fx - x) ** 2 + (fy - y) ** 2 <= 0.0625 for x, y in places]
             shares = [power[p].mean() / power[band].mean() for p in parts]

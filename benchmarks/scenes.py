@@ -62,7 +62,7 @@ class Scenes:
         parameters["vertex_texcoords"] = np.stack([u / columns, v / rows], axis=-1).astype(np.float32).ravel()
         parameters["faces"] = faces.astype(np.uint32).ravel()
         parameters.update()
-        if smooth:  # after the update, which makes its own, with a seam
+        if normals is not None:  # after the update, which makes its own, with a seam
             parameters["vertex_normals"] = normals.astype(np.float32).ravel()
             parameters.update()
         return mesh

@@ -2,16 +2,26 @@
 
 import os
 import tempfile
+from typing import Any
 
 import bpy
 import numpy as np
+
+from holopath_addon.export.node_graph import tree_of
+
+
+def added() -> Any:
+    """The object that an operator has just added, with data of any kind."""
+    return bpy.context.object
 
 
 class Stage:
     """Builds small scenes and renders them both ways."""
 
     def __init__(self):
-        self.scene = bpy.context.scene
+        scene = bpy.context.scene
+        assert scene is not None  # every file has one
+        self.scene: Any = scene  # with what add-ons keep in it, as Cycles
         data = bpy.data.cameras.new("camera")
         self.camera = self.link(bpy.data.objects.new("camera", data))
         self.camera.location = (0, 0, 4)
@@ -39,7 +49,7 @@ class Stage:
 
     def sphere(self, radius=0.5, material=None, location=(0, 0, 0), name="sphere"):
         bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=location, segments=48, ring_count=24)
-        obj = bpy.context.object
+        obj = added()
         obj.name = name
         obj.data.shade_smooth()
         if material is not None:
@@ -49,16 +59,15 @@ class Stage:
     def material(self, node=None, name="material", **values):
         """A material of one shader node, its inputs set by name (underscores for spaces)."""
         material = bpy.data.materials.new(name)
-        if material.node_tree is None:
-            material.use_nodes = True
-        nodes = material.node_tree.nodes
+        tree = tree_of(material)
+        nodes = tree.nodes
         nodes.clear()
         output = nodes.new("ShaderNodeOutputMaterial")
         if node is not None:
             shader = nodes.new(node)
             for key, value in values.items():
                 shader.inputs[key.replace("_", " ")].default_value = value
-            material.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
+            tree.links.new(shader.outputs[0], output.inputs["Surface"])
         return material
 
     def texture(self, material, image, socket, shader=None):
@@ -73,7 +82,7 @@ class Stage:
         """An image from pixels [y, x, 3], top row first, as Blender stores them."""
         pixels = np.asarray(pixels, np.float32)
         height, width = pixels.shape[:2]
-        image = bpy.data.images.new(name, width, height, float_buffer=float_buffer)
+        image: Any = bpy.data.images.new(name, width, height, float_buffer=float_buffer)
         if space:
             image.colorspace_settings.name = space
         full = np.ones((height, width, 4), np.float32)
@@ -101,7 +110,7 @@ class Stage:
         return mix, other
 
     def lamp(self, kind, energy=10.0, location=(0, 0, 2), rotation=(0, 0, 0), **values):
-        data = bpy.data.lights.new(kind.lower(), kind)
+        data: Any = bpy.data.lights.new(kind.lower(), kind)
         data.energy = energy
         for key, value in values.items():
             setattr(data, key, value)
@@ -111,10 +120,8 @@ class Stage:
 
     def world(self, colour=(1, 1, 1), strength=1.0):
         world = bpy.data.worlds.new("world")
-        if world.node_tree is None:
-            world.use_nodes = True
         self.scene.world = world
-        background = next(n for n in world.node_tree.nodes if n.bl_idname == "ShaderNodeBackground")
+        background = next(n for n in tree_of(world).nodes if n.bl_idname == "ShaderNodeBackground")
         background.inputs["Color"].default_value = (*colour, 1)
         background.inputs["Strength"].default_value = strength
         return world
@@ -180,7 +187,7 @@ class Stage:
         with tempfile.TemporaryDirectory() as folder:
             scene.render.filepath = os.path.join(folder, "cycles.exr")
             bpy.ops.render.render(write_still=True)
-            image = bpy.data.images.load(scene.render.filepath)
+            image: Any = bpy.data.images.load(scene.render.filepath)
             image.colorspace_settings.name = "Non-Color"
             pixels = np.empty(resolution[0] * resolution[1] * 4, np.float32)
             image.pixels.foreach_get(pixels)

@@ -463,6 +463,7 @@ def _animate(args, pupil, progress):
         raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
     progress(0.0, "Opening the scene")
     source = sources.open_source(args.scene)
+    assert isinstance(source, sources.BlenderSource)  # of a .blend
     numbers, start, made, told = source.frames, time.perf_counter(), 0, set()
     try:
         for index, number in enumerate(numbers):

@@ -1,6 +1,7 @@
 """Demonstration scenes, built by code: something to look at, and to focus on, at every depth."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -207,7 +208,7 @@ def _sphere(scene, name, material, centre, radius):
     faces = []
     for ring in range(rings):
         for place in range(around):
-            corners = [(ring, place), (ring, place + 1), (ring + 1, place + 1), (ring + 1, place)]
+            corners: list = [(ring, place), (ring, place + 1), (ring + 1, place + 1), (ring + 1, place)]
             if ring == 0:
                 corners[:2] = [(0, place + 0.5)]
             elif ring == rings - 1:
@@ -282,7 +283,7 @@ def _ring(scene, name, material):
 def _text(scene, name, text, location, size):
     import bpy
 
-    curve = bpy.data.curves.new(name, "FONT")
+    curve: Any = bpy.data.curves.new(name, "FONT")  # a TextCurve
     curve.body, curve.size, curve.extrude = text, size, 0.06 * size
     curve.align_x = "CENTER"
     curve.materials.append(_surface(name, np.broadcast_to(np.array((0.95, 0.95, 0.9)), (4, 4, 3)), 0.6))
@@ -307,7 +308,7 @@ def _lamp(scene, name, power, location, target, size, colour):
     import bpy
     from mathutils import Vector
 
-    data = bpy.data.lights.new(name, "AREA")
+    data: Any = bpy.data.lights.new(name, "AREA")  # an AreaLight
     data.energy, data.size, data.color = power, size, colour
     lamp = _link(scene, bpy.data.objects.new(name, data))
     lamp.location = location
@@ -318,12 +319,12 @@ def _lamp(scene, name, power, location, target, size, colour):
 def _world(scene, colour):
     import bpy
 
+    from .export.node_graph import tree_of
+
     world = bpy.data.worlds.new("World")
     scene.world = world
     world.color = colour
-    if world.node_tree is None:
-        world.use_nodes = True
-    background = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    background = next(node for node in tree_of(world).nodes if node.bl_idname == "ShaderNodeBackground")
     background.inputs["Color"].default_value = (*colour, 1.0)
 
 
@@ -336,16 +337,19 @@ def _clear():
     """Empty the file: its objects and what only they used, and every other scene."""
     import bpy
 
+    kept = bpy.context.scene
+    assert kept is not None  # every file has one
     for scene in list(bpy.data.scenes):
-        if scene != bpy.context.scene:
+        if scene != kept:
             bpy.data.scenes.remove(scene)
-    for blocks in (
+    every: tuple[Any, ...] = (
         bpy.data.objects, bpy.data.collections, bpy.data.meshes, bpy.data.curves, bpy.data.lights,
         bpy.data.cameras, bpy.data.materials, bpy.data.images, bpy.data.worlds,
-    ):  # fmt: skip
+    )  # fmt: skip
+    for blocks in every:
         for block in list(blocks):
             blocks.remove(block)
-    bpy.context.scene.cursor.location = (0, 0, 0)
+    kept.cursor.location = (0, 0, 0)
 
 
 # -- materials
@@ -376,6 +380,8 @@ def _textured(name, pixels):
     """A material with an image of linear colours [y, x, 3], top row first, packed into the file."""
     import bpy
 
+    from .export.node_graph import tree_of
+
     height, width = pixels.shape[:2]
     image = bpy.data.images.new(name, width, height)
     encoded = np.where(
@@ -383,14 +389,13 @@ def _textured(name, pixels):
     )
     full = np.ones((height, width, 4), np.float32)
     full[..., :3] = encoded[::-1]
+    # pyrefly: ignore[missing-attribute]  # in Blender's stubs an array of numbers is one
     image.pixels.foreach_set(full.ravel())
     image.update()
     image.pack()
     material = bpy.data.materials.new(name)
-    if material.node_tree is None:
-        material.use_nodes = True
     material.diffuse_color = (*pixels.mean((0, 1)), 1.0)
-    tree = material.node_tree
+    tree = tree_of(material)
     tree.nodes.clear()
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     texture = tree.nodes.new("ShaderNodeTexImage")

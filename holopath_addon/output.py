@@ -194,7 +194,7 @@ def versions():
     """Versions of what the result depends on; names to text. Says `None` for what is not loaded."""
     import sys
 
-    found = {"python": platform.python_version(), "numpy": np.__version__}
+    found: dict[str, str | None] = {"python": platform.python_version(), "numpy": np.__version__}
     for name in ("mitsuba", "drjit", "scipy"):
         found[name] = getattr(sys.modules.get(name), "__version__", None)
     bpy = sys.modules.get("bpy")

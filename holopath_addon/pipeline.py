@@ -34,8 +34,8 @@ class Result:
     images : numpy.ndarray, float32, shape (focus, y, x, wavelength)
     """
 
-    plan: object
-    field: object
+    plan: engine.Plan
+    field: engine.WaveField
     focus: list
     images: np.ndarray = field(repr=False)
 
@@ -236,18 +236,18 @@ def compute(
     settings = settings or engine.Settings()
     progress(0.0, "Planning")
     plan = engine.plan(scene, camera, hologram, settings, store)
-    focus = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
-    if "centre" in focus:
+    asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
+    if "centre" in asked:
         centre = centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]
-        focus = [centre if depth == "centre" else depth for depth in focus]
-    focus = list(dict.fromkeys(focus))
-    _check_view(plan, camera, hologram, focus, pupil)
+        asked = [centre if depth == "centre" else depth for depth in asked]
+    depths: list = list(dict.fromkeys(asked))
+    _check_view(plan, camera, hologram, depths, pupil)
     if field is None:
         if offer is not None:
-            _preview(scene, camera, hologram, settings, plan, focus[0], pupil, progress, offer)
+            _preview(scene, camera, hologram, settings, plan, depths[0], pupil, progress, offer)
         field = engine.render(scene, camera, hologram, settings, plan, stage(progress, 0.02, 0.85), store)
-    images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.85, 1.0))
-    return Result(plan, field, focus, images)
+    images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.85, 1.0))
+    return Result(plan, field, depths, images)
 
 
 def encode(field, method, progress, scene=None, settings=None, **options):
@@ -275,7 +275,7 @@ def encode(field, method, progress, scene=None, settings=None, **options):
     ------
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
     """
-    if scene is None:
+    if scene is None or settings is None:
         return engine.encode(field, method, progress, **options)
     if method == "auto" and settings.method == "full":
         method = "refine"

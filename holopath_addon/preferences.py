@@ -8,12 +8,14 @@ from bpy.props import EnumProperty, StringProperty
 from .engine import BakeStore, backend
 
 # In an extension the add-on is the package above that holds the manifest.
-ADDON = ".".join(__package__.split(".")[: 3 if __package__.startswith("bl_ext.") else 1])
+_PACKAGE = __name__.rpartition(".")[0]
+ADDON = ".".join(_PACKAGE.split(".")[: 3 if _PACKAGE.startswith("bl_ext.") else 1])
 
 
 def _chosen():
     """The preferences; None where HoloPath is no add-on of this Blender."""
-    addon = bpy.context.preferences.addons.get(ADDON)
+    preferences = bpy.context.preferences
+    addon = preferences.addons.get(ADDON) if preferences else None
     return addon.preferences if addon else None
 
 
@@ -39,7 +41,7 @@ def wanted():
     return None if preferences.backend == "AUTO" else preferences.backend
 
 
-_found = {}
+_found: dict = {}
 
 
 def backends():
@@ -92,7 +94,7 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         subtype="DIR_PATH",
     )
 
-    def draw(self, context):
+    def draw(self, context: bpy.types.Context):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "backend")

@@ -624,6 +624,30 @@ class HoloPathViewLayer(bpy.types.PropertyGroup):
     )
 
 
+# Where Blender's own things hold them: as `holopath`, of which only Blender knows when it runs.
+_NAME = "holopath"
+_GROUPS = {
+    bpy.types.Scene: HoloPathSettings,
+    bpy.types.Material: HoloPathMaterial,
+    bpy.types.ViewLayer: HoloPathViewLayer,
+}
+
+
+def of(scene: bpy.types.Scene | None) -> HoloPathSettings:
+    """`Scene.holopath`; Blender's contexts may lack a scene, but not where anything of ours is asked for."""
+    return getattr(scene, _NAME)
+
+
+def of_material(material: bpy.types.Material | None) -> HoloPathMaterial:
+    """`Material.holopath`, see `of`."""
+    return getattr(material, _NAME)
+
+
+def of_layer(layer: bpy.types.ViewLayer | None) -> HoloPathViewLayer:
+    """`ViewLayer.holopath`, see `of`."""
+    return getattr(layer, _NAME)
+
+
 def hologram_of(props, resolution=None):
     """Engine's hologram of the settings.
 
@@ -759,7 +783,7 @@ def register():
 def _settle(*_):
     """Choices that only a later version of HoloPath knows are at their defaults in this one."""
     for scene in bpy.data.scenes:
-        for props in (scene.holopath, scene.holopath.device):
+        for props in (of(scene), of(scene).device):
             for prop in props.bl_rna.properties:
                 if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
                     props.property_unset(prop.identifier)
@@ -767,9 +791,8 @@ def _settle(*_):
 
 def attach():
     """Add the settings to scenes, view layers and materials."""
-    bpy.types.Scene.holopath = PointerProperty(type=HoloPathSettings)
-    bpy.types.Material.holopath = PointerProperty(type=HoloPathMaterial)
-    bpy.types.ViewLayer.holopath = PointerProperty(type=HoloPathViewLayer)
+    for owner, group in _GROUPS.items():
+        setattr(owner, _NAME, PointerProperty(type=group))
     bpy.app.handlers.load_post.append(_settle)
 
 
@@ -777,6 +800,5 @@ def detach():
     """Take the settings from scenes, view layers and materials."""
     if _settle in bpy.app.handlers.load_post:  # another add-on may have cleared the list
         bpy.app.handlers.load_post.remove(_settle)
-    del bpy.types.ViewLayer.holopath
-    del bpy.types.Material.holopath
-    del bpy.types.Scene.holopath
+    for owner in _GROUPS:
+        delattr(owner, _NAME)

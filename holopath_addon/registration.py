@@ -1,5 +1,7 @@
 """The one place that tells Blender about HoloPath's classes, settings, handlers and command."""
 
+from collections.abc import Callable
+
 import bpy
 
 from . import operators, preferences, properties, render_engine, ui, viewport
@@ -12,7 +14,7 @@ _CLASSES = (
     *ui.CLASSES,
     *render_engine.CLASSES,
 )
-_undo = []
+_undo: list[Callable[[], object]] = []
 
 
 def register():

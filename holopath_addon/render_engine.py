@@ -26,9 +26,9 @@ class HoloPathEngine(bpy.types.RenderEngine):
     bl_use_preview = False
     bl_use_eevee_viewport = True
 
-    def update_render_passes(self, scene=None, renderlayer=None):
+    def update_render_passes(self, scene, renderlayer):
         """Called by Blender to learn which passes a view layer has, for a render and for the compositor."""
-        for name, channels in _passes(scene.holopath, renderlayer):
+        for name, channels in _passes(properties.of(scene), renderlayer):
             kind = "VALUE" if len(channels) == 1 else "COLOR"
             self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
 
@@ -46,11 +46,11 @@ class HoloPathEngine(bpy.types.RenderEngine):
         try:
             self.update_stats("", "HoloPath: exporting the scene")
             start = time.perf_counter()
-            task = on_main_thread(lambda: session.prepare(depsgraph, depsgraph.scene.holopath, size))
+            task = on_main_thread(lambda: session.prepare(depsgraph, properties.of(depsgraph.scene), size))
             spent = time.perf_counter() - start
-            keep = self.is_animation and depsgraph.scene.holopath.keep_fields
-            listed = keep or layer.holopath.use_pass_focus
-            still = task.still(properties.focus_list_of(depsgraph.scene.holopath) if listed else ())
+            keep = self.is_animation and properties.of(depsgraph.scene).keep_fields
+            listed = keep or properties.of_layer(layer).use_pass_focus
+            still = task.still(properties.focus_list_of(properties.of(depsgraph.scene)) if listed else ())
             if keep:
                 result = self._kept(still, _folder(depsgraph), spent)
             else:
@@ -64,6 +64,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
             region = _region(settings, target, size)
             for part in target.layers[0].passes:
                 if part.name in pixels:
+                    # pyrefly: ignore[missing-attribute]  # in Blender's stubs an array of numbers is one
                     part.rect.foreach_set(np.ascontiguousarray(pixels[part.name][::-1][region]).ravel())
         except BaseException as error:
             failure = session.fail(error)
@@ -81,10 +82,10 @@ class HoloPathEngine(bpy.types.RenderEngine):
         result, _ = stills.update(folder, still, self._progress, export_seconds, say)
         return result or still.compute(self._progress, stills.kept(folder))
 
-    def view_update(self, context, depsgraph):
+    def view_update(self, context: bpy.types.Context, depsgraph):
         """Called by Blender when its scene has changed; `viewport` listens for itself."""
 
-    def view_draw(self, context, depsgraph):
+    def view_draw(self, context: bpy.types.Context, depsgraph):
         """Called by Blender to redraw a 3D View that is shaded RENDERED."""
         shown = viewport.of(self, context.region)
         self.update_stats("", shown.draw(context, depsgraph, self.get_preview_pixel_size(context.scene)))
@@ -107,7 +108,7 @@ def _region(settings, target, size):
 def _folder(depsgraph):
     """Output folder of the current frame of an animation; where several view layers are rendered, of this one's."""
     scene, layer = depsgraph.scene, depsgraph.view_layer
-    path = scene.holopath.animation_folder
+    path = properties.of(scene).animation_folder
     if not path or (path.startswith("//") and not bpy.data.filepath):
         raise engine.InvalidInput(
             "The animation's wave fields have no folder: save the .blend, or choose a folder in the Output properties."
@@ -129,14 +130,14 @@ def _passes(props, layer):
     """Names and channels of a view layer's passes."""
     colours = "RGB" if props.colours == "RGB" else "X"
     found = [("Combined", "RGBA")]
-    if layer.holopath.use_pass_focus:
+    if properties.of_layer(layer).use_pass_focus:
         names = map(_focus_pass, properties.focus_list_of(props))
         found += [(name, "RGB") for name in dict.fromkeys(names)]
-    if layer.holopath.use_pass_phase:
+    if properties.of_layer(layer).use_pass_phase:
         found.append(("Phase", colours))
-    if layer.holopath.use_pass_amplitude:
+    if properties.of_layer(layer).use_pass_amplitude:
         found.append(("Amplitude", colours))
-    if layer.holopath.use_pass_depth:
+    if properties.of_layer(layer).use_pass_depth:
         found.append(("Depth", "Z"))
     return found
 
@@ -155,12 +156,12 @@ def _pixels(still, result, depsgraph):
     for depth, picture in zip(result.focus, pictures, strict=True):
         found[_focus_pass(depth)] = picture
     wave = np.moveaxis(result.field.data[0], 0, -1)
-    if layer.holopath.use_pass_phase:
+    if properties.of_layer(layer).use_pass_phase:
         phase = np.angle(wave) % np.float32(2 * np.pi)
         found["Phase"] = np.where(phase < np.float32(2 * np.pi), phase, 0)
-    if layer.holopath.use_pass_amplitude:
+    if properties.of_layer(layer).use_pass_amplitude:
         found["Amplitude"] = np.abs(wave)
-    if layer.holopath.use_pass_depth or layer.use_pass_z:
+    if properties.of_layer(layer).use_pass_depth or layer.use_pass_z:
         depth = engine.depth_map(still.scene, still.camera, wave.shape[1], wave.shape[0])
         found["Depth"] = np.minimum(depth / unit_scale(depsgraph.scene), NOTHING)
     return {name: np.ascontiguousarray(array, np.float32) for name, array in found.items()}

@@ -5,6 +5,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from . import engine, output, pipeline, slm
@@ -151,7 +152,9 @@ def _stream(args):
     if not args.patience >= 0:
         raise engine.InvalidInput(f"A patience of {args.patience:g} s is none: give 0 or more.")
     loops = args.loops if args.loops is not None else 1 if ends else 0
-    trigger = (lambda number: controller.trigger(number, args.pulse)) if args.trigger else None
+    trigger = None
+    if args.trigger and controller is not None:
+        trigger = partial(controller.trigger, microseconds=args.pulse)
     told = _Told(progress)
     try:
         if controller is not None and controller is not getattr(driver, "controller", None):
@@ -260,8 +263,8 @@ def _captured(args, sequence, driver, controller, trigger, progress, tell):
         pictures[file.name] = file.read_bytes()
 
     pictures = {}
-    with ThreadPoolExecutor(1) as workers, tempfile.TemporaryDirectory() as part:
-        part = Path(part)
+    with ThreadPoolExecutor(1) as workers, tempfile.TemporaryDirectory() as temporary:
+        part = Path(temporary)
         streaming = workers.submit(
             slm.stream, sequence, driver, args.rate, None, watch, trigger, args.patience
         )
@@ -282,26 +285,25 @@ def _captured(args, sequence, driver, controller, trigger, progress, tell):
 def _focus(args):
     progress = Progress(quiet=args.quiet)
     file = Path(args.planes) if args.planes else None
-    if args.position is None and file is None:
-        raise engine.InvalidInput("The focus planes are missing: give their file with --planes.")
-    planes = None
-    if args.position is None:
+    planes, target = None, args.position
+    if target is None:
+        if file is None:
+            raise engine.InvalidInput("The focus planes are missing: give their file with --planes.")
         new = args.store is not None and not file.exists()
         planes = slm.FocusPlanes.spread() if new else slm.FocusPlanes.load(file)
     controller = slm.Controller(args.port, args.baud)
-    if args.position is not None:
-        target = args.position
-    elif args.plane is not None:
-        target = planes.position(args.plane)
-    elif args.distance is not None:
-        target = planes.position_at(args.distance * 1e-3)
-    else:
-        planes.calibrated(args.store, 0)  # there is such a plane
+    if planes is not None:
+        if args.plane is not None:
+            target = planes.position(args.plane)
+        elif args.distance is not None:
+            target = planes.position_at(args.distance * 1e-3)
+        else:
+            planes.calibrated(args.store, 0)  # there is such a plane
     controller.open()
     try:
-        if args.store is not None:
+        if planes is not None and target is None:
             position = controller.position()
-            planes.calibrated(args.store, position).save(file)
+            planes.calibrated(args.store, position).save(args.planes)
             distance = planes.planes[args.store].distance * 1e3
             progress(1.0, f"Done: plane {args.store} ({distance:g} mm) is position {position}, in {file}")
             return

@@ -8,11 +8,15 @@ import sys
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import engine
 from .engine import backend
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
@@ -29,7 +33,7 @@ class Loaded:
         What the exporter approximated or left out: object, feature, effect, see `export.Note`.
     """
 
-    scene: object
+    scene: "mi.Scene"
     camera: engine.Camera
     notes: list = field(default_factory=list)
 
@@ -45,35 +49,27 @@ class BlenderSource:
     @property
     def hologram(self):
         """`engine.Hologram` of the settings in the current frame."""
-        import bpy
-
         from . import properties
 
-        return properties.hologram_of(bpy.context.scene.holopath)
+        return properties.hologram_of(properties.of(_scene()))
 
     @property
     def settings(self):
         """`engine.Settings` in the current frame."""
-        import bpy
-
         from . import properties
 
-        return properties.settings_of(bpy.context.scene.holopath)
+        return properties.settings_of(properties.of(_scene()))
 
     @property
     def frames(self):
         """Numbers of the frames of the animation."""
-        import bpy
-
-        scene = bpy.context.scene
+        scene = _scene()
         return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
 
     def go_to(self, frame):
         """Make a frame the current one."""
-        import bpy
-
         with native_output_to_stderr():
-            bpy.context.scene.frame_set(frame)
+            _scene().frame_set(frame)
 
     def load(self, width, height, camera=None):
         """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""
@@ -86,6 +82,14 @@ class BlenderSource:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         exported = export_scene(depsgraph, (width, height), camera, self._cache)
         return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+
+
+def _scene():
+    import bpy
+
+    scene = bpy.context.scene
+    assert scene is not None  # every file has one
+    return scene
 
 
 class MitsubaSource:

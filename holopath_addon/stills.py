@@ -7,10 +7,14 @@ import time
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import engine, output, pipeline
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
 _VIEW = {"focus_asked", "pupil_m", "compared", "encoded", "encoding_bits"}
@@ -52,7 +56,7 @@ class Still:
     """
 
     name: str
-    scene: object
+    scene: "mi.Scene"
     camera: engine.Camera
     hologram: engine.Hologram
     settings: engine.Settings
@@ -97,7 +101,9 @@ class Still:
         )
 
 
-def write(folder, still, progress, export_seconds, rendered=None, encoded=None, stoppable=True):
+def write(
+    folder, still, progress, export_seconds, rendered=None, encoded=None, stoppable=True
+) -> tuple[pipeline.Result, dict]:
     """Render a still into a folder.
 
     Parameters
@@ -213,7 +219,7 @@ def _compare(result, truth):
     return rows
 
 
-def update(folder, still, progress, export_seconds, say):
+def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Result | None, dict]:
     """Have a still's render in its output folder: what is there of it is not made again.
 
     Parameters

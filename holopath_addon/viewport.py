@@ -9,6 +9,7 @@ screen, and only ends when that has had no engine for a while.
 import math
 import time
 import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import bpy
@@ -17,7 +18,7 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.presets import draw_texture_2d
 
-from . import engine, failures, preferences
+from . import engine, failures, preferences, properties
 from .engine import backend
 from .export import baking, read_scene, unit_scale
 from .export.camera import about, export_camera, find_camera
@@ -74,18 +75,20 @@ class Stage:
 
     def __init__(self, reading):
         self._reading, self._scene, self._origin = reading, None, reading.origin
-        self._preview, self._max_depth = None, 0
+        self._preview: engine.Preview | None = None
+        self._max_depth = 0
 
     def look(self, view, shrink):
         """The picture of a view, begun anew and so many times smaller; for one thread at a time."""
-        size, camera = [max(1, round(n / shrink)) for n in view.size], about(self._origin, view.camera)
+        width, height = (max(1, round(n / shrink)) for n in view.size)
+        camera = about(self._origin, view.camera)
         if self._scene is None:
             self._scene, self._reading = self._reading.build().scene, None
         if self._preview is None or self._max_depth != view.max_depth:
             self._max_depth = view.max_depth
-            self._preview = engine.Preview(self._scene, camera, *size, max_depth=view.max_depth)
+            self._preview = engine.Preview(self._scene, camera, width, height, max_depth=view.max_depth)
         else:
-            self._preview.look(camera, *size)
+            self._preview.look(camera, width, height)
         return self._preview
 
 
@@ -93,13 +96,18 @@ class Viewport:
     """The picture in one 3D View, see `of`."""
 
     def __init__(self):
-        self._engine, self._ended = None, 0.0
-        self._view = None
-        self._where = None  # scene and view layer by name
-        self._stage, self._outdated, self._facts = None, True, None
+        self._engine: weakref.ref | None = None
+        self._ended = 0.0
+        self._view: View | None = None
+        self._where = "", ""  # scene and view layer by name
+        self._stage: Stage | None = None
+        self._outdated = True
+        self._facts: tuple | None = None
         self._changed, self._read, self._reading = 0.0, 0.0, 0.0  # moments, and seconds
-        self._job, self._traced = None, None
-        self._pixels, self._texture = None, None
+        self._job: Job | None = None
+        self._traced: tuple[Stage, View] | None = None
+        self._pixels: np.ndarray | None = None
+        self._texture: gpu.types.GPUTexture | None = None
         self._complaint, self._error = "", ""
 
     def belong(self, engine):
@@ -171,14 +179,12 @@ class Viewport:
         """Whether there is anything to be done."""
         if self._job is not None or self._engine is None:
             return True
-        return self._view is not None and (self._outdated or not self._up_to_date())
+        return self._view is not None and (self._outdated or not self._up_to_date(self._view))
 
-    def _up_to_date(self):
-        """Whether the view has been traced, is being traced, or cannot be."""
+    def _up_to_date(self, view):
+        """Whether a view has been traced, is being traced, or cannot be."""
         return self._stage is None or (
-            self._traced is not None
-            and self._traced[0] is self._stage
-            and self._view.same_picture(self._traced[1])
+            self._traced is not None and self._traced[0] is self._stage and view.same_picture(self._traced[1])
         )
 
     def interrupt(self):
@@ -220,15 +226,16 @@ class Viewport:
 
     def read(self):
         """Export the scene."""
-        started = time.monotonic()
+        assert self._view is not None  # it is `to_be_read`
+        started, (name, layer), view = time.monotonic(), self._where, self._view
         self._outdated, self._error = False, ""
         try:
-            scene = bpy.data.scenes[self._where[0]]
-            with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[self._where[1]]):
+            scene = bpy.data.scenes[name]
+            with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[layer]):
                 depsgraph = bpy.context.evaluated_depsgraph_get()
                 self._facts = _facts(depsgraph)
                 backend.activate(preferences.wanted())
-                reading = read_scene(depsgraph, self._view.size, self._view.camera, session.cache)
+                reading = read_scene(depsgraph, view.size, view.camera, session.cache)
             self._stage = Stage(reading)
         except Exception as error:
             self._stage, self._texture = None, None
@@ -240,11 +247,16 @@ class Viewport:
         """Trace the view in a thread, where it is another one and the last has given way."""
         if self._view is None:
             self.interrupt()
-        elif not self._outdated and not self._up_to_date() and self.gives_way():
-            self._start()
+        elif (
+            self._stage is not None
+            and not self._outdated
+            and not self._up_to_date(self._view)
+            and self.gives_way()
+        ):
+            self._start(self._stage, self._view)
 
-    def _start(self):
-        stage, view, this = self._stage, self._view, weakref.ref(self)
+    def _start(self, stage, view):
+        this = weakref.ref(self)
 
         def show(picture):
             viewport = this()
@@ -253,9 +265,9 @@ class Viewport:
 
         self._error = ""
         self._traced = stage, view
-        self._job = Job(lambda progress: refine(stage, view, show, progress))
-        _jobs.append(self._job)
-        self._job.start()
+        job = self._job = Job(lambda progress: refine(stage, view, show, progress))
+        _jobs.append(job)
+        job.start()
 
 
 def refine(stage, view, show, progress):
@@ -334,7 +346,7 @@ def view_of(context, depsgraph, shrink):
     area = abs(place[2] * place[3])
     shrink *= max(1.0, math.sqrt(area / (region.width * region.height)))
     size = tuple(max(1, round(abs(n) / shrink)) for n in place[2:])
-    return View(camera, size, place, context.scene.holopath.max_depth)
+    return View(camera, size, place, properties.of(context.scene).max_depth)
 
 
 def _frame(camera, scene, region, region_view):
@@ -378,7 +390,9 @@ def _rgba(picture):
 def _texture(pixels):
 
     height, width = pixels.shape[:2]
+    # pyrefly: ignore[bad-argument-count]  # neither is made in Blender's stubs
     data = gpu.types.Buffer("FLOAT", pixels.size, pixels.ravel())
+    # pyrefly: ignore[bad-argument-count, unexpected-keyword]
     return gpu.types.GPUTexture((width, height), format="RGBA16F", data=data)
 
 
@@ -415,7 +429,7 @@ def _transforming():
     """Whether the user is moving, turning or scaling something."""
     return any(
         operator.bl_idname.startswith("TRANSFORM_OT_")
-        for window in bpy.context.window_manager.windows
+        for window in bpy.data.window_managers[0].windows
         for operator in getattr(window, "modal_operators", ())
     )
 
@@ -450,9 +464,10 @@ def _tick():
 
 def _redraw():
     """Redraw the 3D Views that show our pictures."""
-    for window in bpy.context.window_manager.windows:
+    for window in bpy.data.window_managers[0].windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED":
+            space = area.spaces.active
+            if isinstance(space, bpy.types.SpaceView3D) and space.shading.type == "RENDERED":
                 for region in area.regions:
                     if region.type == "WINDOW":
                         region.tag_redraw()
@@ -481,7 +496,7 @@ def _forget(*_):
     _viewports.clear()
 
 
-def _handlers():
+def _handlers() -> tuple[tuple[list, Callable], ...]:
     handlers = bpy.app.handlers
     return (
         (handlers.depsgraph_update_post, _evaluated),

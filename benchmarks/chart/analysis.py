@@ -113,7 +113,7 @@ def table_1(records, usual):
     """
     criteria = (
         ("fast: s at M = 8", lambda r: r["seconds"], None, np.median),
-        ("multi-frame: M = 24 / M = 1", None, None, None),
+        ("multi-frame: M = 24 / M = 1", None, None, np.median),
         ("data: s of pictures first", lambda r: _pictures_first(r), None, np.median),
         ("pretraining: s", lambda r: 0.0, None, max),
         ("reflection, refraction: dB", lambda r: r["psnr"], {"mirrors", "glass"}, np.mean),
@@ -130,9 +130,9 @@ def table_1(records, usual):
         for _, figure, asks, mean in criteria:
             if figure is None:
                 values = [ratio for (_, method), (_, ratio) in several.items() if method == name and ratio]
-                mean = np.median
             else:
-                values = [figure(r) for r in own if not asks or asks & SCENES[r["scene"]].asks]
+                asked = [r for r in own if not asks or asks & SCENES[r["scene"]].asks]
+                values = list(map(figure, asked))
             values = [value for value in values if value is not None]
             row.append(float(mean(values)) if values else None)
         if own:

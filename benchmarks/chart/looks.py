@@ -129,7 +129,7 @@ def truth_of(scene, camera, hologram, foci, spp, progress=None):
         ]  # fmt: skip
         pictures.append(0.5 * (halves[0] + halves[1]))
         # their difference has four times the squared noise of their mean
-        ceiling.append(engine.psnr(*halves, border) + 20 * math.log10(2))
+        ceiling.append(engine.psnr(halves[0], halves[1], border) + 20 * math.log10(2))
         progress((number + 1) / len(looks), f"reference {look.name}")
     z = mapping.depth_to_z(engine.depth_map(scene, camera, hologram.width, hologram.height))
     reach = slope_of(hologram) / hologram.pitch

@@ -321,8 +321,8 @@ def free():
 
 def peak_bytes():
     """Most memory that this process has had since `free`; where the system does not tell that, since its start."""
-    with suppress(OSError, TypeError):
-        return int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1]) << 10
+    with suppress(OSError, IndexError):
+        return int(re.findall(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[0]) << 10
     import resource
 
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -54,7 +54,7 @@ def draw(chart, records, triangles, table, ratios, folder):
     files = {
         "chart-seconds.png": lambda path: _seconds(records, scenes, colours, path),
         "chart-convergence.png": lambda path: _convergence(records, scenes, colours, path),
-        "chart-table-1.png": lambda path: _table(*table, path),
+        "chart-table-1.png": lambda path: _table(table[0], table[1], path),
     }
     if ratios:
         files["chart-frames.png"] = lambda path: _frames(ratios, path)

@@ -56,7 +56,7 @@ def camera(fov=FOV):
 
 def display(side=SIDE, pitch=PITCH, wavelength=GREEN, far=1e-3, near=6e-3, **options):
     """A hologram in one wavelength."""
-    height, width = (side, side) if np.isscalar(side) else side
+    height, width = side if isinstance(side, tuple) else (side, side)
     return engine.Hologram(width, height, pitch, (wavelength,), far, near, **options)
 
 
@@ -477,7 +477,7 @@ def _peak(pixels):
 def _resident(name):
     """A figure of this process in bytes, from Linux."""
     status = Path("/proc/self/status").read_text()
-    return int(re.search(rf"{name}:\s*(\d+) kB", status)[1]) << 10
+    return int(re.findall(rf"{name}:\s*(\d+) kB", status)[0]) << 10
 
 
 def _spread(first, last, count):

@@ -292,7 +292,8 @@ def grazing(degrees):
     )
     once = reflectance(degrees)
     both = 2 * once / (1 + once)
-    shares = [float(on_axis(s, scene, branch, (0, 0)).weight.y[0]) for branch in (0, 1)]
+    weights: list = [on_axis(s, scene, branch, (0, 0)).weight for branch in (0, 1)]
+    shares = [float(weight.y[0]) for weight in weights]
     figures = against(*pictures_of(scene, [0.6, 6.0], hologram=hologram_of(0.5)))
     return figures | {"reflected": shares[0] / both, "transmitted": shares[1] / (1 - both)}
 

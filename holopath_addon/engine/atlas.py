@@ -5,10 +5,13 @@ mesh has copies of the sheet of its own, one for each side that is lit; instance
 share the charts.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from dataclasses import dataclass, field
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -17,6 +20,11 @@ import numpy as np
 from .buffers import gather_row, packed
 from .lobes import nested_in, parts_of
 from .unwrapping import CHARTED_TRIANGLES, cells, charts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from .progress import PartProgress
 
 NONE = 0xFFFFFFFF
 INSTANCE, GROUP = 1024, 2048  # of mi.ShapeType, which lacks these names
@@ -42,7 +50,7 @@ class Mesh:
     first: int
     vertices: np.ndarray
     faces: np.ndarray
-    parts: np.ndarray = None  # number of each vertex's connected part
+    parts: np.ndarray = field(init=False)  # number of each vertex's connected part
 
 
 @dataclass
@@ -86,7 +94,7 @@ class Triangles:
         Digest of which triangles there are, and how large, wherever they lie.
     """
 
-    def __init__(self, scene, wanted):
+    def __init__(self, scene: mi.Scene, wanted: Callable[[mi.Shape], bool]) -> None:
         self.families, children, starts, self.count, self.parts = [], [NONE], {}, 0, 0
         groups, group_of = {}, _groups(scene)
         structure = blake2b(digest_size=16)
@@ -136,7 +144,7 @@ class Triangles:
         self.number_of = mi.UInt32(np.concatenate(numbers))
         self.part_of = mi.UInt32(np.concatenate(part))
 
-    def areas(self):
+    def areas(self) -> np.ndarray:
         """Area of each part, square metres of its own mesh."""
         areas = np.zeros(max(1, self.parts))
         for mesh in self.meshes:
@@ -155,7 +163,7 @@ class Triangles:
         self.count += len(faces)
         return mesh
 
-    def leave_out(self, shapes):
+    def leave_out(self, shapes: Iterable[int]) -> None:
         """Forget the triangles of shapes, given by their numbers in Mitsuba's registry."""
         children = np.array(self._children)
         for family in self.families:
@@ -167,7 +175,7 @@ class Triangles:
         self.meshes = [mesh for mesh in self.meshes if mesh.shape not in shapes]
         self._children = mi.UInt32(children)
 
-    def row(self, surface, active=True):
+    def row(self, surface: mi.PreliminaryIntersection3f, active: mi.Bool | bool = True) -> tuple:
         """Who shows the triangle where a ray hits, its row, and whether it has one (Dr.Jit types)."""
         shape = dr.reinterpret_array(mi.UInt32, surface.shape)
         instance = dr.reinterpret_array(mi.UInt32, surface.instance)
@@ -212,7 +220,7 @@ class Layout:
     dense: int
     laid: np.ndarray
 
-    def serves(self, triangles, texel, sides):
+    def serves(self, triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]]) -> bool:
         """Whether what `lay_out` is asked for is here, to a factor of two in the size of texels."""
         if self.laid.tolist() != [mesh.first for mesh in triangles.meshes]:
             return False
@@ -221,7 +229,7 @@ class Layout:
         return sides <= here and bool((self.texel <= 2 * self.coarser * texel)[parts].all())
 
 
-def unfit(triangles, texel, sides):
+def unfit(triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]]) -> set[int]:
     """Numbers of the shapes that texels as fine as asked for cannot show, whose light is better traced.
 
     Such are parts so large that texels would have to be over twice as large to bound memory, as a plain that reaches
@@ -248,7 +256,9 @@ def unfit(triangles, texel, sides):
     return uneven | {meshes_of[part] for part in np.flatnonzero(counts > 4 * most).tolist()}
 
 
-def lay_out(triangles, texel, sides, progress):
+def lay_out(
+    triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]], progress: PartProgress
+) -> Layout:
     """Lay out a scene's triangles.
 
     Parameters
@@ -339,7 +349,7 @@ class Atlas:
         Side of a texel on each part, metres.
     """
 
-    def __init__(self, triangles, layout):
+    def __init__(self, triangles: Triangles, layout: Layout) -> None:
         self.triangles, self.layout = triangles, layout
         self.width, height = layout.size
         self.size = self.width * height
@@ -409,7 +419,13 @@ class Atlas:
             dr.eval(row)
         return np.array(row).reshape(height, self.width)
 
-    def texel(self, surface, front, aside, active=True):
+    def texel(
+        self,
+        surface: mi.PreliminaryIntersection3f,
+        front: mi.Bool,
+        aside: mi.Point2f,
+        active: mi.Bool | bool = True,
+    ) -> tuple[mi.UInt32, mi.Bool]:
         """Number of the texel where a ray hits, and whether there is one (Dr.Jit types).
 
         Parameters
@@ -434,7 +450,7 @@ class Atlas:
         number = dr.minimum(line * self.width + column, self.size - 1)
         return number, known & (dr.gather(mi.UInt32, self._row, number, known) != NONE)
 
-    def place(self, texel, aside):
+    def place(self, texel: mi.UInt32, aside: mi.Point2f) -> tuple[mi.PreliminaryIntersection3f, mi.Bool]:
         """The surface at a texel, `aside` (0 to 1) within it, and whether its front is meant (Dr.Jit types).
 
         Returns
@@ -472,7 +488,7 @@ class Atlas:
         return surface, side == 0
 
 
-def number_of(shape):
+def number_of(shape: mi.Shape) -> int:
     """A shape's number in Mitsuba's registry, which hits tell."""
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
@@ -567,7 +583,7 @@ def _shelves(sizes):
     padded = np.ceil(np.array(sizes) / BLOCK).astype(int) * BLOCK
     total = float((padded[:, 0] * padded[:, 1]).sum())
     width = max(int(padded[:, 0].max()), math.ceil(1.1 * math.sqrt(total) / BLOCK) * BLOCK)
-    places, x, y, shelf = [None] * len(sizes), 0, 0, 0
+    places, x, y, shelf = [(0, 0)] * len(sizes), 0, 0, 0
     for number in np.argsort(-padded[:, 1], kind="stable"):
         w, h = (int(v) for v in padded[number])
         if x + w > width:

@@ -5,6 +5,8 @@ Dr.Jit brings no LLVM. It loads whatever libLLVM it finds, once, when it is firs
 here, before Dr.Jit is imported, and handed over in `DRJIT_LIBLLVM_PATH`. CUDA needs no LLVM.
 """
 
+from __future__ import annotations
+
 import ctypes
 import os
 import re
@@ -30,7 +32,7 @@ _lock = threading.RLock()
 _extended = set()
 
 
-def activate(prefer=None):
+def activate(prefer: str | None = None) -> str:
     """Set the Mitsuba variant to compute with; cheap to repeat, callable from any thread.
 
     Parameters
@@ -92,7 +94,7 @@ def activate(prefer=None):
         return wanted
 
 
-def threads():
+def threads() -> int:
     """How many threads this process may compute with: `HOLOPATH_THREADS`, or one for each processor.
 
     Returns
@@ -112,7 +114,7 @@ def threads():
     return int(text)
 
 
-def describe():
+def describe() -> list[dict]:
     """List the backends of this machine; raises nothing and activates nothing.
 
     Returns
@@ -132,7 +134,7 @@ def describe():
         return rows + [{"name": LLVM, **row}]
 
 
-def find_llvm():
+def find_llvm() -> tuple[str, tuple[int, ...]]:
     """Find the newest usable libLLVM; `DRJIT_LIBLLVM_PATH`, where set, is the only candidate.
 
     Returns
@@ -149,7 +151,7 @@ def find_llvm():
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
         version, problem = _probe(Path(chosen))
-        if problem:
+        if version is None:
             raise BackendUnavailable(
                 f"DRJIT_LIBLLVM_PATH names {chosen}, which {problem}: {_how_to_install()} "
                 "and point it there, or unset it."
@@ -158,7 +160,7 @@ def find_llvm():
     problems = []
     for path in _candidates():
         version, problem = _probe(path)
-        if not problem:
+        if version is not None:
             return str(path), version
         problems.append(f"{path} {problem}")
     found = f" ({problems[0]})" if problems else ""

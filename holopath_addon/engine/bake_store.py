@@ -1,14 +1,21 @@
 """Baked light on disk: one file for each set of triangles, whatever their place, materials and lamps."""
 
+from __future__ import annotations
+
 import os
 import tempfile
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import InvalidInput
+
+if TYPE_CHECKING:
+    from .atlas import Layout, Triangles
+    from .radiance_cache import RadianceCache
 
 VERSION = 3  # of the format, and of the light: another one is baked again
 SUFFIX = ".holobake.npz"
@@ -55,7 +62,7 @@ class Stored:
     source: np.ndarray
 
     @classmethod
-    def of(cls, cache, digest, noise, most):
+    def of(cls, cache: RadianceCache, digest: str, noise: float, most: int) -> Stored:
         """What a cache holds."""
         groups, layout = cache.groups, cache.atlas.layout
         pool, counts = (_joined([getattr(g, name) for g in groups]) for name in ("pool", "counts"))
@@ -74,13 +81,13 @@ class Stored:
         )
 
     @property
-    def layout(self):
+    def layout(self) -> Layout:
         """The `Layout`."""
         from .atlas import Layout
 
         return Layout(self.texel, self.corners, self.copies, self.size, self.coarser, self.dense, self.laid)
 
-    def cache(self, triangles, complete, translucent):
+    def cache(self, triangles: Triangles, complete: bool, translucent: bool) -> RadianceCache | None:
         """The `RadianceCache` of these triangles, None where it groups texels otherwise."""
         from .atlas import Atlas
         from .radiance_cache import Groups, RadianceCache, dr, mi
@@ -92,7 +99,7 @@ class Stored:
         cache.source = mi.Float(self.source)
         return cache
 
-    def check(self, triangles):
+    def check(self, triangles: Triangles) -> None:
         """Whether the arrays fit each other and the triangles.
 
         Raises
@@ -141,11 +148,11 @@ class BakeStore:
         Made when something is saved.
     """
 
-    def __init__(self, folder):
+    def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
 
     @classmethod
-    def default(cls):
+    def default(cls) -> BakeStore:
         """The user's own cache folder, or what HOLOPATH_CACHE names."""
         named = os.environ.get("HOLOPATH_CACHE")
         if named:
@@ -161,7 +168,7 @@ class BakeStore:
     def _file(self, triangles):
         return self.folder / (triangles.structure + SUFFIX)
 
-    def size(self, triangles=None):
+    def size(self, triangles: Triangles | None = None) -> int:
         """Bytes of the light baked for these triangles, or of all."""
         files = self.files() if triangles is None else [self._file(triangles)]
         total = 0
@@ -170,7 +177,7 @@ class BakeStore:
                 total += file.stat().st_size
         return total
 
-    def files(self):
+    def files(self) -> list[Path]:
         """All files, the oldest first."""
 
         def age(file):
@@ -180,7 +187,7 @@ class BakeStore:
 
         return sorted(self.folder.glob("*" + SUFFIX), key=age)
 
-    def load(self, triangles):
+    def load(self, triangles: Triangles) -> tuple[Stored | None, str]:
         """What is stored for these triangles.
 
         Returns
@@ -216,7 +223,7 @@ class BakeStore:
             os.utime(file)  # the oldest files are the first to go
         return stored, ""
 
-    def save(self, triangles, stored):
+    def save(self, triangles: Triangles, stored: Stored) -> None:
         """Keep baked light, whole or not at all; what was stored for the same triangles goes.
 
         Raises
@@ -253,7 +260,7 @@ class BakeStore:
                 excess -= file.stat().st_size
                 file.unlink()
 
-    def clear(self):
+    def clear(self) -> int:
         """Delete all that is stored; bytes that were freed."""
         before = self.size()
         for file in [*self.files(), *self.folder.glob(".part-*")]:

@@ -1,8 +1,11 @@
 """Baking for one view: what of the cache is there already, what has to be baked, and what was done."""
 
+from __future__ import annotations
+
 import math
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
 from .bake_store import Stored
@@ -11,6 +14,16 @@ from .fingerprint import scene_digest
 from .gathering import gather, solve
 from .lobes import DIFFUSE, TRANSLUCENT, surfaces_of
 from .radiance_cache import Groups, RadianceCache, View, inseparable
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from .bake_store import BakeStore
+    from .camera import Camera
+    from .chains import FirstHits, SpecularChains
+    from .hologram import Hologram, Settings
+    from .planner import Plan
+    from .progress import Progress
 
 MISSING = 0.02  # of the view: less is traced, where the camera has moved
 NOISIER = 1.1  # than asked for: what is stored will do
@@ -60,19 +73,14 @@ class Bake:
     note: str
 
 
-def is_baked(scene, settings, noise, most, store):
+def is_baked(scene: mi.Scene, settings: Settings, noise: float, most: int, store: BakeStore) -> bool:
     """Whether a store has the light of a scene, as good as asked for and for some view."""
     stored, _ = store.load(_triangles(scene))
-    return _serves(stored, _digest(scene, settings), noise, most)
+    return stored is not None and _serves(stored, _digest(scene, settings), noise, most)
 
 
 def _serves(stored, digest, noise, most):
-    return (
-        stored is not None
-        and stored.digest == digest
-        and stored.noise <= NOISIER * noise
-        and stored.most >= most
-    )
+    return stored.digest == digest and stored.noise <= NOISIER * noise and stored.most >= most
 
 
 def _triangles(scene):
@@ -83,7 +91,17 @@ def _digest(scene, settings):
     return f"{scene_digest(scene)} {settings.max_depth}"
 
 
-def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=None, anew=False):
+def bake(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    plan: Plan,
+    optics: FirstHits | SpecularChains,
+    settings: Settings,
+    store: BakeStore | None = None,
+    progress: Progress | None = None,
+    anew: bool = False,
+) -> tuple[RadianceCache, Bake]:
     """The radiance cache of what a camera sees, taken from a store as far as it is there.
 
     Parameters
@@ -114,27 +132,26 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
     clock("look")
     surfaces = surfaces_of(scene)
     translucent = any(surface.bsdf().flags() & TRANSLUCENT for surface in surfaces)
-    cache, stored, note = None, None, ""
+    cache, missing, charted, stored, note = None, 1.0, False, None, ""
 
-    def cache_of(make):
-        cache = make(len(triangles.meshes) == len(surfaces), translucent)
-        if cache is None:
-            return None, 1.0, 1.0
+    def looked_at(cache):
         missing, lost, coarse = seen.coverage(cache)
         cache.complete &= lost == 0  # sides that no probe met when the texture was laid out
-        return cache, missing, lost + coarse
+        return missing, lost + coarse
 
     if store and not anew:
         stored, note = store.load(triangles)
-    if _serves(stored, digest, noise, most):
+    if stored is not None and _serves(stored, digest, noise, most):
         noise, most = min(noise, stored.noise), max(most, stored.most)
         triangles.leave_out({mesh.shape for mesh in triangles.meshes if mesh.first not in stored.laid})
-        cache, missing, lacking = cache_of(lambda *kind: stored.cache(triangles, *kind))
-        if lacking > COARSE:
-            cache = None
+        cache = stored.cache(triangles, len(triangles.meshes) == len(surfaces), translucent)
+        if cache is not None:
+            missing, lacking = looked_at(cache)
+            if lacking > COARSE:
+                cache = None
     clock("load")
     fresh = cache is None
-    if fresh:
+    if cache is None:
         texel, sides = view.reach(triangles)
         triangles.leave_out(unfit(triangles, texel, sides))
         charted = stored is not None and stored.layout.serves(triangles, texel, sides)
@@ -142,7 +159,8 @@ def bake(scene, camera, hologram, plan, optics, settings, store=None, progress=N
             layout = stored.layout
         else:
             layout = lay_out(triangles, texel, sides, lambda done: progress(0.1 * done, "Unwrapping"))
-        cache, missing, _ = cache_of(lambda *kind: RadianceCache(Atlas(triangles, layout), *kind))
+        cache = RadianceCache(Atlas(triangles, layout), len(triangles.meshes) == len(surfaces), translucent)
+        missing, _ = looked_at(cache)
         clock("unwrap")
         solve(
             scene,

@@ -1,20 +1,27 @@
 """Tables in Dr.Jit memory whose rows are fetched in packets."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
 PHASOR_SCALE = 127
 
 
-def row_stride(count):
+def row_stride(count: int) -> int:
     """Row length of a buffer whose rows of `count` values `gather_row` reads in packets of 4, 2 or 1."""
     return count if count <= 2 else 4 * math.ceil(count / 4)
 
 
-def gather_row(buffer, index, count):
+def gather_row(buffer: Any, index: mi.UInt32, count: int) -> list:
     """The `count` values of row `index` of a buffer made by `packed`."""
     stride = row_stride(count)
     if stride == 1:
@@ -33,7 +40,7 @@ def gather_row(buffer, index, count):
     return values[:count]
 
 
-def packed(values):
+def packed(values: np.ndarray) -> Any:
     """A 2-D array, float32 or uint32, as a flat Dr.Jit buffer with rows of `row_stride`."""
     rows, count = values.shape
     if count != row_stride(count):
@@ -41,7 +48,7 @@ def packed(values):
     return (mi.UInt32 if values.dtype == np.uint32 else mi.Float)(np.ascontiguousarray(values).ravel())
 
 
-def packed_phasors(phasors):
+def packed_phasors(phasors: Sequence[np.ndarray]) -> Any:
     """Unit phasors as pairs of signed bytes, two frames a word, the frames of a grain side by side.
 
     Rounding to 1/127 is noise at -50 dB, far under any speckle, and a quarter of the memory traffic, which
@@ -54,7 +61,7 @@ def packed_phasors(phasors):
     return packed(pairs.reshape(len(pairs), -1).view(np.uint32))
 
 
-def gather_phasors(buffer, index, frames):
+def gather_phasors(buffer: Any, index: mi.UInt32, frames: int) -> list:
     """Real and imaginary parts, times `PHASOR_SCALE`, of each frame's phasor at a grain."""
     parts = []
     for word in gather_row(buffer, index, math.ceil(frames / 2)):

@@ -1,5 +1,7 @@
 """The viewer's camera: where hologram space is anchored in the world."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 
@@ -59,17 +61,17 @@ class Camera:
             )
 
     @property
-    def position(self):
+    def position(self) -> np.ndarray:
         """Centre of the pupil in the world, metres, shape (3,)."""
         return self.to_world[:3, 3]
 
     @property
-    def axes(self):
+    def axes(self) -> np.ndarray:
         """Right, up and forward unit vectors in the world, shape (3, 3), one a row."""
         right, up, back = self.to_world[:3, :3].T
         return np.stack([right, up, -back])
 
-    def to_dict(self):
+    def to_dict(self) -> dict:
         """JSON-able form, see `from_dict`."""
         return {
             "to_world": self.to_world.tolist(),
@@ -82,7 +84,7 @@ class Camera:
         }
 
     @classmethod
-    def from_dict(cls, values):
+    def from_dict(cls, values: dict) -> Camera:
         """Inverse of `to_dict`."""
         end = values.get("clip_end")
         return cls(**values | {"clip_end": math.inf if end is None else end})

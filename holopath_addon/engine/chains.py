@@ -1,5 +1,7 @@
 """Coherent chains: what a ray meets through mirrors and clear surfaces (stages s4 and s6 of the paper)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -55,20 +57,20 @@ class View:
         Share of P's glossy light, and whether its other light, that this branch shows; None for all.
     """
 
-    distance: object
-    hit: object
-    ray: object
-    surface: object
-    exists: object
-    branch: object
-    weight: object
-    whole: object
-    path: object
-    image: object
-    colour: object
-    hits: object
-    cut: object
-    parts: object = None
+    distance: mi.Float
+    hit: mi.Bool
+    ray: mi.Ray3f
+    surface: mi.PreliminaryIntersection3f
+    exists: mi.Bool
+    branch: mi.UInt32
+    weight: mi.Color3f | None
+    whole: mi.Bool
+    path: mi.Float
+    image: mi.Float
+    colour: mi.Color3f
+    hits: mi.UInt32
+    cut: mi.Bool
+    parts: tuple[mi.Float, mi.Bool] | None = None
 
 
 class FirstHits:
@@ -84,10 +86,10 @@ class FirstHits:
 
     branches = 1
 
-    def __init__(self, coherent=True, sky=True):
+    def __init__(self, coherent: bool = True, sky: bool = True) -> None:
         self.coherent, self.sky = coherent, sky
 
-    def view(self, scene, ray, branch, drawn=False):
+    def view(self, scene: mi.Scene, ray: mi.Ray3f, branch: mi.UInt32, drawn: bool = False) -> View:
         """The `View` along a ray."""
         surface = intersect(scene, ray, self.coherent)
         hit = surface.is_valid()
@@ -128,14 +130,14 @@ class _Rough:
         Share of P's glossy light that this branch shows, and whether it shows the other light.
     """
 
-    ray: object
-    surface: object
-    share: object
-    own: object
-    own_path: object
-    colour: object
-    gloss: object
-    rest: object
+    ray: mi.Ray3f
+    surface: mi.PreliminaryIntersection3f
+    share: mi.Float
+    own: mi.Float
+    own_path: mi.Float
+    colour: mi.Color3f
+    gloss: mi.Float
+    rest: mi.Bool
 
     @classmethod
     def none(cls, ray):
@@ -183,13 +185,22 @@ class SpecularChains:
         Whether rays that were neither reflected nor refracted see the environment.
     """
 
-    def __init__(self, scene, virtual_image, most_hits, splits=SPLITS, coherent=True, sky=True, pupil=0.0):
+    def __init__(
+        self,
+        scene: mi.Scene,
+        virtual_image: str,
+        most_hits: int,
+        splits: int = SPLITS,
+        coherent: bool = True,
+        sky: bool = True,
+        pupil: float = 0.0,
+    ) -> None:
         self.lobes, self.pupil = SpecularLobes(scene), pupil
         self.curvature, self.splits = virtual_image == "curvature", splits
         self.most_hits = dr.opaque(mi.UInt32, most_hits)  # no literal: one kernel for all lengths
         self.branches, self.coherent, self.sky = 1 << splits, coherent, sky
 
-    def view(self, scene, ray, branch, drawn=False):
+    def view(self, scene: mi.Scene, ray: mi.Ray3f, branch: mi.UInt32, drawn: bool = False) -> View:
         """The `View` of a branch along a ray; of one `drawn` at random, bits that nothing divides by do not count."""
         chain = self._follow(scene, ray, branch)
         last, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves, rough = (
@@ -282,7 +293,7 @@ class SpecularChains:
         ):
             si = surface.compute_surface_interaction(ray, mi.RayFlags.All, active)
             scatters, reflected, transmitted = self.lobes.at(si, active & si.is_valid())
-            free = (splits < self.splits) & (hits < self.most_hits)
+            free, parts = (splits < self.splits) & (hits < self.most_hits), None
             if self.pupil:
                 free &= ~rough.surface.is_valid()
                 lobe, density, coated = self.lobes.glossy(si, active & si.is_valid())
@@ -301,7 +312,7 @@ class SpecularChains:
                 reflected = dr.select(over & ~through, lobe, reflected)
                 transmitted = dr.select(over & through, lobe, transmitted)
             leaves = reflected.exists | transmitted.exists
-            if self.pupil:
+            if parts is not None:
                 leaves |= parts
             # stay at P, or go on
             dividing = active & leaves & scatters
@@ -358,7 +369,7 @@ class SpecularChains:
         return dr.while_loop(state, lambda *s: s[-1], body, label="specular chain")[:-1]
 
 
-def nearly_smooth(scene, si, distance, pupil):
+def nearly_smooth(scene: mi.Scene, si: mi.SurfaceInteraction3f, distance: mi.Float, pupil: float) -> mi.Float:
     """How far surfaces' glossy light is taken to come from its image, 1, rather than from themselves, 0."""
     lobe, density, _ = SpecularLobes(scene).glossy(si, si.is_valid())
     return _narrow(lobe, density, distance, pupil)

@@ -6,6 +6,8 @@ lies below. Light that one bounce between microfacets loses comes back by a fact
 physically based shading at Imageworks".
 """
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
@@ -15,7 +17,7 @@ from .microfacet import Beckmann, Ggx, glass_table, grazing, reflection_table, r
 SMOOTHEST = 0.02  # roughness of a rough lobe at least
 
 
-def register():
+def register() -> None:
     """Make the types known to the active variant of Mitsuba."""
     flags, base = mi.BSDFFlags, mi.BSDF
     sides = flags.FrontSide | flags.BackSide
@@ -47,6 +49,12 @@ def register():
         def _above(self, si):
             """Whether the front is seen."""
             return si.wi.z > 0
+
+        def _sample(self, ctx, si, wi, sample1, sample2, active):
+            raise NotImplementedError
+
+        def _eval_pdf(self, ctx, si, wi, wo, active):
+            raise NotImplementedError
 
         def sample(self, ctx, si, sample1, sample2, active=True):
             above = self._above(si)
@@ -92,11 +100,9 @@ def register():
             super().__init__(props, flags.DeltaReflection if self._smooth else flags.GlossyReflection)
             ior = props.get("ior", 0.0)
             self._ior = dr.opaque(mi.Float, ior) if ior else None
-            if "f0" in props:
-                self._f0, self._reflectance = self._texture(props, "f0", 1.0), None
-                self._edge = self._texture(props, "edge", 1.0) if "edge" in props else None
-            else:
-                self._f0, self._reflectance = None, self._texture(props, "reflectance", 1.0)
+            self._metal = "f0" in props
+            self._colour = self._texture(props, "f0" if self._metal else "reflectance", 1.0)
+            self._edge = self._texture(props, "edge", 1.0) if self._metal and "edge" in props else None
             if not self._smooth:
                 self._roughness = self._texture(props, "roughness", 0.5)
                 self._aspect = props.get("aspect", 1.0)
@@ -108,8 +114,9 @@ def register():
 
         def _fresnel(self, si, active):
             """Reflectance by cosine, and its mean over the hemisphere."""
+            colour = self._colour.eval(si, active)
             if self._ior is not None:
-                normal = self._reflectance.eval(si, active) * dr.square((self._ior - 1) / (self._ior + 1))
+                normal = colour * dr.square((self._ior - 1) / (self._ior + 1))
                 normal = dr.minimum(normal, 1)
                 mean = mi.fresnel_diffuse_reflectance(self._ior)
                 smooth = dr.square((self._ior - 1) / (self._ior + 1))
@@ -117,19 +124,17 @@ def register():
                 return lambda cosine: dr.lerp(normal, 1, grazing(cosine, self._ior)), dr.lerp(
                     normal, 1, share
                 )
-            if self._f0 is None:
-                colour = self._reflectance.eval(si, active)
+            if not self._metal:
                 return lambda cosine: colour, colour
-            f0 = self._f0.eval(si, active)
             if self._edge is None:
-                return lambda cosine: dr.lerp(f0, 1, (1 - cosine) ** 5), dr.lerp(f0, 1, 1 / 21)
-            dip = dr.lerp(f0, 1, (6 / 7) ** 5) * (7 / (6 / 7) ** 6) * (1 - self._edge.eval(si, active))
+                return lambda cosine: dr.lerp(colour, 1, (1 - cosine) ** 5), dr.lerp(colour, 1, 1 / 21)
+            dip = dr.lerp(colour, 1, (6 / 7) ** 5) * (7 / (6 / 7) ** 6) * (1 - self._edge.eval(si, active))
 
             def reflectance(cosine):
-                schlick = dr.lerp(f0, 1, (1 - cosine) ** 5)
+                schlick = dr.lerp(colour, 1, (1 - cosine) ** 5)
                 return dr.clip(schlick - dip * cosine * (1 - cosine) ** 6, 0, 1)
 
-            return reflectance, dr.lerp(f0, 1, 1 / 21) - dip / 126
+            return reflectance, dr.lerp(colour, 1, 1 / 21) - dip / 126
 
         def _shape(self, si, active):
             roughness = dr.clip(self._roughness.eval_1(si, active), SMOOTHEST, 1)
@@ -218,7 +223,7 @@ def register():
             ior = props.get("ior", 1.5)
             self._ior = dr.opaque(mi.Float, ior)
             self._transmittance = self._texture(props, "transmittance", 1.0)
-            self._tables = None
+            self._tables, multiscatter = None, False
             if not self._smooth:
                 self._roughness = self._texture(props, "roughness", 0.5)
                 self._distribution, multiscatter = _microfacets(props)
@@ -226,7 +231,7 @@ def register():
                 self._reflectance = self._texture(props, "reflectance", 1.0)
                 tinted = "specular_tint" in props
                 self._tint = self._texture(props, "specular_tint", 1.0) if tinted else None
-                if not self._smooth and multiscatter:
+                if multiscatter:
                     self._tables = [glass_table(round(ior, 4)), glass_table(1 / round(ior, 4))]
                     if isinstance(props["roughness"], float):
                         rough = max(props["roughness"], SMOOTHEST)
@@ -266,9 +271,8 @@ def register():
 
         def _sample(self, ctx, si, wi, sample1, sample2, active):
             ior, shares = self._interface(si, active)
-            if self._smooth:
-                normal, density, factor = mi.Normal3f(0, 0, 1), mi.Float(1), mi.Color3f(1)
-            else:
+            facets, normal, density, factor = None, mi.Normal3f(0, 0, 1), mi.Float(1), mi.Color3f(1)
+            if not self._smooth:
                 facets, factor = self._microstructure(si, wi, active)
                 normal = facets.visible_normal(wi, sample2)
             cosine = dr.dot(wi, normal)
@@ -278,7 +282,7 @@ def register():
             beyond, passes = refracted(wi, normal, ior)
             wo = dr.select(mirrors, mi.reflect(wi, normal), beyond)
             active &= dr.select(mirrors, wo.z > 0, passes & (wo.z < 0))
-            if not self._smooth:
+            if facets is not None:
                 spread = dr.select(mirrors, 1 / (4 * cosine), _spread(wi, wo, normal, ior))
                 density = facets.visible_density(wi, normal) * cosine * spread
                 factor *= facets.seen(wi, wo)

@@ -1,10 +1,17 @@
 """Estimates of a plan's seconds and memory, from the speeds that the probe measured."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from . import despeckle
 from .kernel_table import LEVELS
 from .phase_fields import SETS
+
+if TYPE_CHECKING:
+    from .hologram import Hologram, Settings
+    from .probing import Light, Probe
 
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 CELL_BYTES = 80  # of an occupied cell: eight sums of 8 bytes, and the amplitudes made of them
@@ -53,7 +60,9 @@ class Work:
     traversals: int
 
 
-def baking_seconds(hologram, light, columns, passes, baked, triangles):
+def baking_seconds(
+    hologram: Hologram, light: Light, columns: int, passes: int, baked: bool, triangles: int
+) -> float:
     """Seconds of the radiance cache and of the few paths that are left with it."""
     seconds = path_seconds(light, columns * passes)
     if not baked:
@@ -63,12 +72,12 @@ def baking_seconds(hologram, light, columns, passes, baked, triangles):
     return seconds
 
 
-def path_seconds(light, paths):
+def path_seconds(light: Light, paths: float) -> float:
     """Seconds of radiance paths."""
     return PATH * paths / light.paths_per_second
 
 
-def seconds(hologram, settings, seen, light, work):
+def seconds(hologram: Hologram, settings: Settings, seen: Probe, light: Light, work: Work) -> float:
     """Estimated seconds of a render."""
     pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
     own = SUM[0] + SUM[1] * frames * colours
@@ -89,7 +98,16 @@ def seconds(hologram, settings, seen, light, work):
     return total
 
 
-def memory(hologram, settings, work, margin, slabs, bins, binned, splits):
+def memory(
+    hologram: Hologram,
+    settings: Settings,
+    work: Work,
+    margin: int,
+    slabs: int,
+    bins: int,
+    binned: float,
+    splits: int,
+) -> float:
     """Estimated bytes of the arrays at most.
 
     `binned` is the share of the occupied cells that have all pupil bins.

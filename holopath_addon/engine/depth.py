@@ -1,13 +1,21 @@
 """Depth of the first surfaces in view, along the camera's axis."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import backend
 
+if TYPE_CHECKING:
+    import mitsuba as mi
 
-def depths_along(scene, camera, across, upward):
+    from .camera import Camera
+
+
+def depths_along(scene: mi.Scene, camera: Camera, across: np.ndarray, upward: np.ndarray) -> np.ndarray:
     """Depths of what is hit in some directions.
 
     Parameters
@@ -34,7 +42,7 @@ def depths_along(scene, camera, across, upward):
     return np.where(depths < camera.clip_end, depths, np.float32(math.inf))
 
 
-def depth_map(scene, camera, width, height):
+def depth_map(scene: mi.Scene, camera: Camera, width: int, height: int) -> np.ndarray:
     """Depth of the first surface at every pixel's centre.
 
     Parameters

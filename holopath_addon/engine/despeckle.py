@@ -1,6 +1,9 @@
 """Less speckle in one scene's fields: gradient steps towards the mean of many frames (docs/theory.md, Despeckling)."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
@@ -9,22 +12,29 @@ from .phase_fields import SETS, designed_phasors
 from .pictures import Pictures, spread_looks
 from .supervision import Adam, Frames, supervise
 
+if TYPE_CHECKING:
+    from .progress import PartProgress
+
 BATCHES = 4  # of the largest designed set, whose mean is what the picture should be
 RATE = 0.05  # longest step, of the field's root mean square
 VIEWS = 2  # pictures looked at in each step
 
 
-def batch_phasors(number):
+def batch_phasors(number: int) -> np.ndarray:
     """Phasors of a batch of the many frames, `number` in 0..BATCHES - 1."""
     return designed_phasors(SETS[-1], seed=1 + number)
 
 
-def targets(shape, pitch, wavelength, low, high, seed):
+def targets(
+    shape: tuple[int, int], pitch: float, wavelength: float, low: float, high: float, seed: int
+) -> Pictures:
     """Pictures of one wavelength, at depths from `low` to `high` beyond the fields' plane, see `spread_looks`."""
     return Pictures(shape, pitch, wavelength, spread_looks(pitch, wavelength, low, high, seed))
 
 
-def despeckle(fields, targets, steps, seed, progress):
+def despeckle(
+    fields: np.ndarray, targets: Pictures, steps: int, seed: int, progress: PartProgress
+) -> np.ndarray:
     """Fields moved towards the wanted pictures.
 
     Parameters

@@ -1,5 +1,7 @@
 """How a chain of mirrors and lenses moves neighbouring rays, and where they cross (stage s6)."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
@@ -7,14 +9,22 @@ import mitsuba as mi
 SHAPE_FLAGS = mi.RayFlags.ShadingFrame | mi.RayFlags.dNSdUV
 
 
-def start(ray):
+def start(ray: mi.Ray3f) -> list:
     """Moves of a ray's point and unit direction when its origin is shifted, and when it is turned: four pairs."""
     none = mi.Vector3f(0)
     axes = [mi.Vector3f(axis) for axis in mi.coordinate_system(ray.d)]
     return [(axis, none) for axis in axes] + [(none, axis) for axis in axes]
 
 
-def after_hit(moves, ray, surface, ahead, reflected, eta, active):
+def after_hit(
+    moves: list,
+    ray: mi.Ray3f,
+    surface: mi.PreliminaryIntersection3f,
+    ahead: mi.Float,
+    reflected: mi.Bool,
+    eta: mi.Float,
+    active: mi.Bool,
+) -> list:
     """The moves after a mirror or, where `reflected` is false, a refraction by the relative index `eta`.
 
     H. Igehy, Tracing Ray Differentials, SIGGRAPH 1999: no neighbouring rays are traced. `ahead` is how far beyond
@@ -45,7 +55,7 @@ def after_hit(moves, ray, surface, ahead, reflected, eta, active):
     return after
 
 
-def crossing(moves, last, reach):
+def crossing(moves: list, last: mi.Ray3f, reach: mi.Float) -> mi.Float:
     """Distance along the first piece of a chain where rays from the same real point P cross.
 
     With dP = A dO + B dv, the move of P, at `reach` on the last piece, under a shift dO of the origin and a

@@ -1,10 +1,16 @@
 """Glass whose index of refraction depends on the wavelength: Mitsuba BSDF type ``dispersive_dielectric``."""
 
+from __future__ import annotations
+
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import mitsuba as mi
 
 from .lobes import parts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
 
 LINE_D, LINE_F, LINE_C = (
     587.6e-9,
@@ -13,7 +19,7 @@ LINE_D, LINE_F, LINE_C = (
 )  # metres: Fraunhofer's lines that define the Abbe number
 
 
-def cauchy(index, abbe, wavelength):
+def cauchy(index: float, abbe: float, wavelength: float) -> float:
     """Index of refraction by Cauchy's equation n = A + B / wavelength^2.
 
     Parameters
@@ -33,7 +39,7 @@ def cauchy(index, abbe, wavelength):
     return index + slope * (wavelength**-2 - LINE_D**-2)
 
 
-def register():
+def register() -> None:
     """Make the type known to the active variant of Mitsuba."""
 
     class DispersiveDielectric(mi.BSDF):
@@ -88,20 +94,20 @@ def register():
     mi.register_bsdf("dispersive_dielectric", DispersiveDielectric)
 
 
-def wavelength_groups(scene, wavelengths):
+def wavelength_groups(scene: mi.Scene, wavelengths: Sequence[float]) -> list[tuple[float, ...]]:
     """Wavelengths that share their rays: all, or each for itself where the scene disperses."""
     disperses = any(hasattr(part, "tune") for part in parts_of(scene))
     return [(w,) for w in wavelengths] if disperses and len(wavelengths) > 1 else [tuple(wavelengths)]
 
 
 @contextmanager
-def tuned(scene, wavelengths):
+def tuned(scene: mi.Scene, wavelengths: Sequence[float]) -> Iterator[None]:
     """The scene as the wavelengths of one group see it, metres; afterwards as at 587.6 nm."""
-    glasses = [part for part in parts_of(scene) if hasattr(part, "tune")]
+    tune_all = [part.tune for part in parts_of(scene) if hasattr(part, "tune")]
     try:
-        for glass in glasses:
-            glass.tune(wavelengths[0])
+        for tune in tune_all:
+            tune(wavelengths[0])
         yield
     finally:
-        for glass in glasses:
-            glass.tune(LINE_D)
+        for tune in tune_all:
+            tune(LINE_D)

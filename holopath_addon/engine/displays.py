@@ -1,5 +1,7 @@
 """Resolution and pixel pitch of real phase-only spatial light modulators (SLMs), from their data sheets."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from .errors import InvalidInput
@@ -44,7 +46,7 @@ DISPLAYS = {
 }
 
 
-def display(name):
+def display(name: str) -> Display:
     """Return the preset called `name` (case does not matter).
 
     Raises

@@ -1,5 +1,7 @@
 """What the engine raises. Callers turn each into one sentence for the user."""
 
+from __future__ import annotations
+
 
 class InvalidInput(ValueError):
     """The caller's scene, display or settings cannot be used; the text says what, where and what to do."""
@@ -21,7 +23,7 @@ class Cancelled(Exception):
     kept = None
 
 
-def cancelled(error):
+def cancelled(error: BaseException | None) -> bool:
     """Whether an exception comes from the user's wish to stop.
 
     Mitsuba wraps what Ctrl-C or a progress callback raises within its own loops into a RuntimeError.

@@ -1,12 +1,21 @@
 """How rays sample the diffraction integral (stages s1 and s7): a lattice with the exact kernel, or at random."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from .buffers import gather_row, packed
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from .hologram import Hologram
+    from .kernel_table import Lattice
 
 
 class LatticeEstimator:
@@ -20,7 +29,7 @@ class LatticeEstimator:
         `kernel_table` of each wavelength.
     """
 
-    def __init__(self, hologram, lattice, tables):
+    def __init__(self, hologram: Hologram, lattice: Lattice, tables: list[np.ndarray]) -> None:
         self.rays = lattice.rays
         self.colours = len(tables)
         # not literals: all lattices then share one kernel
@@ -34,16 +43,16 @@ class LatticeEstimator:
         self.offsets = mi.Int(offsets.ravel())
         self.table = packed(np.stack(tables, axis=-1).reshape(-1, self.colours).view(np.float32))
 
-    def random(self, first, size):
+    def random(self, first: int, size: int) -> None:
         """Random state of a block of pixels: none is needed."""
         return None
 
-    def direction(self, step, random):
+    def direction(self, step: mi.UInt32, random: None) -> tuple:
         """s1: slopes of the direction number `step`."""
         i, j = gather_row(self.directions, step, 2)
         return i * self.spacing, j * self.spacing
 
-    def path(self, slope_x, slope_y, dz):
+    def path(self, slope_x: mi.Float, slope_y: mi.Float, dz: mi.Float) -> tuple:
         """s7: offset of the grain in pixels (right, up), and the kernel as real and imaginary parts.
 
         The kernel of a surface on the SLM's side of the plane is the conjugate.
@@ -74,23 +83,24 @@ class RandomEstimator:
     seed : int
     """
 
-    def __init__(self, hologram, rays, seed):
+    def __init__(self, hologram: Hologram, rays: int, seed: int) -> None:
         self.rays, self.seed, self.pitch = rays, seed, hologram.pitch
         self.wavelengths = hologram.wavelengths
         self.limits = [hologram.max_slope(w) for w in hologram.wavelengths]
         self.cone = max(self.limits)
 
-    def random(self, first, size):
+    def random(self, first: int, size: int) -> Any:
         """Random state of a block of `size` pixels from pixel number `first`."""
+        # pyrefly: ignore[not-callable]  # missing from Mitsuba's stubs
         return mi.PCG32(size, initstate=self.seed + 1, initseq=dr.opaque(mi.UInt64, first))
 
-    def direction(self, step, random):
+    def direction(self, step: mi.UInt32, random: Any) -> tuple:
         """s1: slopes of a direction uniform in the disk of recordable slopes."""
         u = mi.Point2f(random.next_float32(), random.next_float32())
         slope = self.cone * mi.warp.square_to_uniform_disk_concentric(u)
         return slope.x, slope.y
 
-    def path(self, slope_x, slope_y, dz):
+    def path(self, slope_x: mi.Float, slope_y: mi.Float, dz: mi.Float) -> tuple:
         """s7: as `LatticeEstimator.path`; zero outside a wavelength's own cone."""
         squared = slope_x * slope_x + slope_y * slope_y
         detour = dz * squared / (1 + dr.sqrt(1 + squared))

@@ -6,10 +6,13 @@ known by how they answer. Types of which it is not known that they tell all have
 light is baked anew, and never taken from another scene.
 """
 
+from __future__ import annotations
+
 import re
 import secrets
 from functools import cache
 from hashlib import blake2b
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -29,7 +32,7 @@ MEAN = re.compile(r"\n *mean = \S+")  # of a bitmap, in its description: as a pa
 PROBES = 1024  # places on a surface with perturbed normals, and directions
 
 
-def scene_digest(scene):
+def scene_digest(scene: mi.Scene) -> str:
     """Digest of a scene's shapes and their materials, whatever their order, and of its lights.
 
     Parameters
@@ -45,7 +48,7 @@ def scene_digest(scene):
     return _hashed([*sorted(digests.shapes()), digests.light()])
 
 
-def settings_of(props):
+def settings_of(props: mi.Properties) -> str:
     """What a plugin is told, but for nested parts, which are traversed, as text from which no bit is lost.
 
     Parameters
@@ -57,6 +60,7 @@ def settings_of(props):
     str
     """
     props = mi.Properties(props)  # a copy: those that the plugin never reads stay known as misspelt
+    # pyrefly: ignore[missing-attribute]  # missing from Mitsuba's stubs
     spectrum, nested = mi.Properties.Type.Spectrum, mi.BSDF | mi.Texture
     values = {name: props[name] for name in sorted(props.keys()) if props.type(name) != spectrum}
     return ", ".join(f"{name}={_exact(v)}" for name, v in values.items() if not isinstance(v, nested))
@@ -124,7 +128,7 @@ def _type(part):
     return part.class_name().partition("[")[0] if isinstance(part, mi.Object) else ""
 
 
-def _contents(part):
+def _contents(part) -> list[tuple[str, Any]]:
     """Names of a part's nested parts and values, and these."""
     visit = _visit()()
     part.traverse(visit)
@@ -150,7 +154,7 @@ def _visit():
 
 
 def _hashed(texts):
-    digest = blake2b(mi.__version__.encode(), digest_size=16)
+    digest = blake2b(str(mi.__version__).encode(), digest_size=16)
     for text in texts:
         digest.update(f"{len(text)} {text}\n".encode())
     return digest.hexdigest()

@@ -1,16 +1,22 @@
 """Folders that appear only when they are complete."""
 
+from __future__ import annotations
+
 import os
 import shutil
 import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .errors import InvalidInput
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
 
 @contextmanager
-def whole_folder(folder, check):
+def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[Path]:
     """Folder to fill; it takes the place of `folder` when the block ends well, and vanishes otherwise.
 
     Parameters
@@ -52,7 +58,7 @@ def whole_folder(folder, check):
         raise
 
 
-def earlier(kind, *files):
+def earlier(kind: str, *files) -> Callable[[Path], None]:
     """Check for `whole_folder`: nothing is replaced but an empty folder, or one that has such files.
 
     Parameters

@@ -1,6 +1,9 @@
 """Filling the radiance cache: light from surface to surface, then what is in view, by final gathering."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -11,6 +14,10 @@ from .atlas import BLOCK
 from .radiance import PathTracer
 from .radiance_cache import SUMS, zeros
 
+if TYPE_CHECKING:
+    from .progress import PartProgress
+    from .radiance_cache import Groups, RadianceCache
+
 SOURCE_SAMPLES = 4  # of each group, for each bounce
 REST = 0.03  # of the texels may stay noisier than wished
 ROUND = 16  # samples of a texel between two looks at the noise
@@ -19,7 +26,7 @@ SMOOTH_OVER = 0.15  # of the harmonic mean distance to other surfaces: light fro
 STRIDES = (1, 2, 4, 8, 16)  # groups of texels
 
 
-def solve(scene, cache, max_depth, seed, progress):
+def solve(scene: mi.Scene, cache: RadianceCache, max_depth: int, seed: int, progress: PartProgress) -> None:
     """Light on groups of texels, one bounce more at a time: the source that final gathering looks up.
 
     Parameters
@@ -77,7 +84,17 @@ def _sums(scene, cache, tracer, groups, which, samples, done, seed, progress):
     return sums
 
 
-def gather(scene, cache, groups, max_depth, limit, noise, most, seed, progress):
+def gather(
+    scene: mi.Scene,
+    cache: RadianceCache,
+    groups: Groups,
+    max_depth: int,
+    limit: float,
+    noise: float,
+    most: int,
+    seed: int,
+    progress: PartProgress,
+) -> tuple[int, float, float]:
     """Bake texels until their noise is low: final gathering, which looks up the source.
 
     Parameters
@@ -115,7 +132,7 @@ def gather(scene, cache, groups, max_depth, limit, noise, most, seed, progress):
     sums = np.zeros((len(groups), len(SUMS)), np.float32)
     filter = _Filter(cache, groups, before)
     left, taken, done = np.arange(len(groups)), 0, 0
-    while len(left) > REST * len(groups) and done < most:
+    while True:
         # few groups take several rounds at once
         rounds = int(np.clip(cache.lanes // len(left), 1, max(1, (most - done) // ROUND)))
         found = _sums(
@@ -134,6 +151,8 @@ def gather(scene, cache, groups, max_depth, limit, noise, most, seed, progress):
         values, variance = filter.smoothed(sums)
         reached = _noise(cache.atlas, groups.leaders, values, variance)
         left = left[reached[left] > noise]
+        if len(left) <= REST * len(groups) or done >= most:
+            break
     known = (sums[:, 6] > 0).astype(np.float32)
     new = mi.Float(np.column_stack([values, known]).astype(np.float32).ravel())
     dr.scatter(fine, new, dr.arange(mi.UInt32, 4 * len(groups)) + 4 * before)
@@ -188,7 +207,7 @@ class _Filter:
     def _step(self, light, weight, stride):
         radius = self._radius
         number = dr.arange(mi.UInt32, dr.width(self._texels))
-        place, normal = (dr.gather(mi.Vector4f, table, number).xyz for table in (self._place, self._normal))
+        place, normal = (_vector(table, number) for table in (self._place, self._normal))
         width, size = self._atlas.width, self._atlas.size
         column, line = mi.Int(self._texels % width), mi.Int(self._texels // width)
         total, variance, share = mi.Color3f(0), mi.Float(0), mi.Float(0)
@@ -199,8 +218,8 @@ class _Filter:
                 slot = dr.gather(mi.UInt32, self._slots, 2 * mi.UInt32(y * width + x), inside)
                 inside &= slot >= self._first
                 at = slot - self._first
-                there = dr.gather(mi.Vector4f, self._place, at, inside).xyz
-                facing = dr.gather(mi.Vector4f, self._normal, at, inside).xyz
+                there = _vector(self._place, at, inside)
+                facing = _vector(self._normal, at, inside)
                 reach = dr.minimum(radius, dr.gather(mi.Float, self._radius, at, inside))
                 turn = dr.safe_sqrt(1 - dr.dot(facing, normal))
                 near = dr.norm(there - place) <= reach * (1 - turn / SMOOTH_OVER)
@@ -209,7 +228,7 @@ class _Filter:
                 w = dr.select(inside, dr.gather(mi.Float, weight, at, inside), 0) / (
                     1 << abs(over) + abs(down)
                 )
-                total += w * mi.Color3f(value.xyz)
+                total += w * mi.Color3f(value.x, value.y, value.z)
                 variance += dr.square(w) * value.w
                 share += w
         share = dr.maximum(share, 1e-15)
@@ -221,6 +240,12 @@ def _flat(*values):
     flat = dr.ravel(mi.Vector4f(*values))
     dr.eval(flat)
     return flat
+
+
+def _vector(flat, index, active=True):
+    """The first three of the `_flat` numbers of a lane."""
+    # pyrefly: ignore[missing-attribute]  # Dr.Jit's stubs have no swizzles
+    return dr.gather(mi.Vector4f, flat, index, active).xyz
 
 
 def _noise(atlas, texels, values, variance):

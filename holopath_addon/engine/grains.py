@@ -1,7 +1,10 @@
 """The radiance of grains: path-traced once, shared by all pixels that see them (stage s5)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -11,6 +14,14 @@ from .buffers import gather_row, row_stride
 from .hologram import channel
 from .lobes import SHARP
 from .regions import DEPTHS, TILE, Look, tiles_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from .chains import FirstHits, SpecularChains, View
+    from .progress import PartProgress
+    from .radiance import PathTracer
+    from .rays import Rays
 
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
 BINNED = 8 / (
@@ -52,16 +63,16 @@ class GrainGrid:
     branches: int = 1
 
     @property
-    def columns(self):
+    def columns(self) -> int:
         """Pixels along x, margins included."""
         return self.width + 2 * self.margin
 
     @property
-    def rows(self):
+    def rows(self) -> int:
         """Pixels along y, margins included."""
         return self.height + 2 * self.margin
 
-    def cell(self, column, row, z, branch):
+    def cell(self, column: mi.Int, row: mi.Int, z: mi.Float, branch: mi.UInt32) -> tuple[mi.UInt32, mi.Bool]:
         """Number of the column, slab and branch of a grain, and whether it lies on the grid (Dr.Jit types)."""
         column, row = column + self.margin, row + self.margin
         inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
@@ -69,7 +80,7 @@ class GrainGrid:
         slab = dr.clip(mi.Int((z - self.z_low) * scale), 0, self.slabs - 1) + mi.Int(branch) * self.slabs
         return mi.UInt32((slab * self.rows + row) * self.columns + column), inside
 
-    def bin_place(self, slope):
+    def bin_place(self, slope: mi.Float) -> mi.Float:
         """Where a slope lies along one axis of the pupil, in bins from the centre of the first."""
         return dr.clip((slope / (BINNED * self.max_slope) + 1) * (0.5 * self.bins) - 0.5, 0, self.bins - 1)
 
@@ -85,18 +96,26 @@ class RadianceMap:
     """
 
     grid: GrainGrid
-    numbers: "mi.UInt32"
-    radiances: "mi.Float"
+    numbers: mi.UInt32
+    radiances: mi.Float
     colours: int
     passes: int
     error: float
     look: Look
 
-    def sampler(self, seed, size):
+    def sampler(self, seed: int, size: int) -> None:
         """No random numbers are needed."""
         return None
 
-    def amplitudes(self, scene, sampler, seen, grain, slope, channels):
+    def amplitudes(
+        self,
+        scene: mi.Scene,
+        sampler: None,
+        seen: View,
+        grain: tuple[mi.Int, mi.Int, mi.Float],
+        slope: tuple[mi.Float, mi.Float],
+        channels: Sequence[int],
+    ) -> list:
         """Roots of each wavelength's radiance of the grain at a pixel column, row and depth, seen along a slope.
 
         Between pupil bins radiance is interpolated, so that a highlight moves as the view does.
@@ -129,19 +148,19 @@ class RadianceMap:
 
 
 def measure_grains(
-    scene,
-    rays,
-    optics,
-    tracer,
-    grid,
-    wavelengths,
-    passes,
-    seed,
-    progress,
-    wanted=math.inf,
-    most=1,
-    white=math.inf,
-):
+    scene: mi.Scene,
+    rays: Rays,
+    optics: FirstHits | SpecularChains,
+    tracer: PathTracer,
+    grid: GrainGrid,
+    wavelengths: Sequence[float],
+    passes: int,
+    seed: int,
+    progress: PartProgress,
+    wanted: float = math.inf,
+    most: int = 1,
+    white: float = math.inf,
+) -> RadianceMap:
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
     A pixel takes the root of a mean over paths, since the root of a noisy sample is biased dark.
@@ -269,16 +288,16 @@ class _Grains:
     whether its surface looks different across the pupil.
     """
 
-    sampler: object
-    number: object
-    column: object
-    row: object
-    slope: object
-    seen: object
-    dz: object
-    cell: object
-    inside: object
-    binned: object
+    sampler: mi.Sampler
+    number: mi.UInt32
+    column: mi.Float
+    row: mi.Float
+    slope: mi.Point2f
+    seen: View
+    dz: mi.Float
+    cell: mi.UInt32
+    inside: mi.Bool
+    binned: mi.Bool
 
 
 def _chunks(scene, rays, optics, grid, passes, seed, before=0):

@@ -1,5 +1,7 @@
 """What is to be displayed: the hologram's grid, colours and depth volume; and how it is to be computed."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import asdict, dataclass, field, replace
 
@@ -88,21 +90,21 @@ class Hologram:
         if self.near is not None and not (math.isfinite(self.near) and self.near > 0):
             raise InvalidInput(f"The near end of the scene must be a positive distance, not {self.near:g} m.")
 
-    def max_slope(self, wavelength):
+    def max_slope(self, wavelength: float) -> float:
         """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge."""
         return math.tan(math.asin(wavelength / (2 * self.pitch)))
 
-    def to_dict(self):
+    def to_dict(self) -> dict:
         """JSON-able form, see `from_dict`."""
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, values):
+    def from_dict(cls, values: dict) -> Hologram:
         """Inverse of `to_dict`."""
         return cls(**values)
 
 
-def channel(wavelength):
+def channel(wavelength: float) -> int:
     """Index (0 red, 1 green, 2 blue) of the scene's radiance channel that a wavelength in metres shows."""
     return 0 if wavelength > 580e-9 else 1 if wavelength > 490e-9 else 2
 
@@ -215,7 +217,7 @@ class Settings:
         if self.seed < 0:
             raise InvalidInput(f"The seed must not be negative, not {self.seed}.")
 
-    def resolved(self):
+    def resolved(self) -> Settings:
         """These settings with what the method implies, `direct` the paper's estimator, and a wished speckle the frames.
 
         Raises
@@ -225,7 +227,6 @@ class Settings:
         """
         from .phase_fields import frames_for
 
-        changes = {"estimator": "paper"} if self.method == "direct" else {}
-        if self.speckle is not None:
-            changes["frames"] = frames_for(self.phase_field, self.speckle)
-        return replace(self, **changes)
+        estimator = "paper" if self.method == "direct" else self.estimator
+        frames = self.frames if self.speckle is None else frames_for(self.phase_field, self.speckle)
+        return replace(self, estimator=estimator, frames=frames)

@@ -1,9 +1,17 @@
 """The lattice of directions and its kernel table W: how one ray's grain adds to a pixel of the recording plane."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike
 
 TAILS = 1.6  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
 STEEPEST = 1.5  # recordable slopes that directions have at most for that, beside the plane
@@ -20,7 +28,7 @@ MOST_BINS = 1 << 20  # and how many bins of their spectra
 SMALL = 40  # pixels up to which a convolution with a kernel as large is less work than two transforms
 
 
-def reach_of(max_slope, depth_limit, pitch, cone=1.15):
+def reach_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> Any:
     """Pixels that a grain's kernel is cut to at `depth_limit`; parameters as of `Lattice.of`.
 
     With `TAILS` the error of what is kept has 1 to 1.5 % of the kernel's energy, with the factor alone up to 10 % where
@@ -30,7 +38,7 @@ def reach_of(max_slope, depth_limit, pitch, cone=1.15):
     return np.maximum(cone * wide, np.minimum(wide + TAILS, STEEPEST * wide))
 
 
-def directions_of(max_slope, depth_limit, pitch, cone=1.15):
+def directions_of(max_slope: float, depth_limit: ArrayLike, pitch: float, cone: float = 1.15) -> Any:
     """Directions along a radius of the lattice; parameters as of `Lattice.of`."""
     least = np.clip(FINER * max_slope * depth_limit / pitch, *LEAST_DIRECTIONS)
     return np.maximum(reach_of(max_slope, depth_limit, pitch, cone), least)
@@ -58,7 +66,9 @@ class Lattice:
     levels: int
 
     @classmethod
-    def of(cls, max_slope, depth_limit, pitch, cone=1.15, most=None):
+    def of(
+        cls, max_slope: float, depth_limit: float, pitch: float, cone: float = 1.15, most: int | None = None
+    ) -> Lattice:
         """One direction a grain at `depth_limit`, or more where these are few, as far as `reach_of` says.
 
         Parameters
@@ -88,11 +98,11 @@ class Lattice:
         return cls(np.stack([i[order], j[order]], axis=1).astype(np.int32), spacing, depth_limit, levels)
 
     @property
-    def rays(self):
+    def rays(self) -> int:
         """Directions, hence rays a pixel."""
         return len(self.indices)
 
-    def offsets(self, pitch):
+    def offsets(self, pitch: float) -> np.ndarray:
         """Grain offset |o| in pixels of lattice index |i| at each depth level.
 
         The levels are (l + 1/2) / levels of the depth limit, so that rounding never meets a tie.
@@ -107,7 +117,7 @@ class Lattice:
         return np.floor(index[None, :] * (step * level[:, None]) + 0.5).astype(np.int32)
 
 
-def kernel_table(lattice, pitch, wavelength):
+def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarray:
     """W(dz, o) = K(dz, o) / count(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
 
     K is the carrier-free, band-limited kernel that takes the field of a grain at distance dz behind the

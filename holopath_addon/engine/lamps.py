@@ -12,6 +12,8 @@ through +y, each value in the middle of its cell. ``falloff`` multiplies the lig
 ``unit``: 1 makes it fall off linearly, 2 not at all.
 """
 
+from __future__ import annotations
+
 import math
 
 import drjit as dr
@@ -26,7 +28,7 @@ EDGE = 1e-7  # of the cosine: width of a sharp spot's edge
 TOUCHING = 1e-12  # metres: nearer to a lamp than this is not told apart
 
 
-def register():
+def register() -> None:
     """Make the types known to the active variant of Mitsuba."""
 
     class Lamp(mi.Emitter):
@@ -44,6 +46,9 @@ def register():
             self.profile = _directional(props["profile"]) if "profile" in props else None
             self.falloff = props.get("falloff", 0)
             self.unit = dr.opaque(mi.Float, props.get("unit", 1.0))
+
+        def _reach(self, place, sample):
+            raise NotImplementedError
 
         def sample_direction(self, it, sample, active=True):
             offset, strength = self._reach(it.p, sample)
@@ -208,6 +213,7 @@ def _directional(values):
     values = np.asarray(values, np.float32)
     columns = values.shape[1]
     around = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1)
+    # pyrefly: ignore[not-callable]  # missing from Mitsuba's stubs
     texture = mi.Texture2f(mi.TensorXf(around), wrap_mode=dr.WrapMode.Clamp)
 
     def look_up(direction):

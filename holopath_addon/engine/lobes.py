@@ -1,5 +1,7 @@
 """The δ lobes of a scene's surfaces: mirrors, clear refraction and straight passage, each with its exact share."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import drjit as dr
@@ -30,12 +32,12 @@ class Lobe:
         Index of refraction beyond the surface relative to before.
     """
 
-    direction: object
-    weight: object
-    eta: object
+    direction: mi.Vector3f
+    weight: mi.Color3f
+    eta: mi.Float
 
     @property
-    def exists(self):
+    def exists(self) -> mi.Bool:
         """Whether any light comes this way."""
         return dr.max(self.weight) > 0
 
@@ -49,7 +51,7 @@ class SpecularLobes:
     scene : mitsuba.Scene
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene: mi.Scene) -> None:
         self.components, self.mixed, self.passes = set(), False, False
         self.rough, self.coated = set(), False
         for bsdf, emits in _surfaces(scene):
@@ -67,11 +69,11 @@ class SpecularLobes:
                 }
 
     @property
-    def refracts(self):
+    def refracts(self) -> bool:
         """Whether any surface changes the index of refraction."""
         return any(lobe in (REFRACTION, GLOSSY_TRANSMISSION) for _, lobe in self.components | self.rough)
 
-    def at(self, si, active):
+    def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool | bool) -> tuple:
         """Whether a surface scatters or emits, and its reflecting and transmitting `Lobe`."""
         bsdf = si.bsdf()
         flags = bsdf.flags()
@@ -87,7 +89,7 @@ class SpecularLobes:
             transmitted.weight += share
         return scatters, reflected, transmitted
 
-    def glossy(self, si, active):
+    def glossy(self, si: mi.SurfaceInteraction3f, active: mi.Bool | bool) -> tuple:
         """The stronger glossy lobe of a surface without δ lobes, followed as if it were smooth: its `Lobe`, its density
         in that direction, 0 where there is none, and whether the surface scatters otherwise, too.
         """
@@ -127,18 +129,18 @@ class SpecularLobes:
         return Lobe(si.to_world(direction), weight, eta)
 
 
-def surfaces_of(scene):
+def surfaces_of(scene: mi.Scene) -> list[mi.Shape]:
     """Shapes of a scene that have a BSDF, those in groups too, once each."""
     shapes = (part for part in parts_of(scene) if isinstance(part, mi.Shape))
     return [shape for shape in shapes if shape.bsdf() is not None]
 
 
-def is_specular(flags):
+def is_specular(flags: mi.UInt32) -> mi.Bool:
     """Whether a surface of these BSDF flags has a δ lobe."""
     return (flags & SHARP) != 0
 
 
-def parts_of(scene):
+def parts_of(scene: mi.Scene) -> list[mi.Object]:
     """Every object of Mitsuba's that a scene is made of, once: shapes, instanced ones too, BSDFs, textures."""
     pending, seen = [scene], {}
     while pending:
@@ -150,7 +152,7 @@ def parts_of(scene):
     return list(seen)
 
 
-def nested_in(part):
+def nested_in(part: mi.Object) -> list[mi.Object]:
     """The objects of Mitsuba's that one of them holds, in its order."""
 
     class Nested(mi.TraversalCallback):

@@ -1,11 +1,22 @@
 """World space to hologram space and back: the transform T of the paper (section 4.2, eq. 3)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import InvalidInput
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike
+
+    from .camera import Camera
+    from .hologram import Hologram
 
 
 @dataclass(frozen=True)
@@ -35,7 +46,7 @@ class DepthMapping:
     centre_y: float = 0.0
 
     @classmethod
-    def of(cls, hologram, camera, near=None):
+    def of(cls, hologram: Hologram, camera: Camera, near: float | None = None) -> DepthMapping:
         """Mapping of a hologram seen through a camera.
 
         Parameters
@@ -56,7 +67,7 @@ class DepthMapping:
         shift = width / focal
         return cls(focal, beta, hologram.depth_far, camera.shift_x * shift, camera.shift_y * shift)
 
-    def depth_to_z(self, depth):
+    def depth_to_z(self, depth: ArrayLike) -> Any:
         """Hologram-space z in metres of a world depth in metres (infinity allowed)."""
         depth = np.asarray(depth, dtype=np.float64)
         if not (depth > 0).all():
@@ -65,12 +76,12 @@ class DepthMapping:
             )
         return self.z_far + self.beta / depth
 
-    def z_to_depth(self, z):
+    def z_to_depth(self, z: ArrayLike) -> Any:
         """World depth in metres of a hologram-space z in metres; infinite at and beyond the far end."""
         offset = np.asarray(z, dtype=np.float64) - self.z_far
         with np.errstate(divide="ignore"):
             return np.where(offset > 0, self.beta / np.where(offset > 0, offset, 1.0), np.inf)
 
-    def pupil_radius(self, max_slope):
+    def pupil_radius(self, max_slope: float) -> float:
         """Radius in metres, in the world, of the pupil that a cone of slope `max_slope` fills."""
         return max_slope * self.beta / self.focal

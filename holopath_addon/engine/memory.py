@@ -1,5 +1,7 @@
 """How much memory this machine has, and what to say when work does not fit into it."""
 
+from __future__ import annotations
+
 import os
 import sys
 from pathlib import Path
@@ -9,7 +11,7 @@ from .errors import InvalidInput
 LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
 
-def installed():
+def installed() -> int | None:
     """Bytes that programs on this machine, or in this container, can have in all; None where it does not tell."""
     if sys.platform == "win32":
         return _windows()[0]
@@ -25,7 +27,7 @@ def installed():
     return whole
 
 
-def available():
+def available() -> int | None:
     """Bytes that are free now; all of them where the machine does not tell."""
     if sys.platform == "win32":
         return _windows()[1]
@@ -37,12 +39,12 @@ def available():
     return min(free, installed() or free)
 
 
-def shortage(needed, doing):
+def shortage(needed: float, doing: str) -> list[str]:
     """What to warn of when memory is short.
 
     Parameters
     ----------
-    needed : int
+    needed : float
         Bytes.
     doing : str
         What needs them, as the subject of a sentence.
@@ -85,6 +87,7 @@ def _windows():
         ]
 
     status = Status(length=ctypes.sizeof(Status))
+    # pyrefly: ignore[missing-attribute]  # there is one on Windows
     if not ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status)):
         return None, None
     return status.whole, status.free

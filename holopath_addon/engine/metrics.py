@@ -1,10 +1,14 @@
 """How near a reconstruction comes to a reference picture."""
 
+from __future__ import annotations
+
 import numpy as np
 import scipy.ndimage
 
 
-def display_values(image, reference, border=0):
+def display_values(
+    image: np.ndarray, reference: np.ndarray, border: int = 0
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Image and reference on a common perceptual scale.
 
     The white w is the 95th percentile of sqrt(reference), so that a lamp in view does not set the scale;
@@ -36,13 +40,13 @@ def display_values(image, reference, border=0):
     return np.minimum(np.sqrt(scale * image), white) / white, np.minimum(root, white) / white, scale
 
 
-def psnr(image, reference, border=0):
+def psnr(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
     """Peak signal-to-noise ratio in dB of `display_values`."""
     a, b, _ = display_values(image, reference, border)
     return float(-10 * np.log10(np.mean((a - b) ** 2)))
 
 
-def ssim(image, reference, border=0):
+def ssim(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
     """Structural similarity of `display_values`, averaged over channels.
 
     Wang et al., IEEE TIP 13, 600 (2004): Gaussian window of sigma 1.5, K1 = 0.01, K2 = 0.03.

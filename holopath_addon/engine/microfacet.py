@@ -5,6 +5,8 @@ models for refraction through rough surfaces"; Heitz 2014, "Understanding the ma
 Dupuy and Benyoub 2023, "Sampling visible GGX normals with spherical caps".
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
 
 import drjit as dr
@@ -18,20 +20,20 @@ QUADRATURE = 1024  # points of an entry
 class Ggx:
     """Trowbridge and Reitz's distribution of microfacet normals, with a roughness along x and one along y."""
 
-    def __init__(self, alpha):
+    def __init__(self, alpha: mi.Vector2f) -> None:
         self.alpha = alpha
 
-    def density(self, normal):
+    def density(self, normal: mi.Normal3f) -> mi.Float:
         """Microfacet area by direction (Walter 2007, equation 33)."""
         x, y, z = normal.x / self.alpha.x, normal.y / self.alpha.y, normal.z
         return dr.rcp(dr.pi * self.alpha.x * self.alpha.y * dr.square(x * x + y * y + z * z))
 
-    def masking(self, w):
+    def masking(self, w: mi.Vector3f) -> mi.Float:
         """Smith's Lambda (Heitz 2014, equation 72)."""
         slope = dr.square(self.alpha.x * w.x) + dr.square(self.alpha.y * w.y)
         return 0.5 * (dr.sqrt(1 + slope / dr.maximum(dr.square(w.z), 1e-12)) - 1)
 
-    def visible_normal(self, wi, number):
+    def visible_normal(self, wi: mi.Vector3f, number: mi.Point2f) -> mi.Normal3f:
         """A normal by its share of what `wi`, above the surface, sees (Dupuy and Benyoub 2023)."""
         stretched = dr.normalize(mi.Vector3f(self.alpha.x * wi.x, self.alpha.y * wi.y, wi.z))
         sine, cosine = dr.sincos(2 * dr.pi * number.x)
@@ -42,12 +44,12 @@ class Ggx:
             mi.Normal3f(self.alpha.x * half.x, self.alpha.y * half.y, dr.maximum(half.z, 1e-6))
         )
 
-    def seen(self, wi, wo):
+    def seen(self, wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Float:
         """Share of what `wi` sees of a microfacet that also `wo` sees (Heitz 2014, equation 99)."""
         hidden = self.masking(wi)
         return (1 + hidden) / (1 + hidden + self.masking(wo))
 
-    def visible_density(self, wi, normal):
+    def visible_density(self, wi: mi.Vector3f, normal: mi.Normal3f) -> mi.Float:
         """Density of `visible_normal`, over the cosine between the two (Heitz 2014, equation 16)."""
         return self.density(normal) / (dr.maximum(wi.z, 1e-7) * (1 + self.masking(wi)))
 
@@ -55,32 +57,32 @@ class Ggx:
 class Beckmann(Ggx):
     """Beckmann's distribution, with Mitsuba's formulas."""
 
-    def __init__(self, alpha):
+    def __init__(self, alpha: mi.Vector2f) -> None:
         super().__init__(alpha)
         self._distribution = mi.MicrofacetDistribution(mi.MicrofacetType.Beckmann, alpha.x, alpha.y, True)
 
-    def density(self, normal):
+    def density(self, normal: mi.Normal3f) -> mi.Float:
         """Microfacet area by direction."""
         return self._distribution.eval(normal)
 
-    def masking(self, w):
+    def masking(self, w: mi.Vector3f) -> mi.Float:
         """Smith's Lambda."""
         w = mi.Vector3f(w.x, w.y, dr.abs(w.z))
         return dr.rcp(dr.maximum(self._distribution.smith_g1(w, mi.Normal3f(0, 0, 1)), 1e-6)) - 1
 
-    def visible_normal(self, wi, number):
+    def visible_normal(self, wi: mi.Vector3f, number: mi.Point2f) -> mi.Normal3f:
         """A normal by its share of what `wi`, above the surface, sees."""
         return self._distribution.sample(wi, number)[0]
 
 
-def grazing(cosine, ior):
+def grazing(cosine: mi.Float, ior: mi.Float | float) -> mi.Float:
     """How far a dielectric's reflectance is on its way from that at normal incidence (0) to 1."""
     reflectance = mi.fresnel(cosine, ior)[0]
     normal = dr.square((ior - 1) / (ior + 1))
     return dr.clip((reflectance - normal) / (1 - normal), 0, 1)
 
 
-def refracted(wi, normal, ior):
+def refracted(wi: mi.Vector3f, normal: mi.Normal3f, ior: mi.Float) -> tuple[mi.Vector3f, mi.Bool]:
     """Direction beyond a microfacet of an index of refraction, and whether light passes at all."""
     cosine = dr.dot(wi, normal)
     _, cosine_t, _, inverse = mi.fresnel(cosine, ior)
@@ -96,15 +98,16 @@ class AlbedoTable:
         By roughness and the root of the cosine: finer towards grazing angles.
     """
 
-    def __init__(self, values):
-        self._values = np.float32(values)
+    def __init__(self, values: np.ndarray) -> None:
+        self._values = np.asarray(values, np.float32)
+        # pyrefly: ignore[not-callable]  # missing from Mitsuba's stubs
         self._texture = mi.Texture2f(mi.TensorXf(self._values), use_accel=False)
 
-    def __call__(self, roughness, cosine, active):
+    def __call__(self, roughness: mi.Float, cosine: mi.Float, active: mi.Bool | bool) -> mi.Float:
         place = mi.Point2f(dr.sqrt(dr.clip(cosine, 0, 1)), roughness)
         return self._texture.eval((place * (ROWS - 1) + 0.5) / ROWS, active)
 
-    def at(self, roughness):
+    def at(self, roughness: float) -> _AlbedoRow:
         """The table for one roughness, which costs less to look up."""
         row = np.nan_to_num(np.clip(roughness, 0, 1)) * (ROWS - 1)
         first = min(int(row), ROWS - 2)
@@ -114,19 +117,20 @@ class AlbedoTable:
 
 class _AlbedoRow:
     def __init__(self, values):
-        self._texture = mi.Texture1f(mi.TensorXf(np.float32(values)), use_accel=False)
+        # pyrefly: ignore[not-callable]  # missing from Mitsuba's stubs
+        self._texture = mi.Texture1f(mi.TensorXf(np.asarray(values, np.float32)), use_accel=False)
 
     def __call__(self, _, cosine, active):
         place = mi.Point1f(dr.sqrt(dr.clip(cosine, 0, 1)))
         return self._texture.eval((place * (ROWS - 1) + 0.5) / ROWS, active)
 
 
-def reflection_table(ior=1.5):
+def reflection_table(ior: float = 1.5) -> AlbedoTable:
     """Albedo of a rough mirror, its mean over the hemisphere, and how far a dielectric's is towards grazing."""
     return _reflection_table(ior, mi.variant())
 
 
-def glass_table(ior):
+def glass_table(ior: float) -> AlbedoTable:
     """What a rough interface reflects and lets through of all light, and its mean over the hemisphere."""
     return _glass_table(ior, mi.variant())
 

@@ -5,10 +5,12 @@ scatter (its pull request 1681): a mirror over black at a weight of one half ref
 depend on the angle, as a coat's does, nor can it add.
 """
 
+from __future__ import annotations
+
 ALL_COMPONENTS = 0xFFFFFFFF
 
 
-def register():
+def register() -> None:
     """Make the type known to the active variant of Mitsuba."""
     import drjit as dr
     import mitsuba as mi
@@ -36,7 +38,7 @@ def register():
             self._ior = dr.opaque(mi.Float, props.get("int_ior", 1.5))
             self._fresnel = dr.opaque(mi.Float, props["fresnel_ior"]) if "fresnel_ior" in props else None
             self._facing = dr.opaque(mi.Float, props["facing"]) if "facing" in props else None
-            self._nested = [part for _, part in props.objects() if isinstance(part, mi.BSDF)]
+            self._nested: list = [part for _, part in props.objects() if isinstance(part, mi.BSDF)]
             if self._mode == "over" and not hasattr(self._nested[1], "albedo"):
                 raise ValueError("mixture: what lies over the rest must be 'gloss' or 'sheen'.")
             # mixtures of mixtures choose among all their lobes at once

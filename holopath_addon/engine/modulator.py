@@ -1,5 +1,7 @@
 """What a real spatial light modulator makes of the phases that it is sent."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -60,7 +62,7 @@ class Modulator:
         if not (0 <= self.crosstalk < 10):
             raise InvalidInput(f"The crosstalk is 0 to 10 pixels, not {self.crosstalk:g}.")
 
-    def shown(self, phases):
+    def shown(self, phases: np.ndarray) -> np.ndarray:
         """Phases that the pixels have when sent these, radians, float32, shape (..., y, x)."""
         phases = np.asarray(phases, np.float32)
         if self.bits is not None:
@@ -74,7 +76,7 @@ class Modulator:
             phases = scipy.ndimage.gaussian_filter(phases, sigma, mode="nearest")
         return phases
 
-    def light(self, phases):
+    def light(self, phases: np.ndarray) -> np.ndarray:
         """Field of amplitude 1 at most that leaves the pixels, complex64, shape (..., y, x).
 
         The envelope of the pixels' shape is applied to the sampled field, whose frequencies lie within the SLM's own
@@ -97,6 +99,6 @@ class Modulator:
         return light
 
 
-def grey_levels(phases, bits=8):
+def grey_levels(phases: np.ndarray, bits: int = 8) -> np.ndarray:
     """Phases in radians as an SLM takes them: whole numbers in [0, 2^bits), of which a full turn is 0 again."""
     return np.round(phases * (2**bits / (2 * math.pi))).astype(np.uint32) % 2**bits

@@ -1,5 +1,7 @@
 """Pictures that fields are judged by: at depths of the volume, through the whole pupil and parts of it."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -30,7 +32,7 @@ class Look:
     distance: float
     part: tuple | None = None
 
-    def passes(self, shape):
+    def passes(self, shape: tuple[int, int]) -> np.ndarray | None:
         """FFT bins that the part lets through; None for the whole."""
         if self.part is None:
             return None
@@ -39,7 +41,7 @@ class Look:
         return np.hypot(fx[None, :] - x, fy[:, None] - y) <= radius
 
 
-def spread_looks(pitch, wavelength, low, high, seed):
+def spread_looks(pitch: float, wavelength: float, low: float, high: float, seed: int) -> list[Look]:
     """Looks all over a volume: depths a depth of focus apart, at each the whole pupil and random halves of it.
 
     Parameters
@@ -88,7 +90,7 @@ class Pictures:
         Sum over pixels of the intensity of a frame whose pictures these are.
     """
 
-    def __init__(self, shape, pitch, wavelength, looks):
+    def __init__(self, shape: tuple[int, int], pitch: float, wavelength: float, looks: list[Look]) -> None:
         self.shape, self.looks = shape, list(looks)
         farthest = max(abs(look.distance) for look in looks)
         self.padded = padded_shape(shape, pitch, wavelength, farthest)
@@ -97,10 +99,10 @@ class Pictures:
         self.energy, self._frames = 0.0, 0
         self._transfers = {}
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.looks)
 
-    def transfer(self, number):
+    def transfer(self, number: int) -> np.ndarray:
         """From the fields' spectra to the spectrum of a picture, complex64; not to be changed."""
         kept = self._transfers.get(number)
         if kept is not None:
@@ -113,16 +115,16 @@ class Pictures:
             self._transfers[number] = transfer
         return transfer
 
-    def share(self, number):
+    def share(self, number: int) -> float:
         """Part of the light in the band that a look lets through."""
         passes = self.looks[number].passes(self.padded)
         return 1.0 if passes is None else float((passes & self.space.band).sum() / self.space.band.sum())
 
-    def spectra(self, fields, threads):
+    def spectra(self, fields: np.ndarray, threads: Frames) -> list[np.ndarray]:
         """Spectra of fields of shape (frames, y, x), cut to the band."""
         return threads.each(lambda n: scipy.fft.fft2(fields[n], self.padded) * self.space.band, len(fields))
 
-    def add(self, fields):
+    def add(self, fields: np.ndarray) -> None:
         """Count frames towards the wanted pictures; fields of shape (frames, y, x)."""
         rows, columns = self.shape
         before, self._frames = self._frames, self._frames + len(fields)
@@ -140,11 +142,11 @@ class Pictures:
         energy = sum(float(np.vdot(s, s).real) for s in spectra) / self.space.band.size
         self.energy = (self.energy * before + energy) / self._frames
 
-    def weight(self, number):
+    def weight(self, number: int) -> np.ndarray:
         """Of the squared error of each pixel of a picture."""
         return relative(self.wanted[number])
 
-    def view(self, number):
+    def view(self, number: int) -> View:
         """A picture as `supervise` takes it; what lies outside the fields does not count."""
         rows, columns = self.shape
         target, weight = np.zeros((2, *self.padded), np.float32)

@@ -1,7 +1,10 @@
 """Looks at the scene and decides how much has to be modelled, and says why."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +25,13 @@ from .recording_planes import (
     plane_at,
     slab_planes,
 )
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from .bake_store import BakeStore
+    from .camera import Camera
+    from .hologram import Hologram
 
 GRAIN_NOISE = {
     "preview": 0.5,
@@ -92,7 +102,7 @@ class Decision:
     error: float | None = None
 
     @property
-    def why(self):
+    def why(self) -> str:
         """Reason, saving and error in one."""
         notes = [self.reason]
         if self.saving:
@@ -101,7 +111,7 @@ class Decision:
             notes.append(f"error about {self.error:.2%}" if self.error >= 5e-5 else "no error")
         return "; ".join(notes)
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f"{self.name}: {self.value} ({self.why})"
 
 
@@ -195,11 +205,11 @@ class Plan:
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
 
-    def to_dict(self):
+    def to_dict(self) -> dict:
         """JSON-able form; null for what is unlimited."""
         return _finite(asdict(self))
 
-    def __str__(self):
+    def __str__(self) -> str:
         lines = [str(decision) for decision in self.decisions]
         if self.seconds:
             lines.append(
@@ -218,7 +228,13 @@ def _finite(value):
     return None if isinstance(value, float) and math.isinf(value) else value
 
 
-def plan(scene, camera, hologram, settings=None, store=None):
+def plan(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    settings: Settings | None = None,
+    store: BakeStore | None = None,
+) -> Plan:
     """Decide what to compute for a scene on a display; computes nothing but a few probe rays.
 
     Parameters
@@ -385,7 +401,7 @@ def _of_baseline(plan, settings):
     return replace(plan, decisions=(plan.decisions[0], own, frames), seconds=0.0, error=0.0, warnings=())
 
 
-def parse_fixed(text):
+def parse_fixed(text: str) -> dict:
     """Decisions to fix, from words as ``chain=4 passes=64``, with or without commas between; see `FIXABLE`.
 
     Parameters
@@ -413,7 +429,7 @@ def parse_fixed(text):
     return fixed
 
 
-def check_fixed(fixed):
+def check_fixed(fixed: dict) -> None:
     """Refuse names and values that no decision has."""
     for name, value in fixed.items():
         if name not in FIXABLE:
@@ -518,28 +534,28 @@ def _ray_decision(settings, planes):
     return Decision("rays a pixel", str(rays), reason)
 
 
-def firefly_of(settings):
+def firefly_of(settings: Settings) -> float:
     """Most that one path may count, in radiances of the bright parts of the view, where there are the fewest."""
     return FIREFLY * PASSES[settings.quality][0]
 
 
-def slab_of(hologram):
+def slab_of(hologram: Hologram) -> float:
     """Thickness of the radiance map's depth slabs in metres."""
     return SLAB * depth_of_focus(hologram)
 
 
-def wanted_noise(settings):
+def wanted_noise(settings: Settings) -> float:
     """Relative standard error of a grain's mean radiance that hardly shows in pictures of so many frames."""
     usual = GRAIN_NOISE[settings.quality] * speckle_contrast("random", USUAL_FRAMES)
     return usual * (USUAL_FRAMES / settings.frames) ** LESS_NOISE
 
 
-def texel_noise(settings):
+def texel_noise(settings: Settings) -> float:
     """The same of a texel that is baked; baked light serves any number of frames, so that of many counts."""
     return GRAIN_NOISE[settings.quality] * speckle_contrast("random", SETS[-1])
 
 
-def passes_for(settings, noise, fewest=None):
+def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> int:
     """Radiance paths a pixel where one has a relative variance of `noise`."""
     if "passes" in settings.fixed:
         return settings.fixed["passes"]
@@ -695,7 +711,7 @@ def _frames(hologram, settings, focus_range, decisions):
         )
 
 
-def captured_share(hologram, distance):
+def captured_share(hologram: Hologram, distance: float) -> float:
     """Share of the recordable cones' light, from a picture at `distance`, that passes the SLM's aperture.
 
     Geometric: the overlap of the picture and its copies shifted by slope times distance, averaged over

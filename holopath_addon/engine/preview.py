@@ -1,11 +1,21 @@
 """A picture of the scene by Mitsuba's path tracer that refines: through a pinhole, a thin lens or a part of one."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import backend
 from .errors import InvalidInput
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from .camera import Camera
+    from .progress import Progress
+    from .reconstruction import Pupil
 
 CHUNK_PATHS = 1 << 18  # between two looks at progress and cancel; a fraction of a second on two cores
 FARTHEST = 1e30  # metres; single precision stays finite
@@ -43,14 +53,31 @@ class Preview:
     """
 
     def __init__(
-        self, scene, camera, width, height, focus=None, aperture=0.0, max_depth=8, seed=0, pupil=None
-    ):
+        self,
+        scene: mi.Scene,
+        camera: Camera,
+        width: int,
+        height: int,
+        focus: float | None = None,
+        aperture: float = 0.0,
+        max_depth: int = 8,
+        seed: int = 0,
+        pupil: Pupil | None = None,
+    ) -> None:
         backend.activate()
         self._scene, self._max_depth, self._seed = scene, max_depth, seed
         self._integrators = {}
         self.look(camera, width, height, focus, aperture, pupil)
 
-    def look(self, camera, width, height, focus=None, aperture=0.0, pupil=None):
+    def look(
+        self,
+        camera: Camera,
+        width: int,
+        height: int,
+        focus: float | None = None,
+        aperture: float = 0.0,
+        pupil: Pupil | None = None,
+    ) -> None:
         """Start anew with another view of the scene; parameters as above."""
         if width < 1 or height < 1:
             raise InvalidInput(f"A picture of {width} x {height} pixels is empty: give it at least one.")
@@ -59,17 +86,16 @@ class Preview:
                 "A focus distance must be in front of the camera: give a positive number of metres, or inf."
             )
         self._lens = _Lens(camera, width, height, focus or math.inf, aperture, pupil)
-        self._integrator = self._integrators.get(camera.sees_sky)
-        if self._integrator is None:
-            self._integrator = path_tracer(self._scene, camera.sees_sky, self._max_depth)
-            self._integrators[camera.sees_sky] = self._integrator
+        if camera.sees_sky not in self._integrators:
+            self._integrators[camera.sees_sky] = path_tracer(self._scene, camera.sees_sky, self._max_depth)
+        self._integrator = self._integrators[camera.sees_sky]
         self._size = height, width
         self._light = np.zeros((height * width, 3), np.float32)
         self._weight = np.zeros((height * width, 1), np.float32)
         self._launches = 0
         self.spp = 0
 
-    def refine(self, spp=1, progress=None):
+    def refine(self, spp: int = 1, progress: Progress | None = None) -> np.ndarray:
         """Add paths.
 
         Parameters
@@ -167,7 +193,7 @@ class _Lens:
         return ray, inside
 
 
-def path_tracer(scene, sees_sky, max_depth):
+def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingIntegrator:
     """Mitsuba's path tracer; with masks in view the volumetric one, as 3.9's `path` squares their opacity.
 
     Parameters

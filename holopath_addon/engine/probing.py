@@ -1,14 +1,30 @@
 """A first look at a scene: a few rays and paths tell how much there is to model, and how fast this machine is."""
 
+from __future__ import annotations
+
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from .errors import InvalidInput
 from .mapping import DepthMapping
 from .regions import DEPTHS, Look
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import mitsuba as mi
+    from numpy.typing import ArrayLike
+
+    from .camera import Camera
+    from .chains import FirstHits, SpecularChains
+    from .hologram import Hologram
+    from .radiance import PathTracer
+
+_Result = TypeVar("_Result")
 
 PILOT_PIXELS = 1 << 14
 NEAREST_PIXELS = 1 << 16  # to find the nearest surface, which may be thin
@@ -79,7 +95,7 @@ class Probe:
     splits: int
     cut: float
     diffuse: float
-    places: "Places"
+    places: Places
 
 
 @dataclass(frozen=True)
@@ -109,7 +125,7 @@ class Places:
     z_far: float
     pitch: float
 
-    def look(self, plane, limit, width, height, cell):
+    def look(self, plane: float, limit: float, width: int, height: int, cell: int) -> Look:
         """The `Look` from the tiles, `cell` pixels wide, of a plane of so many pixels, at a distance from the SLM."""
         walk = (plane - self.z_far) / self.pitch
         column = np.floor((self.column + self.slope_x * walk + 0.5) / cell).astype(int)
@@ -167,7 +183,15 @@ class Pilot:
         That rays go through, about, `DIRECTIONS` each.
     """
 
-    def __init__(self, scene, hologram, camera, mapping, seed=0, pixels=PILOT_PIXELS):
+    def __init__(
+        self,
+        scene: mi.Scene,
+        hologram: Hologram,
+        camera: Camera,
+        mapping: DepthMapping,
+        seed: int = 0,
+        pixels: int = PILOT_PIXELS,
+    ) -> None:
         import drjit as dr
         import mitsuba as mi
 
@@ -195,14 +219,14 @@ class Pilot:
         self._from = column, row, slope
         self._rays = rays
 
-    def nearest(self):
+    def nearest(self) -> float | None:
         """Depth of the nearest surface in metres, None if there is none."""
         hit = self.scene.ray_intersect_preliminary(self.ray, coherent=True)
         depth = np.asarray(self.camera.clip_start + hit.t * self.depth_rate)
         nearest = depth.min(where=np.asarray(hit.is_valid()), initial=math.inf)
         return float(nearest) if math.isfinite(nearest) else None
 
-    def first_hits(self):
+    def first_hits(self) -> Probe:
         """The `Probe` of first surfaces."""
         import drjit as dr
         import mitsuba as mi
@@ -212,9 +236,10 @@ class Pilot:
 
         si = self.scene.ray_intersect(self.ray)
         coherent = _same_surface(si) >= COHERENT
-        speed = self.size / _timed(
+        seconds, _ = _timed(
             lambda: dr.eval(self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t)
         )
+        speed = self.size / seconds
         bsdf, hit = si.bsdf(), si.is_valid()
         depth = self.camera.clip_start + si.t * self.depth_rate
         sample, _ = bsdf.sample(mi.BSDFContext(), si, self.sampler.next_1d(), self.sampler.next_2d(), hit)
@@ -248,20 +273,20 @@ class Pilot:
             places,
         )
 
-    def images(self, probe, optics):
+    def images(self, probe: Probe, optics: SpecularChains) -> Probe:
         """The `Probe` with the images that chains of mirrors and clear surfaces show."""
         import drjit as dr
         import mitsuba as mi
 
         branch = mi.UInt32(self.sampler.next_1d() * optics.branches)
-        view = None
 
         def follow():
-            nonlocal view
             view = optics.view(self.scene, self.ray, branch, drawn=True)
             dr.eval(view)
+            return view
 
-        speed = self.size / _timed(follow)
+        seconds, view = _timed(follow)
+        speed = self.size / seconds
         depth = self.camera.clip_start + view.distance * self.depth_rate
         exists = np.broadcast_to(view.exists, self.size)
         vergence, sky = self._seen(depth, np.asarray(view.hit), exists)
@@ -291,7 +316,7 @@ class Pilot:
             chains_per_second=speed,
         )
 
-    def longest_chain(self, optics_of, most):
+    def longest_chain(self, optics_of: Callable[[int], SpecularChains], most: int) -> tuple[int, float]:
         """Hits of a chain that are enough, and the share of what is seen that is lost with them.
 
         Parameters
@@ -322,15 +347,31 @@ class Pilot:
                 return hits, max(lost, 0.0)
         return most, 0.0
 
-    def places(self, depth, hit, exists, chains):
+    def places(self, depth: ArrayLike, hit: np.ndarray, exists: np.ndarray, chains: ArrayLike) -> Places:
         """The `Places` that rays saw, of world depths in metres."""
         column, row, slope = self._from
         vergence = np.where(hit, 1 / np.asarray(depth), 0)
         z = np.where(exists, self._mapping.z_far + self._mapping.beta * vergence, np.nan)
-        arrays = (np.asarray(values) for values in (column, row, slope.x, slope.y))
-        return Places(*arrays, z, np.broadcast_to(chains, z.shape), self._mapping.z_far, self._rays.pitch)
+        return Places(
+            np.asarray(column),
+            np.asarray(row),
+            np.asarray(slope.x),
+            np.asarray(slope.y),
+            z,
+            np.broadcast_to(chains, z.shape),
+            self._mapping.z_far,
+            self._rays.pitch,
+        )
 
-    def light(self, tracer_of, optics, max_depth, least, slab, firefly):
+    def light(
+        self,
+        tracer_of: Callable[[int], PathTracer],
+        optics: FirstHits | SpecularChains,
+        max_depth: int,
+        least: int,
+        slab: float,
+        firefly: float,
+    ) -> Light:
         """What radiance paths find in the grains that some of the rays see.
 
         Parameters
@@ -368,10 +409,8 @@ class Pilot:
         if branches > 1:
             branch = mi.UInt32(dr.gather(mi.Float, self._chance(grains), index) * branches)
         dr.eval(ray, depth_rate, branch)
-        light = cell = None
 
         def trace(tracer):
-            nonlocal light, cell
             paths = mi.load_dict({"type": "independent"})
             paths.seed(self.seed + 1, grains * PILOT_PATHS)
             seen = optics.view(self.scene, ray, branch, drawn=True)
@@ -386,17 +425,18 @@ class Pilot:
             over, down = turn.x + slope.x * walk, turn.y - slope.y * walk
             cell = [mi.Int(dr.floor(over)), mi.Int(dr.floor(down)), mi.Int(dr.floor(dz / slab)), seen.branch]
             dr.eval(light, cell)
+            return light, cell
 
-        def found():
+        def found(light):
             return np.nan_to_num(np.asarray(light, np.float64)).reshape(3, grains, PILOT_PATHS)
 
-        def of_one_cell():
+        def of_one_cell(cell):
             parts = [np.broadcast_to(np.asarray(part, np.int64), grains * PILOT_PATHS) for part in cell]
             parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
             return (parts == parts[..., :1]).all(0)
 
-        seconds = _timed(lambda: trace(tracer_of(max_depth)))
-        all_light, same = found(), of_one_cell()
+        seconds, (light, cell) = _timed(lambda: trace(tracer_of(max_depth)))
+        all_light, same = found(light), of_one_cell(cell)
         count = same.sum(1)
 
         def mean_of(light):
@@ -435,8 +475,7 @@ class Pilot:
         chroma = share(3 * np.ptp(means, axis=0))
         depth, lost = max_depth, 0.0
         for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
-            trace(tracer_of(fewer))
-            light_of_fewer = found()
+            light_of_fewer = found(trace(tracer_of(fewer))[0])
             if fewer <= 2:
                 direct = noise_of(light_of_fewer)
             less = share(whole - mean_of(light_of_fewer.sum(0)))
@@ -471,24 +510,26 @@ def _same_surface(si):
     return float((met[..., 1:] == met[..., :-1]).all(0).mean())
 
 
-def _timed(work):
-    """Seconds of the fastest of up to three calls, after one that compiles: one in ten or so is held up by the system.
+def _timed(work: Callable[[], _Result]) -> tuple[float, _Result]:
+    """Seconds of the fastest of up to three calls, after one that compiles, and what the last of them returned.
+
+    One call in ten or so is held up by the system.
 
     Calls that take long have no more of them than `TIMED` seconds.
     """
     import drjit as dr
 
-    found = []
-    while len(found) < 2 or (len(found) < 4 and sum(found[1:]) < TIMED):
+    result, found = work(), []
+    while not found or (len(found) < 3 and sum(found) < TIMED):
         dr.sync_thread()
         start = time.perf_counter()
-        work()
+        result = work()
         dr.sync_thread()
         found.append(time.perf_counter() - start)
-    return min(found[1:])
+    return min(found), result
 
 
-def vergence_range(seen, chain):
+def vergence_range(seen: Probe, chain: int) -> tuple[float, float]:
     """Smallest and largest inverse depth in view, 1/m.
 
     Caustics spread a few images over all depths, behind the viewer too: with chains a hundredth at either
@@ -500,7 +541,7 @@ def vergence_range(seen, chain):
     return float(min(low, 0.0) if seen.sky else low), float(high)
 
 
-def near_end(scene, camera, hologram, seed=0):
+def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:
     """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
     nearest = Pilot(scene, hologram, camera, pinhole, seed, NEAREST_PIXELS).nearest()

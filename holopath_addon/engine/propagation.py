@@ -3,7 +3,10 @@
 Sign convention exp(-i omega t): going forward by z multiplies a plane wave by exp(+i kz z).
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.fft
@@ -14,7 +17,7 @@ BLOCK = 1 << 18  # numbers that are worked on at a time
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
-def spectral_u(shape, pitch, wavelength):
+def spectral_u(shape: Sequence[int], pitch: float, wavelength: float) -> np.ndarray:
     """(wavelength x spatial frequency)^2 on the FFT grid: the squared sine of each plane wave's angle.
 
     Parameters
@@ -32,14 +35,16 @@ def spectral_u(shape, pitch, wavelength):
     return (wavelength * fx[None, :]) ** 2 + (wavelength * fy[:, None]) ** 2
 
 
-def circular_band(shape):
+def circular_band(shape: Sequence[int]) -> np.ndarray:
     """True on the FFT bins within the circle of radius 1 / (2 pitch): what a pixel grid records at every
     azimuth (paper section 4.3, Omega_f)."""
     fy, fx = (scipy.fft.fftfreq(n) for n in shape)
     return fx[None, :] ** 2 + fy[:, None] ** 2 <= 0.25
 
 
-def transfer_function(shape, pitch, wavelength, distance, band="circular"):
+def transfer_function(
+    shape: Sequence[int], pitch: float, wavelength: float, distance: float, band: str = "circular"
+) -> np.ndarray:
     """Carrier-free transfer function exp(i z (kz - k)) of free space.
 
     The phase is written -(2 pi z / wavelength) u / (1 + sqrt(1 - u)), which keeps its digits where
@@ -76,7 +81,7 @@ def transfer_function(shape, pitch, wavelength, distance, band="circular"):
     return transfer
 
 
-def lag(shape, pitch, wavelength):
+def lag(shape: Sequence[int], pitch: float, wavelength: float) -> np.ndarray:
     """Radians a metre by which each plane wave falls behind the carrier: k - kz."""
     u = spectral_u(shape, pitch, wavelength)
     return (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
@@ -93,12 +98,12 @@ class FreeSpace:
         Metres.
     """
 
-    def __init__(self, shape, pitch, wavelength):
+    def __init__(self, shape: Sequence[int], pitch: float, wavelength: float) -> None:
         self.shape, self.pitch, self.wavelength = shape, pitch, wavelength
         self.band = circular_band(shape)
         self._lag = lag(shape, pitch, wavelength).astype(np.float32)
 
-    def __call__(self, distance):
+    def __call__(self, distance: float) -> np.ndarray:
         """Transfer function, complex64, in FFT order."""
         phase = np.float32(-distance) * self._lag
         transfer = np.empty(self.shape, np.complex64)
@@ -111,7 +116,7 @@ class FreeSpace:
         return transfer
 
 
-def representable(shape, pitch, wavelength, distance):
+def representable(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> list[np.ndarray]:
     """For each axis, the FFT frequencies at which the sampled transfer function has no aliases.
 
     Matsushima and Shimobaba, Opt. Express 17, 19662 (2009), eq. 21.
@@ -123,7 +128,7 @@ def representable(shape, pitch, wavelength, distance):
     return axes
 
 
-def padded_shape(shape, pitch, wavelength, distance):
+def padded_shape(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> tuple[int, int]:
     """Smallest fast FFT shape on which a window of `shape` is propagated without wrap-around.
 
     A wave of the steepest recordable slope walks s = tan(asin(wavelength / 2 pitch)) |distance|; the grid
@@ -133,33 +138,35 @@ def padded_shape(shape, pitch, wavelength, distance):
     return tuple(scipy.fft.next_fast_len(max(n + walk, 2 * walk)) for n in shape)
 
 
-def grid_bytes(shape, pitch, wavelength, distance):
+def grid_bytes(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> int:
     """Memory that propagating one field of `shape` by a distance takes, bytes."""
     return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance))
 
 
-def spectrum(field, shape):
+def spectrum(field: np.ndarray, shape: Sequence[int]) -> np.ndarray:
     """FFT of the last two axes, zero-padded to `shape`; complex64."""
     return scipy.fft.fft2(np.asarray(field, np.complex64), s=shape, workers=threads())
 
 
-def filtered(field, response):
+def filtered(field: np.ndarray, response: np.ndarray) -> np.ndarray:
     """The field with its spectrum times `response`, without padding; over the last two axes."""
     return scipy.fft.ifft2(scipy.fft.fft2(field, workers=threads()) * response, workers=threads())
 
 
-def field_of(spectrum_, shape):
+def field_of(spectrum_: np.ndarray, shape: Sequence[int]) -> np.ndarray:
     """Inverse of `spectrum`, cropped to the window `shape`."""
     field = scipy.fft.ifft2(spectrum_, workers=threads())
     return field[..., : shape[0], : shape[1]]
 
 
-def carrier(wavelength, distance):
+def carrier(wavelength: float, distance: float) -> np.complex64:
     """exp(i k z), the phase that `transfer_function` leaves out, from double precision."""
     return np.complex64(np.exp(2j * math.pi * math.fmod(distance / wavelength, 1.0)))
 
 
-def propagate(field, distance, pitch, wavelength, band="circular"):
+def propagate(
+    field: np.ndarray, distance: float, pitch: float, wavelength: float, band: str = "circular"
+) -> np.ndarray:
     """Propagate fields by a distance along z with the band-limited angular spectrum method.
 
     Parameters

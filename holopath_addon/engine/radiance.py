@@ -1,11 +1,20 @@
 """Incoherent light: the radiance that leaves the real image point P towards the viewer (stage s5 of the paper)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from .lobes import DIFFUSE, GLOSSY, SMOOTH
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from .chains import View
+    from .radiance_cache import RadianceCache
 
 
 class PathTracer:
@@ -23,14 +32,23 @@ class PathTracer:
         Tells what surfaces scatter diffusely, so that paths follow their other lobes only.
     """
 
-    def __init__(self, max_depth, limit=dr.inf, cache=None):
+    def __init__(self, max_depth: int, limit: float = dr.inf, cache: RadianceCache | None = None) -> None:
         # no literals: one kernel for all
         self.max_depth, self.limit = dr.opaque(mi.UInt32, max_depth), dr.opaque(mi.Float, limit)
         self.cache = cache
         self._all, self._glossy, self._matt = mi.BSDFContext(), mi.BSDFContext(), mi.BSDFContext()
         self._glossy.type_mask, self._matt.type_mask = GLOSSY, DIFFUSE
 
-    def radiance(self, scene, sampler, ray, surface, whole, active=True, parts=None):
+    def radiance(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        surface: mi.PreliminaryIntersection3f,
+        whole: mi.Bool,
+        active: mi.Bool | bool = True,
+        parts: tuple[mi.Float, mi.Bool] | None = None,
+    ) -> mi.Color3f:
         """Radiance along a ray from where it meets a surface, one path.
 
         Parameters
@@ -53,7 +71,15 @@ class PathTracer:
         path = self._followed(scene, _Path(ray, surface, sampler, active), whole, parts)
         return path.direct + self._limited(path.indirect)
 
-    def scattered(self, scene, sampler, si, context, turn, active=True):
+    def scattered(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        si: mi.SurfaceInteraction3f,
+        context: mi.BSDFContext,
+        turn: tuple[mi.Point2f, mi.Point2f],
+        active: mi.Bool | bool = True,
+    ) -> tuple[mi.Color3f, mi.Color3f, mi.Float]:
         """Light from lamps, and from what they light, that some lobes of a surface scatter to si.wi; one path.
 
         Parameters
@@ -160,11 +186,14 @@ class _Path:
     after at most one scattering and after more, the last vertex, and how it was left.
     """
 
+    ray: mi.Ray3f
+    surface: mi.PreliminaryIntersection3f
+
     FIELDS = "ray surface depth share direct indirect before density sharp sampler active".split()
 
     def __init__(self, ray, surface, sampler, active):
-        self.ray = None if ray is None else mi.Ray3f(ray)
-        self.surface = None if surface is None else mi.PreliminaryIntersection3f(surface)
+        if ray is not None:  # else it is `leave` that sets out
+            self.ray, self.surface = mi.Ray3f(ray), mi.PreliminaryIntersection3f(surface)
         self.depth, self.share = mi.UInt32(0), mi.Color3f(1)
         self.direct, self.indirect = mi.Color3f(0), mi.Color3f(0)
         self.before, self.density = dr.zeros(mi.Interaction3f), mi.Float(1)
@@ -212,13 +241,21 @@ class PathsPerRay:
     tracer: PathTracer
     paths: int
 
-    def sampler(self, seed, size):
+    def sampler(self, seed: int, size: int) -> mi.Sampler:
         """Random numbers for `size` pixels."""
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(seed, size)
         return sampler
 
-    def amplitudes(self, scene, sampler, seen, grain, slope, channels):
+    def amplitudes(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        seen: View,
+        grain: tuple[mi.Int, mi.Int, mi.Float],
+        slope: tuple[mi.Float, mi.Float],
+        channels: Sequence[int],
+    ) -> list:
         """Roots of the radiance in each of the channels along a ray."""
 
         def body(number, total, sampler):

@@ -13,9 +13,12 @@ then once more with many samples for each texel in view, looking up the source w
 Reichert 1992).
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -26,6 +29,13 @@ from .atlas import BLOCK, NONE
 from .lobes import DIFFUSE
 from .mapping import DepthMapping
 from .rays import Rays
+
+if TYPE_CHECKING:
+    from .atlas import Atlas, Triangles
+    from .camera import Camera
+    from .chains import FirstHits, SpecularChains
+    from .hologram import Hologram
+    from .radiance import PathTracer
 
 GROUPS = 1 << 18  # about how many groups of texels the source has: coarser ones leak light at edges
 MOST_LANES = 1 << 17  # groups or texels between two looks at progress and cancel
@@ -73,7 +83,7 @@ class RadianceCache:
         Lobes that are not cached, and those that are.
     """
 
-    def __init__(self, atlas, complete, translucent):
+    def __init__(self, atlas: Atlas, complete: bool, translucent: bool) -> None:
         self.atlas, self.complete, self.translucent = atlas, complete, translucent
         self.others, self.own = mi.BSDFContext(), mi.BSDFContext()
         self.others.type_mask, self.own.type_mask = ALL & ~DIFFUSE, DIFFUSE
@@ -87,7 +97,7 @@ class RadianceCache:
         lanes = 1 << max(0, len(self.coarse) // 4).bit_length()
         self.lanes = min(max(lanes, LEAST_LANES), MOST_LANES)
 
-    def add(self, groups, values):
+    def add(self, groups: Groups, values: np.ndarray) -> None:
         """Keep what was baked of groups of texels.
 
         Parameters
@@ -102,13 +112,13 @@ class RadianceCache:
         dr.eval(self.fine, self.slots)
         self.groups.append(groups)
 
-    def baked(self, texels):
+    def baked(self, texels: np.ndarray) -> np.ndarray:
         """Whether each of some texels is baked."""
         if not len(texels):
             return np.zeros(0, bool)
         return np.array(dr.gather(mi.UInt32, self.slots, 2 * mi.UInt32(texels))) > 0
 
-    def picture(self, most):
+    def picture(self, most: int) -> np.ndarray:
         """R as a picture of the texture: of the texels in view, else of their coarse groups, black elsewhere.
 
         Parameters
@@ -131,7 +141,15 @@ class RadianceCache:
         light = light[..., :3] / np.maximum(light[..., 3:], 1)
         return np.where((rows != NONE)[..., None], light, 0).astype(np.float32)
 
-    def diffuse(self, surface, si, bsdf, sampler, first, active):
+    def diffuse(
+        self,
+        surface: mi.PreliminaryIntersection3f,
+        si: mi.SurfaceInteraction3f,
+        bsdf: mi.BSDFPtr,
+        sampler: mi.Sampler,
+        first: mi.Bool,
+        active: mi.Bool,
+    ) -> tuple[mi.Color3f, mi.Bool]:
         """Radiance that a surface scatters diffusely to si.wi, and whether the cache knows it (Dr.Jit types).
 
         Parameters
@@ -155,7 +173,9 @@ class RadianceCache:
         light = mi.Color3f(stored.x, stored.y, stored.z) / dr.maximum(stored.w, 1)
         return dr.select(known, light * self.reflectance(si, bsdf, front, known), 0), known
 
-    def reflectance(self, si, bsdf, front, active):
+    def reflectance(
+        self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, front: mi.Bool, active: mi.Bool | bool
+    ) -> mi.Color3f:
         """g of the module's description: what R is multiplied by."""
         normal = mi.Vector3f(0, 0, dr.select(front, 1, -1))
         value = bsdf.eval(self.own, si, normal, active)
@@ -163,7 +183,17 @@ class RadianceCache:
             value += bsdf.eval(self.own, si, -normal, active)
         return math.pi * value
 
-    def sample(self, scene, tracer, pool, first, count, samples, done, seed):
+    def sample(
+        self,
+        scene: mi.Scene,
+        tracer: PathTracer,
+        pool: mi.UInt32,
+        first: mi.UInt32,
+        count: mi.UInt32,
+        samples: int,
+        done: mi.UInt32,
+        seed: int,
+    ) -> list[mi.Float]:
         """Sums over samples of groups of texels, each of any of the group's; one kernel.
 
         Parameters
@@ -241,7 +271,16 @@ class View:
         Width to look at, of the view's.
     """
 
-    def __init__(self, scene, camera, hologram, near, optics, seed, margin=MARGIN):
+    def __init__(
+        self,
+        scene: mi.Scene,
+        camera: Camera,
+        hologram: Hologram,
+        near: float,
+        optics: FirstHits | SpecularChains,
+        seed: int,
+        margin: float = MARGIN,
+    ) -> None:
         fov = 2 * math.atan(margin * math.tan(camera.fov_x / 2))
         shift_x, shift_y = camera.shift_x / margin, camera.shift_y / margin
         self._camera = replace(camera, fov_x=fov, shift_x=shift_x, shift_y=shift_y)
@@ -268,7 +307,7 @@ class View:
         seen.path = seen.path + rays.start
         return size, sampler, seen
 
-    def reach(self, triangles):
+    def reach(self, triangles: Triangles) -> tuple[np.ndarray, set[tuple[int, int]]]:
         """How fine the texels of each part must be, and which sides of which owners light leaves for the camera.
 
         What is seen directly, or by way of mirrors and clear glass, gets texels of a pixel of the hologram; what
@@ -317,7 +356,7 @@ class View:
         texel = np.clip(texel, 1e-9, 1e9)
         return texel, {(int(n) // 2, int(n) % 2) for n in np.flatnonzero(np.array(reached))}
 
-    def seen(self, atlas):
+    def seen(self, atlas: Atlas) -> tuple[np.ndarray, np.ndarray]:
         """Texels in view, and the side in texels of the squares of them that a pixel covers.
 
         Returns
@@ -345,7 +384,7 @@ class View:
         texels = np.flatnonzero((each > 0) & (atlas.rows != NONE))
         return texels.astype(np.uint32), each[texels]
 
-    def coverage(self, cache):
+    def coverage(self, cache: RadianceCache) -> tuple[float, float, float]:
         """How much of the view a cache lacks.
 
         Returns
@@ -362,9 +401,11 @@ class View:
         texel, known = atlas.texel(seen.surface, front, mi.Point2f(0.5), seen.exists)
         slot = dr.gather(mi.UInt32, cache.slots, 2 * texel, known)
         coarse = known & (self._pixel(atlas, seen, known) < 0.5 / atlas.layout.coarser)
-        count = max(1, int(dr.count(wanted)[0]))
-        return tuple(
-            int(dr.count(lanes)[0]) / count for lanes in (known & (slot == 0), wanted & ~known, coarse)
+        count = max(1, _count(wanted))
+        return (
+            _count(known & (slot == 0)) / count,
+            _count(wanted & ~known) / count,
+            _count(coarse) / count,
         )
 
     def _pixel(self, atlas, seen, known):
@@ -376,7 +417,7 @@ class View:
         return self._hologram.pitch / self._mapping.focal * seen.path / (scale * texel)
 
 
-def inseparable(triangles, samples=64):
+def inseparable(triangles: Triangles, samples: int = 64) -> set[int]:
     """Numbers of the shapes whose diffuse light is not a product of what the viewer's and the lamp's directions give.
 
     So it is, too, where a BSDF does not keep its lobes apart.
@@ -437,7 +478,7 @@ class Groups:
     sides: np.ndarray | int = 1
 
     @classmethod
-    def of(cls, atlas, texels, side):
+    def of(cls, atlas: Atlas, texels: np.ndarray, side: np.ndarray | int) -> Groups:
         """Groups of texels in squares of `side` texels, a number or one for each."""
         line, column = texels // atlas.width, texels % atlas.width
         square = (line // side * side).astype(np.int64) * atlas.width + column // side * side
@@ -451,7 +492,7 @@ class Groups:
         return cls(*(values.astype(np.uint32) for values in (texels[order], starts, counts, sides)))
 
     @classmethod
-    def all_of(cls, atlas, side):
+    def all_of(cls, atlas: Atlas, side: int) -> Groups:
         """Groups of all texels of an atlas: as `of`, which need not sort the squares that lie in one triangle."""
         width, height = atlas.layout.size
         numbers = np.arange(atlas.size, dtype=np.uint32).reshape(height, width)
@@ -472,24 +513,28 @@ class Groups:
             np.concatenate([np.full(len(pool), side * side), rest.counts]).astype(np.uint32),
         )
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.starts)
 
-    def digest(self):
+    def digest(self) -> str:
         """Of which texels are in which group."""
         return blake2b(self.pool.tobytes() + self.counts.tobytes(), digest_size=16).hexdigest()
 
     @property
-    def leaders(self):
+    def leaders(self) -> np.ndarray:
         """The first texel of each group."""
         return self.pool[self.starts]
 
     @property
-    def numbers(self):
+    def numbers(self) -> np.ndarray:
         """Number of the group of each texel in the pool."""
         return np.repeat(np.arange(len(self), dtype=np.uint32), self.counts)
 
 
-def zeros(count):
+def _count(lanes):
+    return int(dr.count(lanes)[0])
+
+
+def zeros(count: int) -> mi.Float:
     """Zeros in memory: a literal would be compiled into the kernel, and compiled anew once it is none."""
     return mi.Float(np.zeros(count, np.float32))

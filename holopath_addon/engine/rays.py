@@ -1,9 +1,17 @@
 """Rays of hologram space as rays of the world (stages s1 to s3 and s6 of the paper)."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
+
+if TYPE_CHECKING:
+    from .camera import Camera
+    from .hologram import Hologram
+    from .mapping import DepthMapping
 
 
 class Rays:
@@ -22,7 +30,15 @@ class Rays:
         Depths z between which surfaces are seen, metres; the near end is the camera's at most.
     """
 
-    def __init__(self, hologram, camera, mapping, plane, limit=math.inf, span=(-math.inf, math.inf)):
+    def __init__(
+        self,
+        hologram: Hologram,
+        camera: Camera,
+        mapping: DepthMapping,
+        plane: float,
+        limit: float = math.inf,
+        span: tuple[float, float] = (-math.inf, math.inf),
+    ) -> None:
         self.plane, self.limit = plane, dr.opaque(mi.Float, limit)  # no literal: one kernel for all limits
         far, near = (z - mapping.z_far for z in span)
         self.start = max(camera.clip_start, mapping.beta / near)
@@ -33,11 +49,13 @@ class Rays:
         self.position = mi.Point3f(*map(float, camera.position))
         self.right, self.up, self.forward = (mi.Vector3f(*map(float, axis)) for axis in camera.axes)
 
-    def place(self, column, row):
+    def place(self, column: mi.Float, row: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Hologram coordinates in metres of (fractional) pixel indices; row 0 is the top."""
         return ((column - 0.5 * (self.width - 1)) * self.pitch, (0.5 * (self.height - 1) - row) * self.pitch)
 
-    def world(self, x, y, slope_x, slope_y):
+    def world(
+        self, x: mi.Float, y: mi.Float, slope_x: mi.Float | float, slope_y: mi.Float | float
+    ) -> tuple[mi.Ray3f, mi.Float]:
         """The world ray through (x, y) of the recording plane with the given slopes, and depth per distance."""
         mapping = self.mapping
         spread = mapping.beta / mapping.focal
@@ -51,12 +69,14 @@ class Rays:
             ray.maxt = (self.end - self.start) / depth_rate
         return ray, depth_rate
 
-    def height_over_plane(self, distance, depth_rate, hit):
+    def height_over_plane(self, distance: mi.Float, depth_rate: mi.Float, hit: mi.Bool) -> mi.Float:
         """dz = z_Q - z_p of a hit after `distance` along the ray; the far end where nothing was hit."""
         depth = self.start + distance * depth_rate
         return dr.clip(self.to_far + dr.select(hit, self.mapping.beta / depth, 0), -self.limit, self.limit)
 
 
-def intersect(scene, ray, coherent, active=True):
+def intersect(
+    scene: mi.Scene, ray: mi.Ray3f, coherent: bool, active: mi.Bool | bool = True
+) -> mi.PreliminaryIntersection3f:
     """The first surface along a ray (s3); `coherent` traces neighbouring rays in packets."""
     return scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)

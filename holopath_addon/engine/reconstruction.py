@@ -1,8 +1,11 @@
 """What a viewer sees: the stored field refocused through a pupil."""
 
+from __future__ import annotations
+
 import math
 import threading
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +13,13 @@ from .errors import InvalidInput
 from .hologram import channel
 from .memory import shortage
 from .propagation import field_of, grid_bytes, padded_shape, spectral_u, spectrum, transfer_function
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from .mapping import DepthMapping
+    from .progress import Progress
+    from .wavefield import WaveField
 
 MOST_BYTES = (
     1 << 29
@@ -37,7 +47,9 @@ class Pupil:
             raise InvalidInput("A pupil needs a finite position and a positive diameter.")
 
 
-def pupil_mask(shape, pitch, wavelength, mapping, pupil):
+def pupil_mask(
+    shape: tuple[int, int], pitch: float, wavelength: float, mapping: DepthMapping, pupil: Pupil
+) -> np.ndarray:
     """FFT bins whose plane waves pass the pupil: slope s meets the pupil plane at X = s beta / F."""
     fy, fx = (np.fft.fftfreq(n, pitch) for n in shape)
     cosine = np.sqrt(np.maximum(1 - spectral_u(shape, pitch, wavelength), 1e-12))
@@ -63,13 +75,15 @@ class Refocuser:
         Spectra that do not fit into this much memory are computed anew each time.
     """
 
-    def __init__(self, field, most_bytes=MOST_BYTES):
+    def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES) -> None:
         self.field = field
         self._most_bytes = most_bytes
         self._spectra = {}  # by wavelength, frame and shape
         self._lock = threading.Lock()
 
-    def __call__(self, focus, pupil=None, progress=None):
+    def __call__(
+        self, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
+    ) -> np.ndarray:
         """Pictures at several distances, as `reconstruct`; one thread at a time."""
         with self._lock:
             return self._pictures(focus, pupil, progress)
@@ -121,7 +135,9 @@ class Refocuser:
         return waves
 
 
-def reconstruct(field, focus, pupil=None, progress=None):
+def reconstruct(
+    field: WaveField, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
+) -> np.ndarray:
     """Time-averaged intensity of a wave field, focused at world depths.
 
     Parameters
@@ -147,7 +163,7 @@ def reconstruct(field, focus, pupil=None, progress=None):
     return Refocuser(field, most_bytes=0)(focus, pupil, progress)
 
 
-def to_rgb(image, wavelengths):
+def to_rgb(image: np.ndarray, wavelengths: Sequence[float]) -> np.ndarray:
     """Linear RGB picture of an intensity image.
 
     Parameters

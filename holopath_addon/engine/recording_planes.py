@@ -1,14 +1,21 @@
 """Where rays start: recording planes in the scene's depths, and how many rays each needs."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import InvalidInput
 from .kernel_table import Lattice, directions_of
 from .regions import IMAGE_REACH, TILE, limit_of
+
+if TYPE_CHECKING:
+    from .hologram import Hologram, Settings
+    from .probing import Places
 
 CONE = {
     "preview": 1.0,
@@ -56,17 +63,19 @@ class RecordingPlane:
     chained: float
 
 
-def max_slope(hologram):
+def max_slope(hologram: Hologram) -> float:
     """Slope of the widest recordable cone."""
     return max(hologram.max_slope(w) for w in hologram.wavelengths)
 
 
-def depth_of_focus(hologram):
+def depth_of_focus(hologram: Hologram) -> float:
     """Depth of focus 2 wavelength / slope^2 in metres, of the wavelength that has the longest."""
     return max(2 * w / hologram.max_slope(w) ** 2 for w in hologram.wavelengths)
 
 
-def slab_planes(hologram, settings, depths, warnings):
+def slab_planes(
+    hologram: Hologram, settings: Settings, depths: np.ndarray, warnings: list[str]
+) -> tuple[RecordingPlane, ...]:
     """Planes in the middles of slabs fitted to the depths in view, `settings.planes` at most."""
     slabs = depth_slabs(depths, settings.planes)
     ends = [-math.inf, *(0.5 * (a[1] + b[0]) for a, b in pairwise(slabs)), math.inf]
@@ -77,7 +86,17 @@ def slab_planes(hologram, settings, depths, warnings):
     return tuple(planes)
 
 
-def plane_at(hologram, settings, z, z_low, z_high, chain, places, by_region, warnings):
+def plane_at(
+    hologram: Hologram,
+    settings: Settings,
+    z: float,
+    z_low: float,
+    z_high: float,
+    chain: int,
+    places: Places,
+    by_region: bool,
+    warnings: list[str],
+) -> RecordingPlane:
     """One plane for all depths, at a distance from the SLM."""
     thickness = max(z_high - z, z - z_low)
     if chain:
@@ -91,7 +110,16 @@ def plane_at(hologram, settings, z, z_low, z_high, chain, places, by_region, war
     return RecordingPlane(z, -math.inf, math.inf, z_low, limit, rays, plain * rays, chained * rays)
 
 
-def best_place(hologram, settings, z_low, z_high, gloss, bent, places, by_region):
+def best_place(
+    hologram: Hologram,
+    settings: Settings,
+    z_low: float,
+    z_high: float,
+    gloss: np.ndarray,
+    bent: np.ndarray,
+    places: Places,
+    by_region: bool,
+) -> tuple[float, str]:
     """Distance from the SLM at which a plane for all depths needs the fewest rays, and why, in words."""
     middle, depth = 0.5 * (z_low + z_high), depth_of_focus(hologram)
     if len(gloss):
@@ -148,7 +176,7 @@ def _beside(z_low, z_high, depths, distance, few):
     return float(candidates[np.argmax(np.array(near) <= few)])
 
 
-def depth_slabs(depths, count):
+def depth_slabs(depths: np.ndarray, count: int) -> list[tuple[float, float]]:
     """Split depths into at most `count` slabs that need the fewest rays, whose number goes as the thickness squared.
 
     Parameters

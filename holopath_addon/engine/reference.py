@@ -1,6 +1,9 @@
 """The truth to compare with: Mitsuba's thin-lens camera with the hologram's pupil, one a wavelength."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +13,29 @@ from .mapping import DepthMapping
 from .preview import FARTHEST, Preview, path_tracer
 from .probing import near_end
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import mitsuba as mi
+
+    from .camera import Camera
+    from .hologram import Hologram
+    from .progress import Progress
+    from .reconstruction import Pupil
+
 
 def reference(
-    scene, camera, hologram, focus, pupil=None, spp=256, near=None, max_depth=8, progress=None, seed=0
-):
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    focus: Sequence[float],
+    pupil: Pupil | None = None,
+    spp: int = 256,
+    near: float | None = None,
+    max_depth: int = 8,
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> np.ndarray:
     """Incoherent pictures through a thin lens, the limit of a perfect hologram of infinitely many frames.
 
     A cone of slope s_max fills a pupil of radius s_max beta / F; a picture focused at depth D is that of a

@@ -1,11 +1,19 @@
 """Which pixels of a recording plane need rays, how many, and how followed: tile by tile, from what rays saw there."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .kernel_table import LEAST_DIRECTIONS
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike
 
 TILE = 16  # pixels
 STEPS = 8  # of the depth limit at most; each has half the rays of the one before
@@ -50,7 +58,7 @@ class Look:
     depth: np.ndarray
     chains: np.ndarray
 
-    def steps(self, reach):
+    def steps(self, reach: float) -> np.ndarray:
         """Step of the depth limit for each tile, from 0, the whole limit, at which a lattice reaches so many pixels; -1
         where no rays are needed.
         """
@@ -64,17 +72,17 @@ class Look:
         return np.where(self.depth == 0, -1, step)
 
 
-def limit_of(step, depth_limit):
+def limit_of(step: ArrayLike, depth_limit: float) -> Any:
     """Depth limit of a step."""
     return depth_limit * 2.0 ** (-0.5 * step)
 
 
-def tiles_of(width, height):
+def tiles_of(width: int, height: int) -> tuple[int, int]:
     """Rows and columns of tiles."""
     return -(-height // TILE), -(-width // TILE)
 
 
-def regions_of(look, width, height, depth_limit, reach):
+def regions_of(look: Look, width: int, height: int, depth_limit: float, reach: float) -> list[Region]:
     """The regions of a plane, those with most rays first.
 
     Parameters

@@ -1,8 +1,11 @@
 """From a scene to the wave field at the SLM: the stages in order, with progress, times and cancellation."""
 
+from __future__ import annotations
+
 import time
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,8 +17,33 @@ from .phase_fields import phasors_of, pixel_transmission, recordable_fraction
 from .propagation import carrier, field_of, padded_shape, spectrum, transfer_function
 from .wavefield import WaveField
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
-def render(scene, camera, hologram, settings=None, plan=None, progress=None, store=None):
+    import mitsuba as mi
+
+    from .bake_store import BakeStore
+    from .baking import Bake
+    from .camera import Camera
+    from .chains import FirstHits, SpecularChains
+    from .grains import RadianceMap
+    from .hologram import Hologram
+    from .planner import Plan
+    from .progress import PartProgress, Progress
+    from .radiance import PathsPerRay
+    from .radiance_cache import RadianceCache
+    from .recording_planes import RecordingPlane
+
+
+def render(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    settings: Settings | None = None,
+    plan: Plan | None = None,
+    progress: Progress | None = None,
+    store: BakeStore | None = None,
+) -> WaveField:
     """Render the wave field of a scene.
 
     Parameters
@@ -80,7 +108,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
     groups = (
         (hologram.wavelengths,) if plan.traversals == 1 else wavelength_groups(scene, hologram.wavelengths)
     )
-    fields, errors, rays_traced = [], [], {}
+    fields, errors, passes, rays_traced = [], [], None, {}
     for number, group in enumerate(groups):
         part = replace(hologram, wavelengths=group)
 
@@ -91,6 +119,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
             recording = Recording(scene, camera, part, settings, plan, clock, cache)
             fields.append(_field_at_slm(recording, phasors, at))
             errors.append(recording.error)
+            passes = recording.passes
         for name, count in recording.rays_traced.items():
             rays_traced[name] = rays_traced.get(name, 0) + count
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
@@ -99,7 +128,7 @@ def render(scene, camera, hologram, settings=None, plan=None, progress=None, sto
         "rays": rays_traced,
         "variant": backend.activate(),
         "frames": settings.frames,
-        "radiance_passes": recording.passes,
+        "radiance_passes": passes,
         "foretold": {
             "seconds": {
                 "plan": plan.seconds,
@@ -179,9 +208,9 @@ def _field_in_scene(recording, radiance, phasors, progress):
 def _despeckle(recording, radiance, field, progress):
     """Take speckle out of the field on the plane nearest to the viewer, in place; the same paths, more frames."""
     hologram, plan, settings = recording.hologram, recording.plan, recording.settings
-    ends = [z - plan.planes[-1].z for z in (plan.z_low, plan.z_high)]
+    low, high = (z - plan.planes[-1].z for z in (plan.z_low, plan.z_high))
     targets = [
-        despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, *ends, settings.seed)
+        despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed)
         for wavelength in hologram.wavelengths
     ]
     for number in range(despeckle.BATCHES):
@@ -208,11 +237,11 @@ def _despeckle(recording, radiance, field, progress):
 class Clock:
     """Seconds spent in each stage, summed over its visits."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.seconds = {}
 
     @contextmanager
-    def __call__(self, stage):
+    def __call__(self, stage: str) -> Iterator[None]:
         """Count what is done inside towards a stage."""
         start = time.perf_counter()
         yield
@@ -233,7 +262,16 @@ class Recording:
     cache : RadianceCache, optional
     """
 
-    def __init__(self, scene, camera, hologram, settings, plan, clock, cache=None):
+    def __init__(
+        self,
+        scene: mi.Scene,
+        camera: Camera,
+        hologram: Hologram,
+        settings: Settings,
+        plan: Plan,
+        clock: Clock,
+        cache: RadianceCache | None = None,
+    ) -> None:
         from .radiance import PathTracer
 
         self.scene, self.camera, self.hologram = scene, camera, hologram
@@ -242,7 +280,8 @@ class Recording:
         self.max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
         self.tracer = PathTracer(plan.max_depth, plan.radiance_limit, cache)
         self.rays_traced, self._parts, self._estimators = {}, {}, {}
-        self.error = self.passes = None
+        self.error: float | None = None
+        self.passes: int | None = None
         self.optics = optics_of(scene, camera, plan)
 
     def _rays(self, plane):
@@ -251,7 +290,7 @@ class Recording:
         span = (plane.far, plane.near)
         return Rays(self.hologram, self.camera, self.mapping, plane.z, plane.depth_limit, span)
 
-    def radiance(self, progress):
+    def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
         """Where the radiance of rays comes from: a map of grains, or paths of their own."""
         from .grains import GrainGrid, measure_grains
         from .radiance import PathsPerRay
@@ -311,7 +350,13 @@ class Recording:
         noise = pilot.light(lambda _: self.tracer, self.optics, most, most, slab, firefly).noise
         return min(planner.passes_for(settings, noise, planner.CACHED_PASSES), self.plan.passes)
 
-    def field(self, plane, radiance, phasors, progress):
+    def field(
+        self,
+        plane: RecordingPlane,
+        radiance: RadianceMap | PathsPerRay,
+        phasors: np.ndarray,
+        progress: PartProgress,
+    ) -> np.ndarray:
         """The wave field on a recording plane, as `tracer.trace_field`."""
         from .tracer import trace_field
 
@@ -368,7 +413,7 @@ class Recording:
             self._estimators[depth_limit] = LatticeEstimator(hologram, lattice, tables)
         return self._estimators[depth_limit]
 
-    def silhouette(self, plane):
+    def silhouette(self, plane: RecordingPlane) -> np.ndarray:
         """Where the surfaces of a plane's slab block what lies behind: 1 or 0 for each pixel.
 
         The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces at one depth.
@@ -387,7 +432,7 @@ class Recording:
         return blocked.reshape(hologram.height, hologram.width).astype(np.float32)
 
 
-def optics_of(scene, camera, plan):
+def optics_of(scene: mi.Scene, camera: Camera, plan: Plan) -> FirstHits | SpecularChains:
     """How rays are followed to what they see, as planned: `FirstHits` or `SpecularChains`."""
     from .chains import FirstHits, SpecularChains
 
@@ -398,7 +443,16 @@ def optics_of(scene, camera, plan):
     )
 
 
-def baked_picture(scene, camera, hologram, settings, store=None, progress=None, anew=False, most=2048):
+def baked_picture(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    settings: Settings,
+    store: BakeStore | None = None,
+    progress: Progress | None = None,
+    anew: bool = False,
+    most: int = 2048,
+) -> tuple[np.ndarray, Bake]:
     """Bake what a camera sees, and show the texture.
 
     Parameters

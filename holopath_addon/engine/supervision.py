@@ -1,13 +1,20 @@
 """How far the frame mean of the intensity is from what it should be, and the way down: loss, adjoint, Adam."""
 
+from __future__ import annotations
+
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 
 from .backend import threads
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import Any
 
 BRIGHTNESS = 10.0  # a view 10 % too bright counts as much as a speckle contrast of 0.3
 DARK = 0.05  # of the mean intensity, added where errors are divided by the intensity
@@ -42,18 +49,18 @@ class Frames:
     def __exit__(self, *_):
         self.pool.shutdown()
 
-    def each(self, work, count):
+    def each(self, work: Callable[[int], Any], count: int) -> list:
         """``[work(0), ..., work(count - 1)]``."""
         return list(self.pool.map(work, range(count)))
 
 
-def blocks(shape):
+def blocks(shape: Sequence[int]) -> list[slice]:
     """Slices of rows that stay in a processor's cache from one operation to the next."""
     height = max(1, (1 << 15) // shape[1])
     return [slice(first, min(first + height, shape[0])) for first in range(0, shape[0], height)]
 
 
-def relative(target):
+def relative(target: np.ndarray) -> np.ndarray:
     """Weight of a squared error so that independent frames have the loss 1/m in any picture.
 
     One over the intensity, as in the variance of its root, which is how pictures are looked at.
@@ -72,7 +79,13 @@ def relative(target):
     return 1 / ((target + DARK * target.mean()) * target.sum())
 
 
-def supervise(spectra, views, energy, stages, threads):
+def supervise(
+    spectra: Sequence[np.ndarray],
+    views: Sequence[View],
+    energy: float,
+    stages: dict[int, float],
+    threads: Frames,
+) -> tuple[dict[int, float], np.ndarray]:
     """Loss of the frame mean over views, and its gradient with respect to the spectra.
 
     L = sum over views and m of stages[m] (sum over pixels of weight (I / b - target)^2 + BRIGHTNESS (b / c - 1)^2),
@@ -107,7 +120,7 @@ def supervise(spectra, views, energy, stages, threads):
     for number, view in enumerate(views):
         _look(waves, spectra, view.transfer, threads)
         means = _sums(waves, stages, threads)
-        slopes = [None] * frames
+        slopes: list = [None] * frames
         seen = (view.weight > 0).astype(np.float32)
         wanted = float((view.target * seen).sum(dtype=np.float64))
         for m, total in means.items():
@@ -124,7 +137,7 @@ def supervise(spectra, views, energy, stages, threads):
             slopes[n] += np.float32(2 * stages[m] * even / wanted) * seen
             drift[n] += 2 * stages[m] * BRIGHTNESS * excess * bright / scales[n] ** 2 / energy
         # a frame shows in every mean that includes it
-        slope = None
+        slope, factor = None, np.complex64(0)
         for n in range(frames - 1, -1, -1):
             if slopes[n] is not None:
                 slope = slopes[n] if slope is None else slope + slopes[n]
@@ -191,18 +204,18 @@ class Adam:
 
     WARM_UP = 50  # steps
 
-    def __init__(self, shape, first=0.9, second=0.99):
+    def __init__(self, shape: tuple[int, ...], first: float = 0.9, second: float = 0.99) -> None:
         self.decays = first, second
         self.mean = np.zeros(shape, np.float32)
         self.square = np.zeros(shape, np.float32)
         self.count = 0
 
     @classmethod
-    def rate(cls, step, steps, highest):
+    def rate(cls, step: int, steps: int, highest: float) -> float:
         """Length of step number `step` of `steps`."""
         return highest * min(1, (step + 1) / cls.WARM_UP) * 0.5 * (1 + math.cos(math.pi * step / steps))
 
-    def step(self, values, gradient, rate, threads):
+    def step(self, values: np.ndarray, gradient: Sequence[np.ndarray], rate: float, threads: Frames) -> None:
         """Move `values`, an array of the shape given, against the gradient, a sequence of frames, in place."""
         self.count += 1
         first, second = self.decays

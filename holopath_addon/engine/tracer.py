@@ -6,7 +6,10 @@ image point Q in hologram space (`rays`), s7 the path's phase (`estimators`), s8
 accumulation (here).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -14,6 +17,15 @@ import numpy as np
 
 from .buffers import PHASOR_SCALE, gather_phasors, packed_phasors
 from .hologram import channel
+
+if TYPE_CHECKING:
+    from .chains import FirstHits, SpecularChains
+    from .estimators import LatticeEstimator, RandomEstimator
+    from .grains import RadianceMap
+    from .hologram import Hologram
+    from .progress import PartProgress
+    from .radiance import PathsPerRay
+    from .rays import Rays
 
 CHUNK_RAYS = 1 << 22  # between two looks at progress and cancel; well below a second on two cores
 BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
@@ -34,17 +46,26 @@ class Part:
     """
 
     pixels: np.ndarray
-    rays: object
-    estimator: object
-    optics: object
+    rays: Rays
+    estimator: LatticeEstimator | RandomEstimator
+    optics: FirstHits | SpecularChains
 
     @property
-    def rays_per_pixel(self):
+    def rays_per_pixel(self) -> int:
         """Branches included."""
         return self.estimator.rays * self.optics.branches
 
 
-def trace_field(scene, hologram, parts, radiance, phasors, seed, progress, chunk=1 << 27):
+def trace_field(
+    scene: mi.Scene,
+    hologram: Hologram,
+    parts: list[Part],
+    radiance: RadianceMap | PathsPerRay,
+    phasors: np.ndarray,
+    seed: int,
+    progress: PartProgress,
+    chunk: int = 1 << 27,
+) -> np.ndarray:
     """The wave field on the recording plane: all frames and wavelengths from one traversal.
 
     Parameters

@@ -1,5 +1,7 @@
 """Texture atlases: every triangle of a mesh gets a place of its own in one picture."""
 
+from __future__ import annotations
+
 import numpy as np
 
 try:
@@ -21,7 +23,7 @@ LACKING = (
 )
 
 
-def unwrap(vertices, triangles, texels):
+def unwrap(vertices: np.ndarray, triangles: np.ndarray, texels: int) -> tuple[np.ndarray, tuple[int, int]]:
     """Lay a mesh out flat without overlaps.
 
     Parameters
@@ -42,7 +44,9 @@ def unwrap(vertices, triangles, texels):
     return (places / np.array(size)).astype(np.float32), size
 
 
-def charts(vertices, triangles, **packing):
+def charts(
+    vertices: np.ndarray, triangles: np.ndarray, **packing
+) -> tuple[np.ndarray, tuple[int, int]] | None:
     """Charts by xatlas, with few seams and little distortion.
 
     Parameters
@@ -74,13 +78,13 @@ def charts(vertices, triangles, **packing):
     return uv[corners].astype(np.float32) * np.array(size, np.float32), size
 
 
-def cells_of(count, texels):
+def cells_of(count: int, texels: int) -> tuple:
     """`cells` for a picture of about `texels` a side."""
     side = _cells_a_row(count)
     return cells(count, max(texels // side, SMALLEST_CELL))
 
 
-def cells(count, cell):
+def cells(count: int, cell: int) -> tuple:
     """A regular grid of squares of `cell` texels; each holds two triangles, one on either side of its diagonal.
 
     Squares smaller than `SMALLEST_CELL` have no room for two triangles: each triangle then has one texel.

@@ -1,5 +1,7 @@
 """The rendered wave field: complex amplitudes at the SLM plane, and their form on disk."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,11 +41,11 @@ class WaveField:
     report: dict = field(default_factory=dict, repr=False)
 
     @property
-    def mapping(self):
+    def mapping(self) -> DepthMapping:
         """World to hologram space, `DepthMapping`."""
         return DepthMapping.of(self.hologram, self.camera, self.near)
 
-    def save(self, folder):
+    def save(self, folder: Path | str) -> None:
         """Write ``field.npy`` and ``meta.json`` into a folder that appears only when complete.
 
         Parameters
@@ -79,7 +81,7 @@ class WaveField:
             (part / "meta.json").write_text(json.dumps(meta, indent=1))
 
     @classmethod
-    def load(cls, folder):
+    def load(cls, folder: Path | str) -> WaveField:
         """Read what `save` wrote; the field is memory-mapped.
 
         Raises

@@ -10,12 +10,13 @@ import os
 import sys
 import threading
 from dataclasses import dataclass
+from typing import Any
 
 import bmesh
 import bpy
 import numpy as np
 
-from .node_graph import first_link
+from .node_graph import Pin, first_link, tree_of
 
 ATLAS = "HoloPath atlas"
 _NORMAL, _TANGENT, _GENERATED = "HoloPath normal", "HoloPath tangent", "HoloPath generated"
@@ -59,7 +60,7 @@ class Output:
         halved and shifted to 0 ... 1 as in a tangent-space normal map; or ``EMISSION``, all that the material emits.
     """
 
-    pin: object
+    pin: Pin | None
     kind: str
 
 
@@ -119,7 +120,7 @@ class Flat:
             raise
 
     def _triangulate(self):
-        source = self.mesh.attributes.new("HoloPath corner", "INT", "CORNER")
+        source: Any = self.mesh.attributes.new("HoloPath corner", "INT", "CORNER")
         source.data.foreach_set("value", np.arange(len(self.mesh.loops), dtype=np.int32))
         work = bmesh.new()
         try:
@@ -130,7 +131,8 @@ class Flat:
         finally:
             work.free()
         self._source_corner = np.empty(len(self.mesh.loops), np.int32)
-        self.mesh.attributes["HoloPath corner"].data.foreach_get("value", self._source_corner)
+        kept: Any = self.mesh.attributes["HoloPath corner"]
+        kept.data.foreach_get("value", self._source_corner)
 
     def _keep_generated(self, data):
         """Carry over coordinates before deformation, which a copy of the mesh forgets; whether they differ."""
@@ -153,7 +155,7 @@ class Flat:
         return True
 
     def _attribute(self, name, domain, vectors):
-        attribute = self.mesh.attributes.new(name, "FLOAT_VECTOR", domain)
+        attribute: Any = self.mesh.attributes.new(name, "FLOAT_VECTOR", domain)
         attribute.data.foreach_set("vector", np.ascontiguousarray(vectors, np.float32).ravel())
 
     def remove(self):
@@ -356,7 +358,9 @@ def _expose(tree, pin):
         path.append((inner, node))
         inner = node.node_tree
     twin = next(s for s in inner.nodes[pin.node.name].inputs if s.identifier == pin.socket.identifier)
-    source = first_link(twin).from_socket
+    link = first_link(twin)
+    assert link is not None  # something feeds the pin
+    source = link.from_socket
     kind = {"RGBA": "NodeSocketColor", "VALUE": "NodeSocketFloat"}.get(source.type, "NodeSocketVector")
     for outer, node in reversed(path):
         exit = next(n for n in inner.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output)
@@ -388,7 +392,7 @@ def bake_world(world, width, height, frame):
         brightness = radiance.sum(axis=2)
         if brightness.max() > SUNNY * brightness.mean():
             # few texels hold all the light: their shares of the sun's disk decide how much there is
-            row, column = np.unravel_index(np.argmax(brightness), brightness.shape)
+            row, column = (int(n) for n in np.unravel_index(np.argmax(brightness), brightness.shape))
             rows = np.arange(max(row - 16, 0), min(row + 16, height))
             columns, fine = np.arange(column - 32, column + 32), 8
             patch = studio.image(fine * len(columns), fine * len(rows))
@@ -449,11 +453,9 @@ def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):
     uv = places.reshape(-1, 2)[faces.ravel()]
     mesh.uv_layers.new(name=ATLAS).uv.foreach_set("vector", uv.astype(np.float32).ravel())
     material = studio.keep(bpy.data.materials.new("HoloPath baking"))
-    if material.node_tree is None:
-        material.use_nodes = True
-    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
-    texture.image = image
-    material.node_tree.nodes.active = texture
+    nodes = tree_of(material).nodes
+    nodes.active = nodes.new("ShaderNodeTexImage")
+    nodes.active.image = image
     mesh.materials.append(material)
     thing = studio.keep(bpy.data.objects.new("HoloPath baking", mesh))
     studio.scene.collection.objects.link(thing)
@@ -496,16 +498,18 @@ class _Studio:
         self.scene.frame_current = math.floor(self._frame)
         self.scene.frame_subframe = self._frame - math.floor(self._frame)
         try:
+            # pyrefly: ignore[bad-assignment]  # Blender's stubs know no engines of add-ons
             self.scene.render.engine = "CYCLES"
         except TypeError:
             self.__exit__()
             raise BakingFailed(
                 "the add-on Cycles Render Engine is off, enable it in the preferences"
             ) from None
-        settings = self.scene.cycles
+        settings: Any = self.scene.cycles
         settings.device = "CPU"
         settings.use_adaptive_sampling = settings.use_denoising = False
         settings.sample_clamp_direct = settings.sample_clamp_indirect = 0
+        self._settings = settings
         return self
 
     def __exit__(self, *_):
@@ -552,7 +556,7 @@ class _Studio:
 
     def bake(self, thing, image, kind, samples, filters=frozenset()):
         """Pixels [y, x, 4] of a bake, bottom row first."""
-        self.scene.cycles.samples = samples
+        self._settings.samples = samples
         layer = self.scene.view_layers[0]
         layer.objects.active = thing
         thing.select_set(True, view_layer=layer)

@@ -106,12 +106,12 @@ class Contents:
                     self._add_hair(instance, object)
                 if instance.show_self:
                     self._add(instance, object, owner)
-            bpy.context.window_manager.progress_begin(0, len(self._flats))
+            bpy.data.window_managers[0].progress_begin(0, len(self._flats))
             for number, (key, (flat, materials, name)) in enumerate(self._flats.items()):
-                bpy.context.window_manager.progress_update(number)
+                bpy.data.window_managers[0].progress_update(number)
                 self._bake(key, flat, materials, name)
         finally:
-            bpy.context.window_manager.progress_end()
+            bpy.data.window_managers[0].progress_end()
             for flat, *_ in self._flats.values():
                 flat.remove()
         self._note_missing(self._shown)
@@ -302,7 +302,7 @@ class Contents:
         objects = enumerate(
             object for instance, object, _ in self._instances() if instance.show_self and _is_mesh(object)
         )
-        made = {key: {} for key in self.meshes}
+        made: dict = {key: {} for key in self.meshes}
         surfaces, groups, shapes = {}, {}, []
         for number, placed in enumerate(self._placed):
             key, looks = placed.key, self._slots[placed.key]

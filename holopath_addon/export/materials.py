@@ -470,7 +470,8 @@ class _ShaderReader:
             if weight in (0, 1) and not by_angle:
                 return second if weight else first
         mean = weight
-        if by_angle and (first.emission is not None or second.emission is not None):
+        emits = first.emission is not None or second.emission is not None
+        if by_angle and emits and not isinstance(weight, ImageValue):
             self._note("Emission mixed by the angle", "as bright from all sides")
             mean = weight * _mean_by_angle(**by_angle)
         mixed = Look(
@@ -514,7 +515,7 @@ class _ShaderReader:
 
     def _microfacets(self, node, roughness):
         """Roughness and kind of a glossy closure, as `_gloss` takes them."""
-        gloss = {"roughness": self._number(node, "Roughness", roughness)}
+        gloss: dict = {"roughness": self._number(node, "Roughness", roughness)}
         distribution = node.node.distribution
         if distribution in ("GGX", "BECKMANN"):
             gloss["distribution"] = distribution.lower()
@@ -632,7 +633,7 @@ class _ShaderReader:
             if isinstance(colour, ImageValue):
                 self._emission_pressing = True
                 colour = self._textures.mean_colour(colour)
-            return self._grey(strength).scaled(colour)
+            return replace(strength, grey=True).scaled(colour)
         strength = float(np.mean(strength))
         if strength == 0:
             return None
@@ -680,14 +681,14 @@ def _two_sided(bsdf):
     return bsdf["type"] in _TWO_SIDED
 
 
-def _mean_by_angle(fresnel_ior=None, facing=None):
+def _mean_by_angle(fresnel_ior=None, facing=None) -> float:
     """Mean over the hemisphere, weighted by the cosine, of a share of `engine.mixture`."""
     import drjit as dr
     import mitsuba as mi
 
     if facing is not None:
         return facing / (facing + 2)
-    return dr.slice(mi.fresnel_diffuse_reflectance(fresnel_ior))
+    return float(dr.slice(mi.fresnel_diffuse_reflectance(fresnel_ior)))
 
 
 def _uses_nodes(material):

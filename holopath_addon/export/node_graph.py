@@ -1,13 +1,14 @@
 """Walking Blender's node trees: which output feeds a socket, through groups, reroutes and muted nodes."""
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
 class Pin:
     """A socket together with the group nodes that were entered to reach it, outermost first."""
 
-    socket: object
+    socket: Any  # bpy.types.NodeSocket, which has a value of its own kind
     groups: tuple = ()
 
     @property
@@ -97,6 +98,13 @@ def _passed_through(node, source):
 
 def _by_identifier(sockets, identifier):
     return next((socket for socket in sockets if socket.identifier == identifier), None)
+
+
+def tree_of(owner) -> Any:
+    """The node tree of a new material or world, which older Blenders make when asked."""
+    if owner.node_tree is None:
+        owner.use_nodes = True
+    return owner.node_tree
 
 
 def output_node(tree):

@@ -1,6 +1,7 @@
 """The evaluated depsgraph to a Mitsuba scene: what is in it, where, and how often."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from .camera import about, export_camera, find_camera
 from .contents import Contents
 from .notes import Notes
 from .world import export_world
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 # Mitsuba starts a ray this far above its surface, times 1 m + the largest coordinate of the point...
 RAY_OFFSET = 9e-5
@@ -35,7 +39,7 @@ class Exported:
         Everything approximated or left out.
     """
 
-    scene: object
+    scene: "mi.Scene"
     camera: Camera
     notes: list
 
@@ -116,8 +120,9 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
     scene = depsgraph.scene
     notes = Notes()
     scale = unit_scale(scene)
-    exported_camera = camera
-    if not isinstance(camera, Camera):
+    if isinstance(camera, Camera):
+        exported_camera = camera
+    else:
         exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
     pixel = footprint(exported_camera, resolution, scale)
     origin = ORIGINS * np.round(exported_camera.position / ORIGINS)

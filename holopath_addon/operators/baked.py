@@ -23,7 +23,7 @@ class HOLOPATH_OT_bake(Working, bpy.types.Operator):
     show: BoolProperty(name="Show", description="Show the texture at the end", options={"SKIP_SAVE"})
 
     @classmethod
-    def description(cls, context, settings):
+    def description(cls, context: bpy.types.Context, settings):
         """Tooltip, by what the button does."""
         if settings.show:
             return HOLOPATH_OT_show_texture.__doc__
@@ -42,11 +42,12 @@ class HOLOPATH_OT_bake(Working, bpy.types.Operator):
 
         return bake
 
-    def finish(self, context, result):
-        session.keep_baked(*result)
+    def finish(self, context: bpy.types.Context, result):
+        task, texture, done = result
+        session.keep_baked(task, texture, done)
         if self.show:
             self.present(context, session.show_texture())
-        return "Light taken from disk" if session.current.bake["reused"] == "all" else "Light baked"
+        return "Light taken from disk" if done.reused == "all" else "Light baked"
 
 
 class HOLOPATH_OT_show_texture(bpy.types.Operator):
@@ -56,13 +57,13 @@ class HOLOPATH_OT_show_texture(bpy.types.Operator):
     bl_label = "Show Texture"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.texture is None:
             cls.poll_message_set("Nothing is baked yet: press Bake")
             return False
         return free(cls)
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         present(context, session.show_texture())
         return {"FINISHED"}
 
@@ -74,14 +75,14 @@ class HOLOPATH_OT_clear_baked(bpy.types.Operator):
     bl_label = "Clear"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if not preferences.store().files():
             cls.poll_message_set("No baked light is kept on disk")
             return False
         return free(cls)
 
-    def invoke(self, context, event):
-        return context.window_manager.invoke_confirm(
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        return bpy.data.window_managers[0].invoke_confirm(
             self,
             event,
             title="Delete Baked Light",
@@ -89,7 +90,7 @@ class HOLOPATH_OT_clear_baked(bpy.types.Operator):
             confirm_text="Delete",
         )
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         freed = preferences.store().clear()
         session.current.bake = session.current.texture = None
         session.redraw()

@@ -24,23 +24,25 @@ class HOLOPATH_OT_add_demo(bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if context.mode != "OBJECT":
             cls.poll_message_set("Change to Object Mode first")
             return False
         return True
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         scene = demo.add(self.name)
+        # pyrefly: ignore[bad-assignment]  # Blender's stubs know no engines of others
         scene.render.engine = "HOLOPATH"
         distances = demo.FOCUS[self.name]
-        properties.note_focus(scene.holopath, distances[0])
+        properties.note_focus(properties.of(scene), distances[0])
         for metres in distances:
-            focus_list.add(scene.holopath, metres)
+            focus_list.add(properties.of(scene), metres)
         if context.window is not None:
             context.window.scene = scene
-        if context.area is not None and context.area.type == "VIEW_3D":
-            context.space_data.region_3d.view_perspective = "CAMERA"
+        space = context.space_data
+        if isinstance(space, bpy.types.SpaceView3D) and space.region_3d is not None:
+            space.region_3d.view_perspective = "CAMERA"
         return {"FINISHED"}
 
 

@@ -40,12 +40,12 @@ class Devices:
 
     job: Job | None = None
     counts: slm.Counts | None = None
-    driver: object = None
-    phase: object = None
+    driver: slm.Driver | None = None
+    phase: engine.PhaseHologram | None = None
     controller: slm.Controller | None = None
     port: tuple = ()
     error: str = ""
-    timer: object = None
+    timer: bpy.types.Timer | None = None
 
 
 current = Devices()
@@ -170,7 +170,7 @@ def leave(soon=False):
         return
 
     def remove():
-        bpy.context.window_manager.event_timer_remove(timer)
+        bpy.data.window_managers[0].event_timer_remove(timer)
 
     if soon:
         bpy.app.timers.register(remove, first_interval=0.5)

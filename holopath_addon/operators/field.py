@@ -20,14 +20,14 @@ class HOLOPATH_OT_refocus(bpy.types.Operator):
     bl_label = "Refocus"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.field is None:
             cls.poll_message_set("Render a hologram first")
             return False
         return True
 
-    def execute(self, context):
-        props = context.scene.holopath
+    def execute(self, context: bpy.types.Context):
+        props = properties.of(context.scene)
         try:
             session.refocus(*properties.seen_of(props))
         except Exception as error:
@@ -46,22 +46,22 @@ class HOLOPATH_OT_save_field(bpy.types.Operator):
     directory: StringProperty(name="Folder", description="Where to save", subtype="DIR_PATH")
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.field is None:
             cls.poll_message_set("Render a hologram first")
             return False
         return True
 
-    def invoke(self, context, event):
-        context.window_manager.fileselect_add(self)
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        bpy.data.window_managers[0].fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         try:
             if not self.directory:
                 raise engine.InvalidInput("No folder is given: choose one to save the wave field in.")
             folder = Path(bpy.path.abspath(self.directory)) / "wavefield"
-            session.current.field.save(folder)
+            session.rendered().field.save(folder)
         except Exception as error:
             self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
@@ -76,19 +76,21 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
     bl_label = "Focus on Active Object"
 
     @classmethod
-    def poll(cls, context):
-        if context.scene.camera is None or context.active_object is None:
+    def poll(cls, context: bpy.types.Context):
+        scene = context.scene
+        if scene is None or scene.camera is None or context.active_object is None:
             cls.poll_message_set("Select an object, and give the scene a camera")
             return False
-        return context.active_object is not context.scene.camera
+        return context.active_object is not scene.camera
 
-    def execute(self, context):
-        depth = depth_of(context.scene.camera, context.active_object, unit_scale(context.scene))
+    def execute(self, context: bpy.types.Context):
+        scene, thing = context.scene, context.active_object
+        assert scene is not None and thing is not None  # as `poll` has it
+        depth = depth_of(scene.camera, thing, unit_scale(scene))
         if depth <= 0:
-            name = context.active_object.name
-            self.report({"ERROR"}, f"'{name}' is behind the camera: select another object.")
+            self.report({"ERROR"}, f"'{thing.name}' is behind the camera: select another object.")
             return {"CANCELLED"}
-        properties.set_focus(context.scene.holopath, depth)
+        properties.set_focus(properties.of(scene), depth)
         return {"FINISHED"}
 
 
@@ -101,42 +103,43 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
     PERIOD = 8.0  # seconds there and back
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.field is None:
             cls.poll_message_set("Render a hologram first")
             return False
         return free(cls)
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Begin, or stop what plays."""
         if session.current.sweep is not None:
             session.stop_sweep()
             return {"FINISHED"}
+        assert context.scene is not None  # else there is nothing to refocus
         self._near, self._far = session.current.in_view
         self._scene, self._started = context.scene.name, time.monotonic()
-        self._sweep = session.current.sweep = context.window_manager.event_timer_add(
+        self._sweep = session.current.sweep = bpy.data.window_managers[0].event_timer_add(
             0.05, window=context.window
         )
-        context.window_manager.modal_handler_add(self)
+        bpy.data.window_managers[0].modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """The next focus, as soon as the last one is shown."""
         stopped = event.type == "ESC" and event.value == "PRESS"
         scene = bpy.data.scenes.get(self._scene)
         if stopped or scene is None or session.current.field is None or session.running():
             session.stop_sweep(self._sweep)
-        if session.current.sweep is not self._sweep:
+        if scene is None or session.current.sweep is not self._sweep:
             return {"FINISHED", "PASS_THROUGH"}
         if event.type == "TIMER" and not session.refocusing():
             turn = 2 * math.pi * (time.monotonic() - self._started) / self.PERIOD
             share = 0.5 + 0.5 * math.cos(turn)
             dioptres = self._far + (self._near - self._far) * share
-            properties.note_focus(scene.holopath, 1 / max(dioptres, 1e-9))
-            session.request_refocus(*properties.seen_of(scene.holopath))
+            properties.note_focus(properties.of(scene), 1 / max(dioptres, 1e-9))
+            session.request_refocus(*properties.seen_of(properties.of(scene)))
         return {"PASS_THROUGH"}
 
-    def cancel(self, context):
+    def cancel(self, context: bpy.types.Context):
         """The window closes or another file is opened."""
         session.stop_sweep(self._sweep)
 

@@ -1,18 +1,25 @@
 """The focus list: distances that focal stacks are made of."""
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from .. import properties
 from ..export import depth_of, unit_scale
 from . import session
 
+if TYPE_CHECKING:
+    _Operator = bpy.types.Operator
+else:
+    _Operator = object
 
-class _Filled:
+
+class _Filled(_Operator):
     """For operators that need a distance in the list."""
 
     @classmethod
-    def poll(cls, context):
-        if not context.scene.holopath.focus_list:
+    def poll(cls, context: bpy.types.Context):
+        if not properties.of(context.scene).focus_list:
             cls.poll_message_set("The focus list is empty")
             return False
         return True
@@ -25,8 +32,8 @@ class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
     bl_label = "Add Distance"
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context):
-        props = context.scene.holopath
+    def execute(self, context: bpy.types.Context):
+        props = properties.of(context.scene)
         add(props, properties.focus_of(props))
         properties.choose(props, properties.focus_list_of(props).index(properties.focus_of(props)))
         session.redraw()
@@ -40,8 +47,8 @@ class HOLOPATH_OT_focus_list_remove(_Filled, bpy.types.Operator):
     bl_label = "Remove Distance"
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context):
-        props = context.scene.holopath
+    def execute(self, context: bpy.types.Context):
+        props = properties.of(context.scene)
         props.focus_list.remove(min(props.focus_index, len(props.focus_list) - 1))
         properties.choose(props, max(0, min(props.focus_index, len(props.focus_list) - 1)))
         session.redraw()
@@ -55,8 +62,8 @@ class HOLOPATH_OT_focus_list_sort(_Filled, bpy.types.Operator):
     bl_label = "Sort Distances"
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context):
-        props = context.scene.holopath
+    def execute(self, context: bpy.types.Context):
+        props = properties.of(context.scene)
         distances = sorted(properties.focus_list_of(props))
         chosen = properties.focus_of(props.focus_list[min(props.focus_index, len(props.focus_list) - 1)])
         props.focus_list.clear()
@@ -75,15 +82,16 @@ class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context):
-        camera = context.scene.camera
+    def poll(cls, context: bpy.types.Context):
+        camera = context.scene and context.scene.camera
         if camera is None or not any(thing != camera for thing in context.selected_objects):
             cls.poll_message_set("Select objects, and give the scene a camera")
             return False
         return True
 
-    def execute(self, context):
-        scene, props = context.scene, context.scene.holopath
+    def execute(self, context: bpy.types.Context):
+        scene, props = context.scene, properties.of(context.scene)
+        assert scene is not None  # as `poll` has it
         depths = {
             thing.name: depth_of(scene.camera, thing, unit_scale(scene))
             for thing in context.selected_objects

@@ -29,14 +29,15 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
     doing = "encoding"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.field is None:
             cls.poll_message_set("Render a hologram first")
             return False
         return super().poll(context)
 
     def work(self, scene):
-        field, task, props = session.current.field, session.current.task, bpy.data.scenes[scene].holopath
+        field, task = session.rendered().field, session.current.task
+        props = properties.of(bpy.data.scenes[scene])
         method, bits = props.encoding, props.bits if props.bits < ENOUGH_BITS else None
         wanted, full = preferences.wanted(), task is not None and task.settings.method == "full"
 
@@ -59,7 +60,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
 
         return encode
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         field, phase = result
         if field is not session.current.field:
             raise engine.InvalidInput("Another hologram has been rendered meanwhile: press Encode again.")
@@ -87,28 +88,29 @@ class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
     _browsing = False
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.phase is None:
             cls.poll_message_set("Encode a hologram first")
             return False
         return super().poll(context)
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for a folder, unless one is given."""
         if self.directory:
             return super().invoke(context, event)
         self._browsing = True
-        context.window_manager.fileselect_add(self)
+        bpy.data.window_managers[0].fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         """Save; after the file browser in a thread, of another operator: Blender ends this one."""
         if self._browsing:
+            # pyrefly: ignore[missing-attribute]  # this very operator
             return bpy.ops.holopath.save_hologram("INVOKE_DEFAULT", directory=self.directory)
         return super().execute(context)
 
     def work(self, scene):
-        directory, phase = bpy.path.abspath(self.directory), session.current.phase
+        directory, phase = bpy.path.abspath(self.directory), session.encoded()
 
         def save(job, progress):
             if not directory:
@@ -119,7 +121,7 @@ class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
 
         return save
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         return f"Hologram saved in {result}"
 
 

@@ -3,6 +3,7 @@
 import threading
 import time
 import traceback
+from typing import Any
 
 import bpy
 
@@ -65,7 +66,7 @@ class Job:
     """
 
     def __init__(self, work):
-        self._work = work
+        self._work: Any = work  # until it is done
         self._cancel = threading.Event()
         self._thread = None
         self._question = None
@@ -73,8 +74,8 @@ class Job:
         self._started = time.monotonic()
         self.done = 0.0
         self.message = ""
-        self.result = None
-        self.error = None
+        self.result: Any = None
+        self.error: BaseException | None = None
 
     @property
     def running(self):

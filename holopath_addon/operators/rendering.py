@@ -23,10 +23,10 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
 
         return render
 
-    def glimpse(self, context, picture):
+    def glimpse(self, context: bpy.types.Context, picture):
         self.present(context, session.show_rgb(picture))
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         task, result = result
         session.keep(task, result)
         props = self.scene_settings()
@@ -45,11 +45,13 @@ class HOLOPATH_OT_cancel(bpy.types.Operator):
     bl_label = "Cancel"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return session.running()
 
-    def execute(self, context):
-        session.current.job.cancel()
+    def execute(self, context: bpy.types.Context):
+        job = session.current.job
+        if job is not None:
+            job.cancel()
         return {"FINISHED"}
 
 
@@ -60,18 +62,18 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
     bl_label = "Estimate"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.scene is not None and free(cls)
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         try:
-            task = session.prepare(context.evaluated_depsgraph_get(), context.scene.holopath)
-            session.keep_plan(task, task.plan())
+            task = session.prepare(context.evaluated_depsgraph_get(), properties.of(context.scene))
+            plan = task.plan()
+            session.keep_plan(task, plan)
         except Exception as error:
             self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}
         session.redraw()
-        plan = session.current.plan
         if plan.seconds:
             self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")
         return {"FINISHED"}
@@ -83,7 +85,7 @@ class HOLOPATH_OT_check(bpy.types.Operator):
     bl_idname = "holopath.check"
     bl_label = "Check Again"
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         preferences.look_again()
         problem = preferences.missing()
         session.current.error = ""

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -68,7 +69,7 @@ class Session:
     refocuser: engine.Refocuser | None = None
     phase: engine.PhaseHologram | None = None
     phase_light: tuple | None = None
-    task: object = None
+    task: "Task | None" = None
     plan: engine.Plan | None = None
     scene: str = ""
     rendered: str = ""
@@ -77,16 +78,16 @@ class Session:
     bake: dict | None = None
     texture: np.ndarray | None = None
     error: str = ""
-    leave: object = None
+    leave: Callable[[], None] | None = None
     refocus: Job | None = None
     wanted: tuple | None = None
     pace: float = math.inf
-    sweep: object = None
+    sweep: bpy.types.Timer | None = None
 
     @property
     def field(self):
         """The last `engine.WaveField` rendered, or None."""
-        return self.refocuser and self.refocuser.field
+        return None if self.refocuser is None else self.refocuser.field
 
 
 current = Session()
@@ -209,6 +210,32 @@ def keep_plan(task, plan):
     current.notes, current.error = task.notes, ""
 
 
+def rendered():
+    """The `engine.Refocuser` of the last wave field rendered.
+
+    Raises
+    ------
+    engine.InvalidInput
+        If there is none yet.
+    """
+    if current.refocuser is None:
+        raise engine.InvalidInput("There is no wave field yet: press Render Hologram first.")
+    return current.refocuser
+
+
+def encoded():
+    """The `engine.PhaseHologram` of that field.
+
+    Raises
+    ------
+    engine.InvalidInput
+        If it is not encoded yet.
+    """
+    if current.phase is None:
+        raise engine.InvalidInput("There is no hologram yet: press Encode first.")
+    return current.phase
+
+
 def plan_of(scene):
     """The last `engine.Plan`, if it is that scene's, else None."""
     return current.plan if scene.name == current.scene else None
@@ -285,7 +312,7 @@ def show_rgb(rgb):
 
 def show_phase(frame):
     """Put a frame of the encoded hologram into an image datablock of its own: a turn is white, see `show`."""
-    phase = current.phase
+    phase = encoded()
     levels = np.moveaxis(phase.data[min(frame, len(phase.data) - 1)], 0, -1) / (2 * math.pi)
     return shown(PHASE, _rgba(engine.to_rgb(levels, phase.hologram.wavelengths)), light=False)
 
@@ -304,11 +331,13 @@ def shown(name, pixels, light=True):
         other, block = block, None
     if block is None:
         block = bpy.data.images.new(name, width, height, alpha=False, float_buffer=True)
+        # pyrefly: ignore[bad-assignment, missing-attribute]  # Blender's stubs know no names of spaces
         block.colorspace_settings.name = "Linear Rec.709" if light else "Non-Color"
         block.use_view_as_render = light
         _replace_in_editors(other, block)
     elif tuple(block.size) != (width, height):
         block.scale(width, height)
+    # pyrefly: ignore[missing-attribute]  # in Blender's stubs an array of numbers is one
     block.pixels.foreach_set(pixels.ravel())
     block.update()
     return block
@@ -318,10 +347,11 @@ def _replace_in_editors(old, new):
     """Show another image where one is shown that is the user's own now, as it was saved."""
     if old is None:
         return
-    for window in bpy.context.window_manager.windows:
+    for window in bpy.data.window_managers[0].windows:
         for area in window.screen.areas:
-            if area.type == "IMAGE_EDITOR" and area.spaces.active.image == old:
-                area.spaces.active.image = new
+            space = area.spaces.active
+            if isinstance(space, bpy.types.SpaceImageEditor) and space.image == old:
+                space.image = new
 
 
 def redraw(images=True):
@@ -332,7 +362,7 @@ def redraw(images=True):
     images : bool
         Whether the pictures, the plan or the focus may have changed: else panels alone.
     """
-    for window in bpy.context.window_manager.windows:
+    for window in bpy.data.window_managers[0].windows:
         for area in window.screen.areas:
             if area.type == "PROPERTIES":
                 area.tag_redraw()
@@ -342,11 +372,11 @@ def redraw(images=True):
                         region.tag_redraw()
 
 
-def light_of(modulator):
-    """`engine.Refocuser` of what a display makes of the encoded phases; of the field where none is given or encoded."""
+def light_of(refocuser, modulator):
+    """`engine.Refocuser` of what a display makes of the encoded phases; the field's where none is given or encoded."""
     phase, kept = current.phase, current.phase_light  # another thread may render or encode meanwhile
     if modulator is None or phase is None:
-        return current.refocuser
+        return refocuser
     if kept is None or kept[0] is not phase or kept[1] != modulator:
         kept = current.phase_light = phase, modulator, engine.Refocuser(phase.field(modulator))
     return kept[2]
@@ -372,12 +402,10 @@ def refocus(focus, pupil, modulator=None):
     engine.InvalidInput
         If there is no field yet or the pupil misses its light.
     """
-    if current.refocuser is None:
-        raise engine.InvalidInput("There is no wave field yet: press Render Hologram first.")
-    started = time.monotonic()
-    image = light_of(modulator)([focus], pupil)[0]
+    refocuser, started = rendered(), time.monotonic()
+    image = light_of(refocuser, modulator)([focus], pupil)[0]
     current.error, current.pace = "", time.monotonic() - started
-    return show(image, current.field.hologram.wavelengths)
+    return show(image, refocuser.field.hologram.wavelengths)
 
 
 def request_refocus(focus, pupil, modulator=None):
@@ -413,10 +441,10 @@ def stop_sweep(timer=None, soon=False):
     current.sweep = None
     if soon:
         bpy.app.timers.register(
-            lambda: bpy.context.window_manager.event_timer_remove(playing), first_interval=0.5
+            lambda: bpy.data.window_managers[0].event_timer_remove(playing), first_interval=0.5
         )
     else:
-        bpy.context.window_manager.event_timer_remove(playing)
+        bpy.data.window_managers[0].event_timer_remove(playing)
 
 
 def _start_refocus():
@@ -428,7 +456,7 @@ def _start_refocus():
 
     def refocus(progress):
         started = time.monotonic()
-        image = light_of(modulator)([focus], pupil, progress)[0]
+        image = light_of(refocuser, modulator)([focus], pupil, progress)[0]
         return refocuser, picture(image, wavelengths), time.monotonic() - started
 
     current.refocus = Job(refocus)
@@ -456,7 +484,7 @@ def show_again():
     """Show the stored field's picture in place of what a cancelled render left; nothing where there is none."""
     scene = bpy.context.scene
     if current.refocuser is not None and IMAGE in bpy.data.images and scene is not None:
-        request_refocus(*properties.seen_of(scene.holopath))
+        request_refocus(*properties.seen_of(properties.of(scene)))
 
 
 def progress_text(job):

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy.props import StringProperty
 
-from .. import device_properties, engine, failures, slm
+from .. import device_properties, engine, failures, properties, slm
 from . import devices, session
 from .working import Working
 
@@ -22,7 +22,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
     bl_label = "Stream to Device"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         if session.current.phase is None:
             cls.poll_message_set("Encode a hologram first")
             return False
@@ -31,9 +31,9 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             return False
         return context.scene is not None
 
-    def _begin(self, context, endless):
+    def _begin(self, context: bpy.types.Context, endless):
         """The job; `endless`: whether no number of loops means none."""
-        device = context.scene.holopath.device
+        device = properties.of(context.scene).device
         sequence = device_properties.sequence_of(device, session.current.phase)
         driver, trigger = device_properties.driver_of(device, sequence), None
         port = device.port, device.baud
@@ -53,31 +53,33 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             driver, sequence, rate or None, loops, trigger, math.inf if endless else PATIENCE
         )
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         """Show it and wait for the end: without a number of loops, once."""
         try:
-            self._begin(context, endless=False).run()
+            job = self._begin(context, endless=False)
+            job.run()
         except Exception as error:
             self.report({"ERROR"}, devices.fail(error))
             return {"CANCELLED"}
-        return self._end()
+        return self._end(job)
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Show it in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
-            self._begin(context, endless=True).start()
+            job = self._begin(context, endless=True)
+            job.start()
         except Exception as error:
             self.report({"ERROR"}, devices.fail(error))
             return {"CANCELLED"}
-        self._job, self._lost = devices.current.job, ""
-        devices.current.timer = context.window_manager.event_timer_add(POLL, window=context.window)
-        context.window_manager.modal_handler_add(self)
+        self._job, self._lost = job, ""
+        devices.current.timer = bpy.data.window_managers[0].event_timer_add(POLL, window=context.window)
+        bpy.data.window_managers[0].modal_handler_add(self)
         session.redraw(images=False)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Poll the thread; Esc stops, where it does not cancel a render."""
         if devices.current.job is not self._job or devices.current.timer is None:
             return {"FINISHED", "PASS_THROUGH"}
@@ -87,7 +89,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         if event.type == "TIMER":
             if not self._job.running:
                 devices.leave()
-                return self._end()
+                return self._end(self._job)
             counts = devices.current.counts
             lost = counts.lost if counts is not None else ""
             if lost and lost != self._lost:
@@ -98,13 +100,13 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             session.redraw(images=False)
         return {"PASS_THROUGH"}
 
-    def cancel(self, context):
+    def cancel(self, context: bpy.types.Context):
         """The window closes or another file is opened."""
         devices.stop()
         devices.leave()
 
-    def _end(self):
-        job, counts = devices.current.job, devices.current.counts
+    def _end(self, job):
+        counts = devices.current.counts
         session.redraw()
         if job.error is not None and not failures.cancelled(job.error):
             self.report({"ERROR"}, devices.fail(job.error))
@@ -122,10 +124,10 @@ class HOLOPATH_OT_stop_streaming(bpy.types.Operator):
     bl_label = "Stop"
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return devices.streaming()
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         devices.stop()
         return {"FINISHED"}
 
@@ -148,7 +150,7 @@ class HOLOPATH_OT_find_devices(Working, bpy.types.Operator):
 
         return look
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         device_properties.found.update(result)
         monitors, ports = len(result["monitors"]), len(result["ports"])
         return f"{monitors} monitor{'' if monitors == 1 else 's'}, {ports} serial port{'' if ports == 1 else 's'} found"
@@ -162,7 +164,7 @@ class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
     doing = "focusing"
 
     def work(self, scene):
-        device = bpy.data.scenes[scene].holopath.device
+        device = properties.of(bpy.data.scenes[scene]).device
         planes = device_properties.planes_of(device, _phase())
         move, number = _mover(device, planes), device.plane
 
@@ -172,7 +174,7 @@ class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
 
         return focus
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         return f"Camera at plane {result[0]}, {result[1] * 1e3:g} mm,"
 
 
@@ -184,7 +186,7 @@ class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
     doing = "asking the motor"
 
     def work(self, scene):
-        device = bpy.data.scenes[scene].holopath.device
+        device = properties.of(bpy.data.scenes[scene]).device
         if not device.planes:
             raise engine.InvalidInput("There are no focus planes: choose their file, or make one with New.")
         path, number, port = bpy.path.abspath(device.planes), device.plane, (device.port, device.baud)
@@ -198,7 +200,7 @@ class HOLOPATH_OT_store_plane(Working, bpy.types.Operator):
 
         return store
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         return f"Plane {result[0]} is position {result[1]}, stored"
 
 
@@ -210,12 +212,12 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
 
     filepath: StringProperty(name="File", description="JSON file to write", subtype="FILE_PATH")
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         self.filepath = self.filepath or "focus_planes.json"
-        context.window_manager.fileselect_add(self)
+        bpy.data.window_managers[0].fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         path = Path(bpy.path.abspath(self.filepath)).with_suffix(".json")
         try:
             if path.exists():
@@ -226,7 +228,7 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
         except Exception as error:
             self.report({"ERROR"}, devices.fail(error))
             return {"CANCELLED"}
-        context.scene.holopath.device.planes = str(path)
+        properties.of(context.scene).device.planes = str(path)
         self.report({"INFO"}, f"Five focus planes are in {path}.")
         return {"FINISHED"}
 
@@ -239,7 +241,7 @@ class HOLOPATH_OT_capture(Working, bpy.types.Operator):
     doing = "taking a picture"
 
     def work(self, scene):
-        device = bpy.data.scenes[scene].holopath.device
+        device = properties.of(bpy.data.scenes[scene]).device
         planes, number = device_properties.planes_of(device, _phase()), device.plane
         planes.calibrated(number, 0)  # there is such a plane
         distance = planes.planes[number].distance
@@ -264,13 +266,15 @@ class HOLOPATH_OT_capture(Working, bpy.types.Operator):
 
         return run
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         distance, picture = result
         if isinstance(picture, tempfile.TemporaryDirectory):
             with picture as folder:
                 image = devices.load(Path(folder) / "picture.png")
         else:
-            image = devices.show(picture, devices.current.phase.hologram.wavelengths)
+            phase = _phase()
+            assert phase is not None  # which the bench shows
+            image = devices.show(picture, phase.hologram.wavelengths)
         self.present(context, image)
         return f"Picture for {distance * 1e3:g} mm taken"
 

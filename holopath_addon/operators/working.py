@@ -1,10 +1,11 @@
 """What operators that take long share: a thread while the window stays usable, and where pictures are shown."""
 
 import time
+from typing import TYPE_CHECKING
 
 import bpy
 
-from .. import engine, failures, preferences
+from .. import engine, failures, preferences, properties
 from ..engine import backend
 from . import session
 from .jobs import Job
@@ -13,7 +14,13 @@ POLL = 0.05  # seconds
 REDRAW = 0.25  # seconds between two displays of progress: drawing takes time from the work
 
 
-class Working:
+if TYPE_CHECKING:
+    _Operator = bpy.types.Operator
+else:
+    _Operator = object
+
+
+class Working(_Operator):
     """Operator that takes long: in a thread where it is invoked, while the window stays usable; Esc cancels.
 
     A subclass brings `work`, `finish` and `doing`.
@@ -29,7 +36,7 @@ class Working:
     _presented = False
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.scene is not None and free(cls)
 
     def work(self, scene):
@@ -39,38 +46,43 @@ class Working:
         """
         raise NotImplementedError
 
-    def finish(self, context, result):
+    def finish(self, context: bpy.types.Context, result):
         """Keep and show the result, on the main thread: what to tell, before the seconds."""
         raise NotImplementedError
 
-    def execute(self, context):
+    def execute(self, context: bpy.types.Context):
         """Work and wait for the end."""
-        self._begin(context).run()
-        return self._end(context)
+        job = self._begin(context)
+        job.run()
+        return self._end(context, job)
 
-    def invoke(self, context, event):
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Work in a thread; the window stays usable."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
-        self._begin(context).start()
-        timer = context.window_manager.event_timer_add(POLL, window=context.window)
+        job = self._begin(context)
+        job.start()
+        timer = bpy.data.window_managers[0].event_timer_add(POLL, window=context.window)
         session.current.leave = lambda: _leave(timer)
-        context.window_manager.modal_handler_add(self)
+        bpy.data.window_managers[0].modal_handler_add(self)
+        self._tell(
+            context, job
+        )  # before the first event: once that is served, the thread may hold Python for seconds
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event):
         """Poll the thread."""
         job = self._job
         if job is None:  # Blender does not take FINISHED where a window was opened meanwhile, and calls again
             return {"FINISHED"}
         if event.type == "ESC" and event.value == "PRESS" and job.running:
             job.cancel()
-            self._tell(context)
+            self._tell(context, job)
             return {"RUNNING_MODAL"}
         if event.type == "TIMER":
             if not job.running:
                 session.leave()
-                return self._end(context)
+                return self._end(context, job)
             job.serve()
             picture = job.take()
             if picture is not None:
@@ -78,10 +90,10 @@ class Working:
                     self.glimpse(context, picture)
                 except Exception as error:  # the work goes on
                     session.fail(error)
-            self._tell(context)
+            self._tell(context, job)
         return {"PASS_THROUGH"}
 
-    def cancel(self, context):
+    def cancel(self, context: bpy.types.Context):
         """Blender ends the operator: the window closes or another file is opened."""
         job, self._job = self._job, None
         if job is None:  # nothing has begun: a file browser was closed
@@ -91,23 +103,23 @@ class Working:
         if session.current.job is job:
             bpy.app.timers.register(lambda: _clear_away(job))
 
-    def glimpse(self, context, picture):
+    def glimpse(self, context: bpy.types.Context, picture):
         """Show what the work offers before its end."""
 
     def scene_settings(self):
         """HoloPath's settings of the scene that was chosen, or None if it has been deleted since."""
         scene = bpy.data.scenes.get(self._scene)
-        return scene and scene.holopath
+        return scene and properties.of(scene)
 
-    def present(self, context, image):
+    def present(self, context: bpy.types.Context, image):
         """`present` an image, the first time; later it is only changed."""
         if not self._presented:
             self._presented = True
             present(context, image)
 
-    def _tell(self, context):
+    def _tell(self, context: bpy.types.Context, job):
         """Show progress where there is news, now and then."""
-        job, now = self._job, time.monotonic()
+        now = time.monotonic()
         text = "cancelling" if job.cancelling else f"{session.progress_text(job)}, Esc cancels"
         if text == self._told or now - self._told_at < REDRAW:
             return
@@ -116,8 +128,9 @@ class Working:
             context.workspace.status_text_set(f"HoloPath: {text}")
         session.redraw(images=False)
 
-    def _begin(self, context):
+    def _begin(self, context: bpy.types.Context):
         """The job."""
+        assert context.scene is not None  # as `poll` has it
         self._started, self._scene = time.monotonic(), context.scene.name
         session.current.error = ""
         try:
@@ -125,11 +138,11 @@ class Working:
         except engine.InvalidInput as error:
             work = _failing(error)
         job = Job(lambda progress: work(job, progress))
+        job.message = self.doing.capitalize()
         self._job = session.current.job = job
         return job
 
-    def _end(self, context):
-        job = self._job
+    def _end(self, context: bpy.types.Context, job):
         if session.current.job is job:
             session.current.job = None
         try:
@@ -168,7 +181,7 @@ def export(job, progress, scene):
             raise engine.InvalidInput(
                 f"The scene '{scene}' was left or deleted before it was read: press the button again."
             )
-        return session.prepare(bpy.context.evaluated_depsgraph_get(), bpy.context.scene.holopath)
+        return session.prepare(bpy.context.evaluated_depsgraph_get(), properties.of(bpy.context.scene))
 
     progress(0.0, "Starting Mitsuba")
     backend.activate(job.ask(preferences.wanted))
@@ -206,7 +219,7 @@ def _clear_away(job):
 
 def _leave(timer):
     """Take back what `invoke` changed in the window."""
-    bpy.context.window_manager.event_timer_remove(timer)
+    bpy.data.window_managers[0].event_timer_remove(timer)
     for workspace in bpy.data.workspaces:  # the user may have changed to another one
         workspace.status_text_set(None)
 

@@ -1,5 +1,7 @@
 """What a device needs so that its pixels have the phases that are meant, and its form on disk."""
 
+from __future__ import annotations
+
 import json
 import math
 import os
@@ -70,7 +72,7 @@ class Response:
                 raise InvalidInput("The levels of a measured curve must rise.")
             object.__setattr__(self, "curve", tuple(map(tuple, curve.tolist())))
 
-    def phases(self, bits, wavelength=None):
+    def phases(self, bits: int, wavelength: float | None = None) -> np.ndarray:
         """Phase of each level at a wavelength, radians, array of 2^bits.
 
         Away from where it was measured the phase goes as 1 / wavelength: the optical path stays, dispersion is left
@@ -89,7 +91,7 @@ class Response:
             phases = np.interp(levels, at, phases)
         return phases * _scale(self.wavelength, wavelength)
 
-    def linear(self, wavelength):
+    def linear(self, wavelength: float) -> bool:
         """Whether the levels are even steps of one whole turn."""
         return self.curve is None and math.isclose(
             self.range * _scale(self.wavelength, wavelength), 1.0, rel_tol=1e-9
@@ -155,13 +157,13 @@ class Calibration:
             _check_wavelength(self.correction_wavelength)
             object.__setattr__(self, "correction", correction)
 
-    def response(self, wavelength):
+    def response(self, wavelength: float) -> Response:
         """The `Response` that was measured nearest to a wavelength."""
         if not self.responses:
             return Response(wavelength)
         return min(self.responses, key=lambda r: abs(r.wavelength - wavelength))
 
-    def table(self, wavelength):
+    def table(self, wavelength: float) -> np.ndarray:
         """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle."""
         phases = np.mod(self.response(wavelength).phases(self.bits, wavelength), 2 * math.pi)
         order = np.argsort(phases, kind="stable")
@@ -172,7 +174,7 @@ class Calibration:
         nearest = np.searchsorted(edges, wanted, side="left") % len(ring)
         return order[nearest].astype(np.uint8 if self.bits <= 8 else np.uint16)
 
-    def levels(self, phases, wavelength, table=None):
+    def levels(self, phases: np.ndarray, wavelength: float, table: np.ndarray | None = None) -> np.ndarray:
         """Levels for the device's pixels.
 
         Parameters
@@ -195,16 +197,17 @@ class Calibration:
         """
         phases = np.asarray(phases, np.float32)[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
         phases = self._placed(phases)
-        if self.correction is not None:
-            phases = np.mod(
-                phases + self._scaled_correction(wavelength, phases.shape), np.float32(2 * math.pi)
-            )
+        correction = self._scaled_correction(wavelength, phases.shape)
+        if correction is not None:
+            phases = np.mod(phases + correction, np.float32(2 * math.pi))
         if self.response(wavelength).linear(wavelength):
             return grey_levels(phases, self.bits).astype(np.uint8 if self.bits <= 8 else np.uint16)
         table = self.table(wavelength) if table is None else table
         return table[np.round(phases * np.float32(STEPS / (2 * math.pi))).astype(np.uint32) & (STEPS - 1)]
 
     def _scaled_correction(self, wavelength, shape):
+        if self.correction is None or self.correction_wavelength is None:
+            return None
         if self.correction.shape != shape:
             raise InvalidInput(
                 f"The correction has {self.correction.shape[1]} x {self.correction.shape[0]} pixels, what is shown "
@@ -242,7 +245,7 @@ class Calibration:
             here.append(slice(first - begin, last - begin))
         return tuple(there), tuple(here)
 
-    def seen(self, levels, wavelength, shape):
+    def seen(self, levels: np.ndarray, wavelength: float, shape: tuple[int, int]) -> np.ndarray:
         """What a device that this calibration describes makes of levels: the reverse of `levels`.
 
         Parameters
@@ -260,14 +263,15 @@ class Calibration:
             Phases in [0, 2 pi) at the hologram's pixels; 0 where they lie beside the device.
         """
         phases = self.response(wavelength).phases(self.bits, wavelength).astype(np.float32)[levels]
-        if self.correction is not None:
-            phases = phases - self._scaled_correction(wavelength, phases.shape)
+        correction = self._scaled_correction(wavelength, phases.shape)
+        if correction is not None:
+            phases = phases - correction
         there, here = self._windows(shape, phases.shape)
         seen = np.zeros(shape, np.float32)
         seen[here] = np.mod(phases[there], np.float32(2 * math.pi))
         return seen[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
 
-    def save(self, path):
+    def save(self, path: Path | str) -> None:
         """Write a JSON file, and beside it ``.npy`` for the correction.
 
         Raises
@@ -276,7 +280,7 @@ class Calibration:
         """
         path = Path(path)
         correction = None
-        if self.correction is not None:
+        if self.correction is not None and self.correction_wavelength is not None:
             name = path.stem + ".correction.npy"
             part = path.with_name(f".part-{name}")
             with open(part, "wb") as file:
@@ -303,7 +307,7 @@ class Calibration:
         os.replace(part, path)
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: Path | str) -> Calibration:
         """Read what `save` wrote, or what was written by hand: all but ``format`` may be left out.
 
         The correction may also be a picture of 8 bits, of which 256 levels are a turn, as makers of SLMs give it.

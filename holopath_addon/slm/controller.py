@@ -1,13 +1,22 @@
 """A controller on a serial port: pulses, focus, and frames where it has a display."""
 
+from __future__ import annotations
+
 import threading
 import time
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import InvalidInput
 from .errors import DeviceLost
 from .link import PATIENCE, START_PATIENCE, Link
 from .packets import Can, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    import serial
 
 BAUD = 115200
 SLOWEST = 9600
@@ -16,7 +25,7 @@ WRITE_TIMEOUT = 1.0
 ARRIVAL = 60.0  # seconds that a motion of the focus may take
 
 
-def serial_ports():
+def serial_ports() -> list[tuple[str, str]]:
     """Ports of this computer: device and description, as pyserial lists them."""
     from serial.tools import list_ports
 
@@ -38,22 +47,23 @@ class Controller:
         Keeps what was not taken while the device is lost.
     """
 
-    def __init__(self, port=None, baud=BAUD):
+    def __init__(self, port: str | None = None, baud: int = BAUD) -> None:
         if not SLOWEST <= baud <= 100_000_000:
             raise InvalidInput(
                 f"A line of {baud} baud is too slow or none: the usual is {BAUD}, {SLOWEST} the least."
             )
         self._name, self._baud = port, baud
-        self._port, self._lock = None, threading.Lock()
+        self._port: serial.Serial | None = None
+        self._lock = threading.Lock()
         self._given = None  # number of the frame that is being sent
         self.link = Link()
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Of the port."""
         return self._name or "serial"
 
-    def open(self):
+    def open(self) -> None:
         """Open the port and shake hands; where the device was lost, it goes on.
 
         Raises
@@ -69,7 +79,7 @@ class Controller:
         self.close()
         try:
             name = self._chosen()
-            alone = {} if "://" in name else {"exclusive": True}
+            alone: dict[str, Any] = {} if "://" in name else {"exclusive": True}
             port = serial.serial_for_url(
                 name, self._baud, timeout=READ_TIMEOUT, write_timeout=WRITE_TIMEOUT, **alone
             )
@@ -97,7 +107,7 @@ class Controller:
             self._name = ports[0][0]
         return self._name
 
-    def frame(self, number, pixels, bits, wavelength):
+    def frame(self, number: int, pixels: np.ndarray, bits: int, wavelength: int) -> None:
         """Send a frame, and wait until the device has it.
 
         The frame that was being sent when the device was lost may be given again: it is sent only once.
@@ -109,7 +119,7 @@ class Controller:
             self.link.finish()
             self._given = None
 
-    def trigger(self, number, microseconds=100):
+    def trigger(self, number: int, microseconds: int = 100) -> None:
         """Have a pulse given, and wait until the device knows; opens the port if it is not, or was lost."""
         self._be_open()
         self._require(Can.TRIGGERS, "triggers")
@@ -117,7 +127,7 @@ class Controller:
             self.link.trigger(number, microseconds)
             self.link.finish()
 
-    def focus(self, position, progress=None):
+    def focus(self, position: int, progress: Callable[[int], None] | None = None) -> None:
         """Move the focus, and wait until it stands; opens the port if it is not, or was lost.
 
         Parameters
@@ -153,7 +163,7 @@ class Controller:
                 )
             time.sleep(0.02)
 
-    def position(self):
+    def position(self) -> int:
         """Where the focus is now, in the device's own steps."""
         self._be_open()
         with self._lock, self._closing():
@@ -180,7 +190,7 @@ class Controller:
                 f"The device '{device.name}' on {self.name} takes no {what}: choose another port."
             )
 
-    def close(self):
+    def close(self) -> None:
         """Let go of the port."""
         port, self._port = self._port, None
         self.link.disconnect()

@@ -1,5 +1,7 @@
 """A monitor that is an SLM: full screen in a process of its own, pixel for pixel."""
 
+from __future__ import annotations
+
 import contextlib
 import importlib.util
 import json
@@ -13,12 +15,18 @@ import time
 from collections import OrderedDict, deque
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..engine.errors import Cancelled, InvalidInput
 from .driver import DROPPED, LATE, SHOWN, Info
 from .errors import DeviceLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .driver import Picture
 
 RING_BYTES = 256 << 20  # of pictures that the window's process can reach
 FEWEST, MOST = 3, 64  # of them
@@ -52,15 +60,15 @@ class Monitor:
     primary: bool
 
     @property
-    def geometry(self):
+    def geometry(self) -> str:
         """``1920x1080+1920+0``."""
         return f"{self.width}x{self.height}{self.x:+d}{self.y:+d}"
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f"{self.name} {self.geometry} {self.refresh:g} Hz{' (primary)' if self.primary else ''}"
 
 
-def monitors():
+def monitors() -> list[Monitor]:
     """The monitors, the primary one first.
 
     Raises
@@ -83,7 +91,12 @@ def monitors():
     return [Monitor(**row) for row in said["monitors"]]
 
 
-def choose(found, wanted=None, primary=False, size=None):
+def choose(
+    found: list[Monitor],
+    wanted: str | None = None,
+    primary: bool = False,
+    size: tuple[int, int] | None = None,
+) -> Monitor:
     """The monitor that is meant.
 
     Parameters
@@ -139,12 +152,14 @@ class DisplayDriver:
         Of the pictures, to choose by.
     """
 
-    def __init__(self, monitor=None, primary=False, size=None):
+    def __init__(
+        self, monitor: str | None = None, primary: bool = False, size: tuple[int, int] | None = None
+    ) -> None:
         self._wanted, self._primary, self._size = monitor, primary, size
         self._window = None
         self.info = Info("display", channels=3)
 
-    def open(self, rate, told):
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Open the window; see `Driver`. A user who closes it, or presses Esc there, ends what shows pictures."""
         self.close()
         if rate is not None and not 0 < rate < 1e5:
@@ -169,7 +184,7 @@ class DisplayDriver:
         self._wanted = f"{monitor.name} {monitor.geometry}"
         return monitor
 
-    def show(self, number, picture):
+    def show(self, number: int, picture: Picture) -> bool:
         """Hand a picture to the window; False where it has no room yet."""
         pixels = picture.pixels
         if pixels.dtype != np.uint8 or pixels.shape[:2] != (self.info.height, self.info.width):
@@ -177,9 +192,10 @@ class DisplayDriver:
                 f"The picture has {pixels.shape[1]} x {pixels.shape[0]} pixels of {8 * pixels.itemsize} bits, the "
                 f"monitor {self.info.width} x {self.info.height} of 8: give a calibration that says so."
             )
+        assert self._window is not None  # `open` comes first
         return self._window.give(number, picture)
 
-    def close(self, finish=False):
+    def close(self, finish: bool = False) -> bool | None:
         """Close the window; False where it still shows what it was to finish."""
         if self._window is None:
             return None
@@ -210,7 +226,9 @@ class _Window:
         self._version, self._unused = 0, list(range(count))
         self._told, self._changed = told, threading.Condition()
         self._under_way, self._room = deque(), min(AHEAD, count - 1)
-        self._ready, self._trouble, self._asked, self._end = None, None, False, False
+        self._ready: dict = {}
+        self._trouble: Exception | None = None
+        self._asked = self._end = False
         self._moved, self._patience = time.perf_counter(), START
         wanted = {
             "ring": self._path, "width": monitor.width, "height": monitor.height, "x": monitor.x, "y": monitor.y,
@@ -226,6 +244,8 @@ class _Window:
         except BaseException:
             self._let_go()
             raise
+        assert self._process.stdin is not None and self._process.stdout is not None  # pipes, as asked for
+        self._orders, self._said = self._process.stdin, self._process.stdout
         self._reader = threading.Thread(target=self._listen, name="HoloPath SLM", daemon=True)
         self._reader.start()
 
@@ -296,8 +316,8 @@ class _Window:
 
     def _order(self, line):
         try:
-            self._process.stdin.write(line + "\n")
-            self._process.stdin.flush()
+            self._orders.write(line + "\n")
+            self._orders.flush()
         except (OSError, ValueError) as error:
             with self._changed:  # its last words say more
                 self._changed.wait_for(lambda: self._trouble, 1.0)
@@ -307,7 +327,7 @@ class _Window:
 
     def _listen(self):
         """What the window tells, until it ends."""
-        for line in self._process.stdout:
+        for line in self._said:
             try:
                 said = json.loads(line)
             except ValueError:
@@ -347,18 +367,18 @@ class _Window:
     def close(self):
         """End the process, whatever it does."""
         with contextlib.suppress(OSError, ValueError):
-            self._process.stdin.close()
+            self._orders.close()
         try:
             self._process.wait(2.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
         self._reader.join(2.0)
-        self._process.stdout.close()
+        self._said.close()
         self._let_go()
 
     def _let_go(self):
-        self._slots = self._ring = None
+        del self._slots, self._ring
         self._errors.close()
         with contextlib.suppress(OSError):
             os.unlink(self._path)
@@ -408,7 +428,7 @@ def _libraries():
             raise InvalidInput(
                 "The driver display needs PySDL2: install it with `pip install pysdl2 pysdl2-dll`."
             )
-        if found is not None:
+        if found is not None and found.origin is not None:
             folders.append(str(Path(found.origin).parents[1]))
     return sorted(set(folders))
 

@@ -8,6 +8,8 @@ window closes. The pixels of a slot lie in a file that both programs map; four b
 without use. A slot is read when its picture is shown; what became of each is told in lines of JSON.
 """
 
+from __future__ import annotations
+
 import ctypes
 import json
 import math
@@ -18,6 +20,12 @@ import threading
 import time
 import warnings
 from collections import deque
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import sdl2  # `main` does, from where it is told
 
 TRIES = 20  # presentations by which to see whether the window waits for the monitor
 READY = 6  # pictures that lie ready when time begins
@@ -30,7 +38,7 @@ HINTS = {
 }
 
 
-def tell(**what):
+def tell(**what) -> None:
     """A line on standard output."""
     print(json.dumps(what), flush=True)
 
@@ -39,7 +47,7 @@ class Trouble(Exception):
     """Something that the user can do something about."""
 
 
-def monitors():
+def monitors() -> list[dict]:
     """All of them, the primary one first, as SDL has it."""
     found = []
     for index in range(sdl2.SDL_GetNumVideoDisplays()):
@@ -64,7 +72,7 @@ def monitors():
 class Orders:
     """What is read from standard input, by a thread."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.shows = deque()
         self.ended = self.quit = False
         threading.Thread(target=self._read, daemon=True).start()
@@ -91,7 +99,7 @@ class Refresh:
     count : int
     """
 
-    def __init__(self, present, nominal, may_wait):
+    def __init__(self, present: Callable[[], None], nominal: float, may_wait: bool) -> None:
         self._present = present
         times = []
         for _ in range(TRIES if may_wait else 1):
@@ -105,7 +113,7 @@ class Refresh:
         self.count = 0
         self._start = time.perf_counter()
 
-    def next(self):
+    def next(self) -> None:
         """Present, and wait for the refresh that shows it; `count` is then its number."""
         self._present()
         now = (time.perf_counter() - self._start) * self.rate
@@ -122,7 +130,7 @@ class Refresh:
 class Window:
     """A borderless window that covers a monitor, pixel for pixel."""
 
-    def __init__(self, wanted):
+    def __init__(self, wanted: dict) -> None:
         self._width, self._height = wanted["width"], wanted["height"]
         flags = (
             sdl2.SDL_WINDOW_BORDERLESS
@@ -162,7 +170,7 @@ class Window:
         self.may_wait = self.renderer != "software" and sdl2.SDL_RenderSetVSync(renderer, 1) == 0
         return renderer
 
-    def load(self, slot, address):
+    def load(self, slot: int, address: int) -> None:
         """Read a slot's pixels."""
         if slot not in self._textures:
             size = self._width, self._height
@@ -176,18 +184,18 @@ class Window:
         if sdl2.SDL_UpdateTexture(self._textures[slot], None, address, 4 * self._width):
             raise Trouble(f"The picture cannot be drawn ({error()}): update the graphics driver.")
 
-    def choose(self, slot):
+    def choose(self, slot: int) -> None:
         """The slot to present from now on."""
         self._shown = slot
 
-    def present(self):
+    def present(self) -> None:
         """Draw what is chosen, black at first."""
         sdl2.SDL_RenderClear(self._renderer)
         if self._shown is not None:
             sdl2.SDL_RenderCopy(self._renderer, self._textures[self._shown], None, None)
         sdl2.SDL_RenderPresent(self._renderer)
 
-    def closed(self):
+    def closed(self) -> str:
         """Why the window is to be closed, if it is."""
         event = sdl2.SDL_Event()
         while sdl2.SDL_PollEvent(ctypes.byref(event)):
@@ -204,12 +212,12 @@ class Window:
         return ""
 
 
-def error():
+def error() -> str:
     """What SDL says went wrong."""
     return sdl2.SDL_GetError().decode("utf-8", "replace") or "no reason given"
 
 
-def play(wanted):
+def play(wanted: dict) -> None:
     """Show what is ordered, each picture for the same number of refreshes."""
     size = 4 * wanted["width"] * wanted["height"]
     with open(wanted["ring"], "r+b") as file:
@@ -253,7 +261,7 @@ def play(wanted):
         refresh.next()
 
 
-def main(words):
+def main(words: Sequence[str]) -> None:
     global sdl2
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program that started this one
     request = None if words[0] == "--list" else json.loads(words[0])

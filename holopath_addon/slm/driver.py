@@ -1,9 +1,14 @@
 """What every device is to the streamer: open it, ask what it is, show pictures, close it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 SHOWN, LATE, DROPPED = "shown", "late", "dropped"
 
@@ -72,7 +77,7 @@ class Driver(Protocol):
 
     info: Info
 
-    def open(self, rate, told):
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Take hold of the device.
 
         Parameters
@@ -91,7 +96,7 @@ class Driver(Protocol):
             If it is there and does not answer; it may be opened again.
         """
 
-    def show(self, number, picture):
+    def show(self, number: int, picture: Picture) -> bool | None:
         """Show a picture; returns when the next one may be given, or soon with False: it was not taken, give it again.
 
         Raises
@@ -101,7 +106,7 @@ class Driver(Protocol):
         DeviceLost
         """
 
-    def close(self, finish=False):
+    def close(self, finish: bool = False) -> bool | None:
         """Let go of the device; also where it is lost, or was never open.
 
         Parameters

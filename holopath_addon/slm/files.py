@@ -1,15 +1,23 @@
 """Pictures as files, for devices whose own program plays them."""
 
+from __future__ import annotations
+
 import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..engine.errors import InvalidInput
 from ..engine.folders import earlier, whole_folder
 from .driver import SHOWN, Info
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .driver import Picture
 
 KINDS = ("png", "raw")
 
@@ -32,21 +40,21 @@ class FilesDriver:
     InvalidInput
     """
 
-    def __init__(self, folder, kind="png"):
+    def __init__(self, folder: Path | str, kind: str = "png") -> None:
         if kind not in KINDS:
             raise InvalidInput(f"Pictures are written as {' or '.join(KINDS)}, not {kind}.")
         self._folder, self._kind = Path(folder), kind
         self._whole = None
         self.info = Info("files", bits=0, channels=3, note=f"{kind} in {folder}")
 
-    def open(self, rate, told):
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Begin; see `Driver`. Files are written as fast as they can be: their rate stands in ``pictures.json``."""
         self._told, self.info = told, replace(self.info, rate=rate or math.inf)
         self._rate, self._parts, self._shape, self._raw = rate, [], None, None
         self._whole = whole_folder(self._folder, earlier("a sequence of pictures", "pictures.json"))
         self._part = self._whole.__enter__()
 
-    def show(self, number, picture):
+    def show(self, number: int, picture: Picture) -> None:
         """Write one."""
         pixels = picture.pixels
         self._shape = pixels.shape, pixels.dtype
@@ -61,7 +69,7 @@ class FilesDriver:
         self._parts.append(picture.parts)
         self._told(number, SHOWN)
 
-    def close(self, finish=False):
+    def close(self, finish: bool = False) -> None:
         """Put the folder in its place, or leave nothing where it is not finished."""
         whole, self._whole = self._whole, None
         if whole is None:
@@ -72,15 +80,15 @@ class FilesDriver:
             whole.__exit__(InterruptedError, InterruptedError(), None)
             return
         try:
-            self._describe()
+            self._describe(*self._shape)
         except BaseException as error:
             whole.__exit__(type(error), error, error.__traceback__)
             raise
         whole.__exit__(None, None, None)
 
-    def _describe(self):
+    def _describe(self, shape, dtype):
         """Write ``pictures.json``."""
-        (height, width, *channels), dtype = self._shape
+        height, width, *channels = shape
         said = {
             "format": "HoloPath pictures",
             "pictures": len(self._parts),

@@ -1,15 +1,23 @@
 """Where the camera looks: planes at distances from the SLM, each with the motor's position that was found for it."""
 
+from __future__ import annotations
+
 import json
 import os
 import shlex
 import subprocess
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..engine.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..engine.progress import Progress
 
 FORMAT, FORMAT_VERSION = "HoloPath focus planes", 1
 CAMERA_PATIENCE = 60.0  # seconds that a camera's command may take
@@ -51,20 +59,20 @@ class FocusPlanes:
         object.__setattr__(self, "planes", planes)
 
     @classmethod
-    def spread(cls, first=80e-3, last=85e-3, count=5):
+    def spread(cls, first: float = 80e-3, last: float = 85e-3, count: int = 5) -> FocusPlanes:
         """Even steps; by default those of the paper's prototype, 80 to 85 mm in steps of 1.25 mm (section 5)."""
         if count < 1 or (count > 1 and last <= first):
             raise InvalidInput("Focus planes run from a nearer to a farther distance, and are one or more.")
         return cls(tuple(Plane(round(float(z), 9)) for z in np.linspace(first, last, count)))
 
-    def calibrated(self, number, position):
+    def calibrated(self, number: int, position: int) -> FocusPlanes:
         """These planes, one of them with the position at which the camera was seen to be in focus."""
         self._check(number)
         planes = list(self.planes)
         planes[number] = replace(planes[number], position=int(position))
         return FocusPlanes(tuple(planes))
 
-    def position(self, number):
+    def position(self, number: int) -> int:
         """Of the motor for a plane.
 
         Raises
@@ -81,7 +89,7 @@ class FocusPlanes:
             )
         return plane.position
 
-    def position_at(self, distance):
+    def position_at(self, distance: float) -> int:
         """Of the motor for any distance between calibrated planes, on the line between the two nearest.
 
         Raises
@@ -105,7 +113,7 @@ class FocusPlanes:
         if not 0 <= number < len(self.planes):
             raise InvalidInput(f"There is no focus plane {number}: they are 0 to {len(self.planes) - 1}.")
 
-    def save(self, path):
+    def save(self, path: Path | str) -> None:
         """Write a JSON file.
 
         Raises
@@ -125,7 +133,7 @@ class FocusPlanes:
         os.replace(part, path)
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: Path | str) -> FocusPlanes:
         """Read what `save` wrote.
 
         Raises
@@ -150,7 +158,12 @@ def _plane(row):
     return Plane(float(row["distance_mm"]) * 1e-3, None if position is None else int(position))
 
 
-def sweep(planes, move, capture, progress=None):
+def sweep(
+    planes: FocusPlanes,
+    move: Callable[[int], None],
+    capture: Callable[[int], Any],
+    progress: Progress | None = None,
+) -> None:
     """Look at every plane in turn.
 
     Parameters
@@ -170,7 +183,7 @@ def sweep(planes, move, capture, progress=None):
         capture(number)
 
 
-def run_camera(command, file, number, distance):
+def run_camera(command: str, file: Path, number: int, distance: float) -> None:
     """Have a user's own program take a picture.
 
     Parameters

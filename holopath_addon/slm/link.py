@@ -4,15 +4,22 @@ Go-back-N: packets carry a sequence number, the device takes only the one it exp
 (Tanenbaum, Computer Networks, 5th ed., section 3.4.2). The protocol is written down in docs/serial-protocol.md.
 """
 
+from __future__ import annotations
+
 import random
 import time
 import zlib
 from collections import deque
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from . import packets
 from .errors import DeviceLost
 from .packets import Can, Kind
+
+if TYPE_CHECKING:
+    import numpy as np
+    import serial
 
 PATIENCE = 1.5  # seconds of silence after which a device is lost
 START_PATIENCE = 5.0  # many controllers restart when their port is opened
@@ -45,7 +52,7 @@ class Message:
     sent: int = 0
     taken: int = 0
 
-    def next(self, size):
+    def next(self, size: int) -> tuple[Kind, tuple, int]:
         """Kind, payload in pieces and the step after it, of at most `size` bytes."""
         if self.sent == 0:
             return self.kind, (self.head,), 1
@@ -54,7 +61,7 @@ class Message:
         return Kind.PART, (packets.PART.pack(begin), part), self.sent + len(part)
 
     @property
-    def steps(self):
+    def steps(self) -> int:
         """All of them."""
         return 1 + len(self.body)
 
@@ -110,17 +117,17 @@ class Link:
         Packets that were sent once more.
     """
 
-    def __init__(self, stream=None):
+    def __init__(self, stream: int | None = None) -> None:
         self._stream = random.getrandbits(32) if stream is None else stream
         self._session = 0
-        self._port = None
+        self._port: serial.Serial | None = None
         self._messages = deque()  # the first ones may be partly under way
         self._flight = deque()
         self._next = 0  # sequence of the next new packet
         self._expected = 0  # sequence of the first packet under way
         self._welcomed = self._continued = False
         self._longest, self._window, self._size = packets.LONGEST, 1, SHORTEST
-        self._room = 0  # bytes that may be under way
+        self._room = 0.0  # bytes that may be under way
         self._clean = 0
         self._trip = 0.0  # seconds from writing to the report, smoothed
         self._in_vain = 0  # times that was sent again since anything was taken
@@ -129,7 +136,7 @@ class Link:
         self.frames = self.triggers = self.position = self.resent = 0
         self.moving = False
 
-    def connect(self, port, patience=START_PATIENCE):
+    def connect(self, port: serial.Serial, patience: float = START_PATIENCE) -> None:
         """Shake hands, and go on with what was not reported as taken.
 
         Parameters
@@ -147,11 +154,11 @@ class Link:
         self._port, self._decoder = port, packets.Decoder(ANSWER)
         self._shake_hands(patience)
 
-    def disconnect(self):
+    def disconnect(self) -> None:
         """Let go of the port; what is under way is sent again after the next `connect`."""
         self._port = None
 
-    def frame(self, number, pixels, bits=8, wavelength=0):
+    def frame(self, number: int, pixels: np.ndarray, bits: int = 8, wavelength: int = 0) -> None:
         """Send a frame.
 
         Parameters
@@ -169,20 +176,20 @@ class Link:
         head = packets.FRAME.pack(number, width, height, bits, wavelength, len(body), zlib.crc32(body))
         self._send(Message(Kind.FRAME, head, body))
 
-    def trigger(self, number, microseconds):
+    def trigger(self, number: int, microseconds: int) -> None:
         """Have the device give a pulse."""
         self._send(Message(Kind.TRIGGER, packets.TRIGGER.pack(number, microseconds)))
 
-    def focus(self, position):
+    def focus(self, position: int) -> None:
         """Have the focus moved; returns when the device knows of it, see `moving`."""
         self._send(Message(Kind.FOCUS, packets.FOCUS.pack(position)))
         self.finish()
 
-    def forget(self, kind):
+    def forget(self, kind: Kind) -> None:
         """Messages of a kind that the device has not taken are not sent any more."""
         self._messages = deque(message for message in self._messages if message.kind != kind)
 
-    def status(self):
+    def status(self) -> None:
         """Ask for a report and wait for it."""
         before = self._heard
         asked = 0.0
@@ -198,7 +205,7 @@ class Link:
 
         self._pump(told)
 
-    def finish(self):
+    def finish(self) -> None:
         """Wait until the device has taken everything."""
         self._pump(lambda: not self._messages)
 
@@ -230,7 +237,7 @@ class Link:
     def _patience_of_one(self):
         """Seconds after which a packet without report is sent again."""
         usual = max(0.005, 4 * self._trip) * 2 ** min(self._in_vain, 4)
-        return min(usual, 0.2) + self._bytes_under_way() * 10 / self._port.baudrate
+        return min(usual, 0.2) + self._bytes_under_way() * 10 / self._require_port().baudrate
 
     def _bytes_under_way(self):
         return sum(len(packet.data) for packet in self._flight)
@@ -339,7 +346,7 @@ class Link:
         self._longest = max(SHORTEST, min(longest, packets.LONGEST))
         self._window = max(1, min(window, WINDOW))
         if self.device is None:
-            speed = self._port.baudrate / 10  # bytes a second
+            speed = self._require_port().baudrate / 10  # bytes a second
             self._size = max(SHORTEST, int(speed * ON_LINE))
             self._room = speed * UNDER_WAY
         self._size = min(self._size, self._longest)

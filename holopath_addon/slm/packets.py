@@ -3,6 +3,8 @@
 The protocol is written down in docs/serial-protocol.md; all numbers are little-endian.
 """
 
+from __future__ import annotations
+
 import enum
 import struct
 import zlib
@@ -67,7 +69,7 @@ class Packet:
     payload: bytes
 
 
-def encode(kind, session, sequence, *payload):
+def encode(kind: int, session: int, sequence: int, *payload) -> bytes:
     """A packet's bytes.
 
     Parameters
@@ -111,12 +113,12 @@ class Decoder:
         Packets whose check failed.
     """
 
-    def __init__(self, longest=LONGEST):
+    def __init__(self, longest: int = LONGEST) -> None:
         self._longest = longest
         self._buffer = bytearray()
         self.damaged = 0
 
-    def feed(self, data):
+    def feed(self, data: bytes) -> list[Packet]:
         """The packets that are complete with these bytes.
 
         After a damaged one the search goes on at the byte behind its first, so that nothing whole is lost with it.
@@ -157,6 +159,6 @@ class Decoder:
         del buffer[:at]
         return packets
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Bytes that wait for the rest of their packet."""
         return len(self._buffer)

@@ -1,5 +1,7 @@
 """Which drivers there are, and what they lack."""
 
+from __future__ import annotations
+
 import importlib.util
 
 from . import slmsuite_device
@@ -19,7 +21,7 @@ NEEDS = {
 }
 
 
-def describe():
+def describe() -> list[dict]:
     """All drivers, in the form of `engine.backend.describe`.
 
     Returns

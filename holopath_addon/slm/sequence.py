@@ -1,9 +1,12 @@
 """Which pictures are sent to a device, and in what order."""
 
+from __future__ import annotations
+
 import math
 from collections import OrderedDict
 from dataclasses import replace
 from threading import Lock
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +14,17 @@ from ..engine.errors import InvalidInput
 from .calibration import Calibration
 from .driver import Picture
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from ..engine.encoding.phase_hologram import PhaseHologram
+
 # one hologram a picture; three of up to 8 bits in red, green and blue; 24 of one bit in their bits
 PACKINGS = {"time": 1, "colour": 3, "bits": 24}
 MOST_BYTES = 512 << 20  # of pictures that are kept
 
 
-def pack(levels, packing, order="RGB"):
+def pack(levels: list[np.ndarray], packing: str, order: str = "RGB") -> np.ndarray:
     """Put holograms into one picture, as field-sequential devices take them.
 
     Parameters
@@ -41,7 +49,7 @@ def pack(levels, packing, order="RGB"):
     return picture
 
 
-def unpack(picture, packing, order="RGB"):
+def unpack(picture: np.ndarray, packing: str, order: str = "RGB") -> list[np.ndarray]:
     """The holograms in a picture, in the order in which they are shown; the reverse of `pack`."""
     if packing == "time":
         return [picture]
@@ -76,7 +84,14 @@ class Sequence:
         If the holograms differ, or their levels do not go into such pictures.
     """
 
-    def __init__(self, holograms, calibration=None, packing="time", order="RGB", repeats=1):
+    def __init__(
+        self,
+        holograms: Iterable[PhaseHologram],
+        calibration: Calibration | None = None,
+        packing: str = "time",
+        order: str = "RGB",
+        repeats: int = 1,
+    ) -> None:
         self.holograms = list(holograms)
         self._any_bits = calibration is None and packing != "bits"
         self.calibration = calibration or Calibration(bits=1 if packing == "bits" else 8)
@@ -112,17 +127,17 @@ class Sequence:
         self._repeats = repeats
         self._tables, self._kept, self._bytes, self._lock = {}, OrderedDict(), 0, Lock()
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Pictures of a round."""
         return len(self.holograms) * self._repeats * self._of_one
 
     @property
-    def size(self):
+    def size(self) -> tuple[int, int]:
         """Width and height of the pictures: the calibration's, or the hologram's."""
         hologram = self.holograms[0].hologram
         return tuple(self.calibration.size or (hologram.width, hologram.height))
 
-    def fit(self, width, height, bits=0, name="the device"):
+    def fit(self, width: int, height: int, bits: int = 0, name: str = "the device") -> None:
         """Make pictures of a device's size and bits, with the hologram in the middle, where no calibration says others.
 
         Parameters
@@ -169,7 +184,7 @@ class Sequence:
         self._tables.clear()
         self._bytes = 0
 
-    def picture(self, number):
+    def picture(self, number: int) -> Picture:
         """The picture of that number, counted on through the rounds.
 
         Returns

@@ -1,9 +1,18 @@
 """Frames over a serial line."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from ..engine.errors import InvalidInput
 from .controller import BAUD, Controller
 from .driver import Info
 from .packets import Can
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .driver import Picture
 
 MOST_PIXELS = 1 << 26
 
@@ -25,14 +34,15 @@ class SerialDriver:
         Of the same device, for its triggers and focus.
     """
 
-    def __init__(self, port=None, baud=BAUD):
+    def __init__(self, port: str | None = None, baud: int = BAUD) -> None:
         self.controller = Controller(port, baud)
         self.info = Info("serial")
 
-    def open(self, rate, told):
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Shake hands; see `Driver`."""
         self.controller.open()
         device = self.controller.link.device
+        assert device is not None  # it has answered
         if Can.FRAMES not in device.can:
             self.controller.close()
             raise InvalidInput(
@@ -49,10 +59,10 @@ class SerialDriver:
             device.name, device.width, device.height, device.bits, note=f"on {self.controller.name}"
         )
 
-    def show(self, number, picture):
+    def show(self, number: int, picture: Picture) -> None:
         """Send a picture; returns when the device has all of it."""
         self.controller.frame(number, picture.pixels, picture.bits, picture.parts[0][1])
 
-    def close(self, finish=False):
+    def close(self, finish: bool = False) -> None:
         """Let go of the port."""
         self.controller.close()

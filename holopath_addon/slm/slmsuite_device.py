@@ -1,15 +1,23 @@
 """Any SLM that slmsuite knows, where slmsuite is installed."""
 
+from __future__ import annotations
+
 import importlib
 import importlib.util
 import json
 from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..engine.errors import InvalidInput
 from .driver import Info
 from .errors import DeviceLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .driver import Picture
 
 # module and class in slmsuite.hardware.slms
 DEVICES = {
@@ -25,12 +33,12 @@ DEVICES = {
 INSTALL = "install it with `pip install slmsuite` for the Python that runs HoloPath"
 
 
-def installed():
+def installed() -> bool:
     """Whether slmsuite can be imported."""
     return importlib.util.find_spec("slmsuite") is not None
 
 
-def options_of(text, device, size):
+def options_of(text: str, device: str, size: tuple[int, int]) -> dict:
     """Arguments of a device's class from JSON; the simulated one gets the pictures' size where none is given.
 
     Raises
@@ -70,7 +78,7 @@ class SlmsuiteDriver:
     engine.InvalidInput
     """
 
-    def __init__(self, device, options=None):
+    def __init__(self, device: str, options: dict | None = None) -> None:
         if not installed():
             raise InvalidInput(f"The driver slmsuite needs slmsuite, which is not there: {INSTALL}.")
         self._path = DEVICES.get(device, device)
@@ -79,10 +87,10 @@ class SlmsuiteDriver:
                 f"slmsuite's device '{device}' is unknown: choose one of {', '.join(DEVICES)}."
             )
         self._options = dict(options or {})
-        self.slm = None
+        self.slm: Any = None  # of any of slmsuite's classes
         self.info = Info("slmsuite")
 
-    def open(self, rate, told):
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Import the class and make its SLM; see `Driver`."""
         module, name = self._path.split(".")
         try:
@@ -111,7 +119,7 @@ class SlmsuiteDriver:
             str(self.slm.name), width, height, int(self.slm.bitdepth), drops=True, note="by slmsuite"
         )
 
-    def show(self, number, picture):
+    def show(self, number: int, picture: Picture) -> None:
         """Show the levels as they are."""
         try:
             self.slm.set_phase(picture.pixels.astype(np.uint8 if self.info.bits <= 8 else np.uint16))
@@ -120,7 +128,7 @@ class SlmsuiteDriver:
                 f"{self.info.name} does not take the picture ({type(error).__name__}: {error}): check cable and power."
             ) from error
 
-    def close(self, finish=False):
+    def close(self, finish: bool = False) -> None:
         """Let go of the SLM."""
         slm, self.slm = self.slm, None
         if slm is not None:

@@ -1,15 +1,24 @@
 """Shows a sequence on a device: in time, counting what came late, and going on after the device was lost."""
 
+from __future__ import annotations
+
 import threading
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from ..engine.errors import Cancelled, InvalidInput
 from .driver import DROPPED, LATE, SHOWN
 from .errors import DeviceLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .driver import Driver
+    from .sequence import Sequence
 
 RING = 8  # pictures that are prepared ahead
 TOLD = 0.1  # seconds between two reports of progress
@@ -46,7 +55,7 @@ class Counts:
     total: int | None = None
     lost: str = ""
 
-    def __str__(self):
+    def __str__(self) -> str:
         rate = f", {self.shown / self.seconds:.1f} a second" if self.seconds > 0 and self.shown > 1 else ""
         again = f", {self.reconnected} reconnected" if self.reconnected else ""
         return f"{self.shown} shown{rate}, {self.late} late, {self.dropped} dropped{again}"
@@ -57,7 +66,7 @@ class _Tally:
     """Takes in what a driver tells, from whatever thread."""
 
     counts: Counts
-    trigger: object
+    trigger: Callable[[int], None] | None
     next: int = 0  # the first picture of which nothing was told
     done: int = 0  # and of which not all was done, its pulse too
     error: BaseException | None = None
@@ -80,7 +89,15 @@ class _Tally:
                 self.done = self.next
 
 
-def stream(sequence, driver, rate=None, loops=1, progress=None, trigger=None, patience=0.0):
+def stream(
+    sequence: Sequence,
+    driver: Driver,
+    rate: float | None = None,
+    loops: int | None = 1,
+    progress: Callable[[Counts], None] | None = None,
+    trigger: Callable[[int], None] | None = None,
+    patience: float = 0.0,
+) -> Counts:
     """Show a sequence.
 
     Parameters
@@ -148,7 +165,8 @@ class _Clock:
 
     def __init__(self, counts, progress):
         self._counts, self._progress = counts, progress
-        self._began = self._lost = None
+        self._began: float | None = None
+        self._lost: float | None = None
         self._next = 0  # picture at the last loss
         self._told = 0.0
 

@@ -1,6 +1,9 @@
 """A simulated bench: an SLM that shows what it is sent, its optics, and a camera that can be focused."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +15,12 @@ from ..engine.wavefield import WaveField
 from .calibration import Calibration
 from .driver import Info
 from .sequence import unpack
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..engine.encoding.phase_hologram import PhaseHologram
+    from .driver import Picture
 
 
 class VirtualDriver:
@@ -35,7 +44,13 @@ class VirtualDriver:
         World depth in metres at which the camera looks; that of the volume's middle at first.
     """
 
-    def __init__(self, hologram, truth=None, modulator=None, order="RGB"):
+    def __init__(
+        self,
+        hologram: PhaseHologram,
+        truth: Calibration | None = None,
+        modulator: Modulator | None = None,
+        order: str = "RGB",
+    ) -> None:
         self._hologram, self._truth = hologram, truth or Calibration()
         self._modulator, self._order = modulator or Modulator(), order
         if self._modulator.bits is not None or self._modulator.response is not None:
@@ -47,10 +62,10 @@ class VirtualDriver:
         width, height = self._truth.size or (volume.width, volume.height)
         self.info = Info("virtual", width, height, self._truth.bits, channels=3, note="a simulated bench")
 
-    def open(self, rate, told):
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Nothing is to be opened; see `Driver`."""
 
-    def show(self, number, picture):
+    def show(self, number: int, picture: Picture) -> None:
         """Show a picture: the camera sees it until its parts are shown anew, and averages what it sees."""
         packing = {1: "time", 3: "colour", 24: "bits"}[len(picture.parts)]
         levels = unpack(picture.pixels, packing, self._order)
@@ -62,18 +77,18 @@ class VirtualDriver:
         for part, level in zip(picture.parts, levels, strict=True):
             self._levels[part] = level.copy()
 
-    def close(self, finish=False):
+    def close(self, finish: bool = False) -> None:
         """The camera still has what was shown."""
 
-    def focus_at(self, distance):
+    def focus_at(self, distance: float) -> None:
         """Focus the camera at a distance from the SLM, metres, within or near the hologram's volume."""
         self.focus = float(self._mapping.z_to_depth(distance))
 
-    def expose(self):
+    def expose(self) -> None:
         """Forget what was shown before."""
         self._levels.clear()
 
-    def capture(self):
+    def capture(self) -> np.ndarray:
         """The camera's picture at its focus: the mean over the frames shown, linear, shape (y, x, wavelength).
 
         Raises

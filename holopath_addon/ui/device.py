@@ -1,12 +1,16 @@
 """The panel of the device that shows the hologram."""
 
+from bpy.types import Context, UILayout
+
+from .. import properties
+from ..device_properties import HoloPathDevice
 from ..operators import devices
 from .text import wrapped
 
 
-def device(layout, context):
+def device(layout: UILayout, context: Context) -> None:
     """Which device, what it is sent, and how it goes; the camera's focus."""
-    props = context.scene.holopath.device
+    props: HoloPathDevice = properties.of(context.scene).device
     row = layout.row(align=True)
     row.prop(props, "driver")
     row.operator("holopath.find_devices", text="", icon="FILE_REFRESH")
@@ -31,17 +35,17 @@ def device(layout, context):
     _focus(layout, context, props)
 
 
-def _display(layout, props):
+def _display(layout: UILayout, props: HoloPathDevice) -> None:
     layout.prop(props, "monitor")
     layout.prop(props, "primary")
 
 
-def _port(layout, props):
+def _port(layout: UILayout, props: HoloPathDevice) -> None:
     layout.prop(props, "port")
     layout.prop(props, "baud")
 
 
-def _slmsuite(layout, props):
+def _slmsuite(layout: UILayout, props: HoloPathDevice) -> None:
     layout.prop(props, "model")
     layout.prop(props, "options")
 
@@ -55,7 +59,7 @@ _DEVICE = {
 }
 
 
-def _progress(layout, context):
+def _progress(layout: UILayout, context: Context) -> None:
     """The button, or the counts while pictures are shown; what went wrong."""
     current = devices.current
     column = layout.column()
@@ -72,17 +76,17 @@ def _progress(layout, context):
         _alert(layout, context, f"{counts.lost} Waiting for it.")
     elif current.error:
         _alert(layout, context, current.error)
-    elif devices.streaming() and current.driver.info.note:
+    elif devices.streaming() and current.driver is not None and current.driver.info.note:
         wrapped(layout, context, f"{current.driver.info.name}: {current.driver.info.note}")
 
 
-def _alert(layout, context, text):
+def _alert(layout: UILayout, context: Context, text: str) -> None:
     box = layout.column()
     box.alert = True
     wrapped(box, context, text, icon="ERROR")
 
 
-def _focus(layout, context, props):
+def _focus(layout: UILayout, context: Context, props: HoloPathDevice) -> None:
     """The camera's planes."""
     layout.separator()
     layout.label(text="Camera")

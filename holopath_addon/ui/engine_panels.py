@@ -2,6 +2,9 @@
 
 import bpy
 
+from .. import properties
+from .text import layout_of
+
 
 class _Engine:
     bl_space_type = "PROPERTIES"
@@ -9,7 +12,7 @@ class _Engine:
     COMPAT_ENGINES = {"HOLOPATH"}
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.engine in cls.COMPAT_ENGINES
 
 
@@ -19,8 +22,8 @@ class HOLOPATH_PT_passes(_Engine, bpy.types.Panel):
     bl_label = "Passes"
     bl_context = "view_layer"
 
-    def draw(self, context):
-        layout, layer = self.layout, context.view_layer.holopath
+    def draw(self, context: bpy.types.Context):
+        layout, layer = layout_of(self), properties.of_layer(context.view_layer)
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column(heading="Pictures", align=True)
@@ -39,8 +42,8 @@ class HOLOPATH_PT_animation(_Engine, bpy.types.Panel):
     bl_context = "output"
     bl_parent_id = "RENDER_PT_output"
 
-    def draw(self, context):
-        layout, props = self.layout, context.scene.holopath
+    def draw(self, context: bpy.types.Context):
+        layout, props = layout_of(self), properties.of(context.scene)
         layout.use_property_split = True
         layout.use_property_decorate = False
         layout.prop(props, "keep_fields", text="Keep")

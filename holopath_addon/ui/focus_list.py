@@ -6,7 +6,9 @@ import bpy
 class HOLOPATH_UL_focus(bpy.types.UIList):
     """A row for each distance: metres, dioptres, infinity."""
 
-    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+    def draw_item(
+        self, context: bpy.types.Context, layout, data, item, icon, active_data, active_property, index
+    ):
         row = layout.row(align=True)
         if item.focus_infinity:
             row.label(text="Infinity")

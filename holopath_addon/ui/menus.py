@@ -2,18 +2,20 @@
 
 import bpy
 
+from .text import layout_of
+
 
 class HOLOPATH_MT_demos(bpy.types.Menu):
     """Add > HoloPath Demo."""
 
     bl_label = "HoloPath Demo"
 
-    def draw(self, context):
-        self.layout.operator_enum("holopath.add_demo", "name")
+    def draw(self, context: bpy.types.Context):
+        layout_of(self).operator_enum("holopath.add_demo", "name")
 
 
 def _add_menu(self, context):
-    self.layout.menu(HOLOPATH_MT_demos.__name__, icon="SCENE_DATA")
+    layout_of(self).menu(HOLOPATH_MT_demos.__name__, icon="SCENE_DATA")
 
 
 def add_to_menus():

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import blf
 import bpy
@@ -10,7 +11,7 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
 
-from .. import engine
+from .. import engine, properties
 from ..engine.hologram import channel
 from ..engine.mapping import DepthMapping
 from ..export import find_camera, unit_scale, view_of
@@ -70,7 +71,7 @@ def outlines(scene):
     engine.InvalidInput
         Where the scene has no camera for a hologram.
     """
-    props, scale = scene.holopath, unit_scale(scene)
+    props, scale = properties.of(scene), unit_scale(scene)
     size = (props.resolution_x, props.resolution_y)
     camera = view_of(find_camera(scene), size, scale)
     focus = focus_of(props)
@@ -78,8 +79,9 @@ def outlines(scene):
     drawn = [(distance, _LISTED, 0.05, _distance(distance)) for distance in listed]
     drawn.append((focus, _FOCUS, 0.1, _distance(focus)))
     circles = []
-    mapping, hologram = _mapping(props, camera, session.plan_of(scene))
-    if mapping is not None:
+    mapped = _mapping(props, camera, session.plan_of(scene))
+    if mapped is not None:
+        mapping, hologram = mapped
         near = float(mapping.z_to_depth(hologram.depth_near))
         drawn.append((near, _NEAR, 0.0, f"Near end {_distance(near)}"))
         circles = _pupil(props, hologram, mapping, camera, scale)
@@ -92,14 +94,14 @@ def outlines(scene):
 
 
 def _mapping(props, camera, plan):
-    """The hologram's depth mapping and the hologram; None twice where the settings do not say."""
+    """The hologram's depth mapping and the hologram; None where the settings do not say."""
     try:
         hologram = hologram_of(props)
     except engine.InvalidInput:
-        return None, None
+        return None
     near = hologram.near or (plan.near if plan else None)
     if near is None and hologram.depth_mapping == "fit":
-        return None, None
+        return None
     return DepthMapping.of(hologram, camera, near), hologram
 
 
@@ -156,7 +158,7 @@ def _distance(metres):
 def _wanted(context):
     """What is to be drawn in the context's 3D View."""
     space, scene = context.space_data, context.scene
-    if not (space.overlay.show_overlays and scene.holopath.show_overlay):
+    if not (space.overlay.show_overlays and properties.of(scene).show_overlay):
         return []
     if not (scene.render.engine == "HOLOPATH" or _tab_open(context.area, space)):
         return []
@@ -183,7 +185,8 @@ def _tab_open(area, space):
 def _draw_lines():
     """In world space: outlines, faint where something hides them, and surfaces."""
     wanted = _wanted(bpy.context)
-    if not wanted:
+    preferences = bpy.context.preferences
+    if not wanted or preferences is None:
         return
     lines = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
     surface = gpu.shader.from_builtin("UNIFORM_COLOR")
@@ -191,10 +194,11 @@ def _draw_lines():
     try:
         for test, strength in (("NONE", _HIDDEN), ("LESS_EQUAL", 1.0)):
             gpu.state.depth_test_set(test)
+            # pyrefly: ignore[unsupported-operation]  # Blender's stubs return nothing
             lines.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-            lines.uniform_float("lineWidth", 1.5 * bpy.context.preferences.system.ui_scale)
+            lines.uniform_float("lineWidth", 1.5 * preferences.system.ui_scale)
             for outline in wanted:
-                corners = outline.corners.astype(np.float32)
+                corners: Any = outline.corners.astype(np.float32)  # Blender's stubs take lists alone
                 count = len(corners)
                 lines.uniform_float("color", (*outline.colour, strength))
                 pairs = [(i, (i + 1) % count) for i in range(count)]
@@ -211,11 +215,14 @@ def _draw_lines():
 def _draw_labels():
     """In pixels: each label beside and below its corner, below others that stand there."""
     context = bpy.context
-    scale = context.preferences.system.ui_scale
+    region, view, preferences = context.region, context.region_data, context.preferences
+    if region is None or view is None or preferences is None:
+        return
+    scale = preferences.system.ui_scale
     blf.size(0, _SIZE * scale)
     taken = []
     for outline in _wanted(context):
-        place = location_3d_to_region_2d(context.region, context.region_data, outline.corners[0])
+        place = location_3d_to_region_2d(region, view, outline.corners[0])
         if not outline.label or place is None:
             continue
         width, height = blf.dimensions(0, outline.label)[0], 1.3 * _SIZE * scale
@@ -224,7 +231,8 @@ def _draw_labels():
             y -= height
         taken.append((x, y, width))
         _draw_plate(x - 4 * scale, y - 0.3 * height, width + 8 * scale, height)
-        blf.color(0, *outline.colour, 1.0)
+        red, green, blue = outline.colour
+        blf.color(0, red, green, blue, 1.0)
         blf.position(0, x, y, 0)
         blf.draw(0, outline.label)
 

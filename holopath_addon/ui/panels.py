@@ -1,10 +1,13 @@
 """The panels: the same sections in the 3D View's sidebar, the Render properties and the Image Editor; materials."""
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from . import sections
 from .device import device
 from .display_presets import HOLOPATH_PT_display_presets
+from .text import layout_of
 
 # In the order of work: name, label (none: no header), sections, closed at first
 _SUBPANELS = (
@@ -22,14 +25,24 @@ _SUBPANELS = (
 )
 
 
-class _Section:
+if TYPE_CHECKING:
+    _Panel = bpy.types.Panel
+else:
+    _Panel = object
+
+
+class _Section(_Panel):
     """Draws one section."""
 
-    def draw(self, context):
-        layout = self.layout
+    @staticmethod
+    def section(layout, context):
+        raise NotImplementedError
+
+    def draw(self, context: bpy.types.Context):
+        layout = layout_of(self)
         layout.use_property_split = True
         layout.use_property_decorate = False
-        type(self).section(layout, context)
+        self.section(layout, context)
 
 
 class _View3D:
@@ -45,7 +58,7 @@ class _Properties:
     COMPAT_ENGINES = {"HOLOPATH"}
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.engine in cls.COMPAT_ENGINES
 
 
@@ -54,8 +67,8 @@ class HOLOPATH_PT_view3d(_View3D, bpy.types.Panel):
 
     bl_label = "HoloPath"
 
-    def draw(self, context):
-        sections.summary(self.layout, context)
+    def draw(self, context: bpy.types.Context):
+        sections.summary(layout_of(self), context)
 
 
 class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
@@ -63,8 +76,8 @@ class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
 
     bl_label = "HoloPath"
 
-    def draw(self, context):
-        sections.summary(self.layout, context)
+    def draw(self, context: bpy.types.Context):
+        sections.summary(layout_of(self), context)
 
 
 class HOLOPATH_PT_image(_Section, bpy.types.Panel):
@@ -93,12 +106,12 @@ class HOLOPATH_PT_material(_Section, bpy.types.Panel):
     section = staticmethod(sections.material)
 
     @classmethod
-    def poll(cls, context):
+    def poll(cls, context: bpy.types.Context):
         return context.material is not None and not context.material.is_grease_pencil
 
 
 def _display_presets(self, context):
-    HOLOPATH_PT_display_presets.draw_panel_header(self.layout)
+    HOLOPATH_PT_display_presets.draw_panel_header(layout_of(self))
 
 
 _HEADERS = {"display": {"draw_header_preset": _display_presets}}

@@ -1,16 +1,20 @@
 """The contents of the panels, each drawn into any layout."""
 
-from .. import pipeline, preferences
+from typing import Any
+
+from bpy.types import Context, UILayout
+
+from .. import pipeline, preferences, properties
 from ..engine.baselines import BASELINES
 from ..operators import session
-from ..properties import display_of
+from ..properties import HoloPathSettings, display_of
 from .focus_list import HOLOPATH_UL_focus
 from .text import count, wrapped
 
 
-def summary(layout, context):
+def summary(layout: UILayout, context: Context) -> None:
     """What will be rendered, in a line; and what F12 renders."""
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     frames = f"frames for {props.speckle:.0%} speckle" if props.wish_speckle else count(props.frames, "frame")
     wrapped(
         layout,
@@ -21,9 +25,9 @@ def summary(layout, context):
     f12(layout, context)
 
 
-def display(layout, context):
+def display(layout: UILayout, context: Context) -> None:
     """Resolution, pitch, bits and wavelengths."""
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     layout.prop(props, "display")
     if display_of(props) is None:
         column = layout.column(align=True)
@@ -48,9 +52,9 @@ def display(layout, context):
         column.prop(props, "wavelength_nm")
 
 
-def depth(layout, context):
+def depth(layout: UILayout, context: Context) -> None:
     """How the scene's depth fills the hologram's volume, and the distances to look at."""
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     layout.prop(props, "depth_mapping")
     column = layout.column(align=True)
     column.prop(props, "depth_far_mm")
@@ -81,9 +85,9 @@ def depth(layout, context):
     layout.prop(props, "show_overlay")
 
 
-def quality(layout, context):
+def quality(layout: UILayout, context: Context) -> None:
     """How good, how many frames, and where light comes from."""
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     layout.prop(props, "quality")
     row = layout.row(heading="By Speckle")
     row.prop(props, "wish_speckle", text="")
@@ -97,15 +101,14 @@ def quality(layout, context):
     layout.prop(props, "seed")
 
 
-def advanced(layout, context):
+def advanced(layout: UILayout, context: Context) -> None:
     """Parts of the method, each with the paper's."""
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     if props.method in BASELINES:
-        name = props.bl_rna.properties["method"].enum_items[props.method].name
         wrapped(
             layout,
             context,
-            f"{name}, to compare with, has frames, quality, bounces, seed, and rays of a picture's pixel:",
+            f"{_method(props)}, to compare with, has frames, quality, bounces, seed, and rays of a picture's pixel:",
             icon="INFO",
         )
         row = layout.row(heading="Limit Rays")
@@ -137,7 +140,7 @@ def advanced(layout, context):
     layout.prop(props, "fixed")
 
 
-def baked_light(layout, context):
+def baked_light(layout: UILayout, context: Context) -> None:
     """What is baked and kept, and the buttons for it."""
     bake, size = session.current.bake, preferences.store().size()
     layout.use_property_split = False
@@ -150,10 +153,9 @@ def baked_light(layout, context):
     row = layout.row(align=True)
     row.label(text=f"All on disk: {size / 1e6:.1f} MB")
     row.operator("holopath.clear_baked", icon="TRASH")
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     if props.method in {"full", "direct", *BASELINES}:
-        name = props.bl_rna.properties["method"].enum_items[props.method].name
-        wrapped(layout, context, f"The method {name} does not use baked light.", icon="INFO")
+        wrapped(layout, context, f"The method {_method(props)} does not use baked light.", icon="INFO")
     if bake is None:
         wrapped(layout, context, "Nothing is baked yet in this session. The methods Auto and Fast bake, too.")
         return
@@ -169,12 +171,12 @@ def baked_light(layout, context):
         wrapped(layout, context, note, icon="INFO")
 
 
-def material(layout, context):
+def material(layout: UILayout, context: Context) -> None:
     """What HoloPath knows of a material beyond its nodes."""
-    layout.prop(context.material.holopath, "abbe_number")
+    layout.prop(properties.of_material(context.material), "abbe_number")
 
 
-def render(layout, context):
+def render(layout: UILayout, context: Context) -> None:
     """The button, or progress while it is at work; what to install where nothing can compute."""
     job = session.current.job
     layout.use_property_split = False
@@ -190,8 +192,8 @@ def render(layout, context):
     column = layout.column()
     column.scale_y = 1.5
     column.enabled = not missing
-    if session.running():
-        text = "Cancelling" if job.cancelling else session.progresswrapped(job)
+    if job is not None and job.running:
+        text = "Cancelling" if job.cancelling else session.progress_text(job)
         column.progress(factor=job.done, text=text)
         layout.operator("holopath.cancel", icon="CANCEL")
     else:
@@ -204,7 +206,7 @@ def render(layout, context):
         wrapped(layout, context, f"{things} approximated, baked or left out: see Export Notes.", icon="INFO")
 
 
-def failure(layout, context):
+def failure(layout: UILayout, context: Context) -> None:
     """The last failure, if there was one."""
     if session.current.error:
         box = layout.column()
@@ -212,11 +214,11 @@ def failure(layout, context):
         wrapped(box, context, session.current.error, icon="ERROR")
 
 
-def f12(layout, context):
+def f12(layout: UILayout, context: Context) -> None:
     """What F12 renders."""
-    render_settings = context.scene.render
-    if render_settings.engine != "HOLOPATH":
+    if context.scene is None or context.scene.render.engine != "HOLOPATH":
         return
+    render_settings = context.scene.render
     percent = render_settings.resolution_percentage
     width, height = (n * percent // 100 for n in (render_settings.resolution_x, render_settings.resolution_y))
     wrapped(
@@ -227,9 +229,9 @@ def f12(layout, context):
     )
 
 
-def reconstruct(layout, context):
+def reconstruct(layout: UILayout, context: Context) -> None:
     """Focus and pupil."""
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     layout.use_property_split = False
     column = layout.column(align=True)
     row = column.row(align=True)
@@ -259,7 +261,7 @@ def reconstruct(layout, context):
     layout.operator("holopath.save_field", icon="FILE_TICK")
     hologram = field.hologram
     there = session.current.rendered
-    whose = "" if there == context.scene.name else f", of the scene '{there}'"
+    whose = "" if context.scene is None or there == context.scene.name else f", of the scene '{there}'"
     wrapped(
         layout,
         context,
@@ -268,9 +270,9 @@ def reconstruct(layout, context):
     )
 
 
-def hologram(layout, context):
+def hologram(layout: UILayout, context: Context) -> None:
     """The phases that an SLM shows."""
-    props = context.scene.holopath
+    props = properties.of(context.scene)
     layout.prop(props, "encoding")
     layout.operator("holopath.encode", icon="IMAGE_ALPHA")
     phase = session.current.phase
@@ -289,7 +291,7 @@ def hologram(layout, context):
     layout.operator("holopath.save_hologram", icon="FILE_TICK")
 
 
-def estimate(layout, context):
+def estimate(layout: UILayout, context: Context) -> None:
     """What the plan decided, why, and how long it takes."""
     layout.operator("holopath.plan", icon="TIME")
     plan = session.plan_of(context.scene)
@@ -308,7 +310,7 @@ def estimate(layout, context):
         wrapped(reason, context, decision.why)
 
 
-def notes(layout, context):
+def notes(layout: UILayout, context: Context) -> None:
     """What the exporter approximated or left out."""
     if session.plan_of(context.scene) is None:
         wrapped(
@@ -321,7 +323,13 @@ def notes(layout, context):
         wrapped(layout, context, note, icon="DOT")
 
 
-def _title(name):
+def _method(props: HoloPathSettings) -> str:
+    """The chosen method as its menu has it."""
+    methods: Any = props.bl_rna.properties["method"]  # an EnumProperty
+    return methods.enum_items[props.method].name
+
+
+def _title(name: str) -> str:
     """A decision's name as Blender writes labels: ``settings.phase_field`` is ``Phase field``."""
     name = name.removeprefix("settings.").replace("_", " ")
     return name[:1].upper() + name[1:]

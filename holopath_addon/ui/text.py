@@ -2,14 +2,23 @@
 
 import textwrap
 
+from bpy.types import Context, Menu, Panel, UILayout
 
-def count(number, thing):
+
+def count(number: int, thing: str) -> str:
     """``1 frame``, ``8 frames``."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
-def wrapped(layout, context, text, icon="NONE"):
+def layout_of(drawn: Panel | Menu) -> UILayout:
+    """The layout that Blender has given a panel or menu before it asks for its contents."""
+    assert drawn.layout is not None
+    return drawn.layout
+
+
+def wrapped(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> None:
     """Label that wraps at the region's width."""
+    assert context.preferences is not None and context.region is not None  # while a panel is drawn
     scale = context.preferences.system.ui_scale
     characters = max(16, int((context.region.width / scale - 60) / 6.2))
     column = layout.column(align=True)

@@ -4,10 +4,21 @@ They are what their authors describe, as fast as that allows, but for the pictur
 those Mitsuba renders, with mirrors, glass and all light.
 """
 
+from __future__ import annotations
+
 import importlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..mapping import DepthMapping
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+    import numpy as np
+
+    from ..camera import Camera
+    from ..hologram import Hologram, Settings
+    from ..progress import Progress
 
 # name: module here, what it is called, what it does
 BASELINES = {
@@ -57,31 +68,31 @@ class Job:
         Hologram-space depths between which surfaces were seen, metres from the SLM.
     """
 
-    scene: object
-    camera: object
-    hologram: object
-    settings: object
+    scene: mi.Scene
+    camera: Camera
+    hologram: Hologram
+    settings: Settings
     near: float
     z_low: float
     z_high: float
 
     @property
-    def mapping(self):
+    def mapping(self) -> DepthMapping:
         """World to hologram space."""
         return DepthMapping.of(self.hologram, self.camera, self.near)
 
     @property
-    def paths(self):
+    def paths(self) -> int:
         """Of a pixel of a picture."""
         return self.settings.spp or PATHS[self.settings.quality]
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """Rows and columns of the hologram."""
         return self.hologram.height, self.hologram.width
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """The wave at the SLM by the method of a job's settings, one of the `BASELINES`.
 
     Parameters

@@ -1,15 +1,23 @@
 """Focal stack: phases that show what a thin lens shows at several depths (Choi et al., SIGGRAPH 2022, 32)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..pictures import Look, Pictures
 from .shots import through_pupil
 from .supervised import phases_for
 
+if TYPE_CHECKING:
+    from ..progress import Progress
+    from . import Job
+
 DEPTHS = 7
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
     slope = max(map(hologram.max_slope, hologram.wavelengths))

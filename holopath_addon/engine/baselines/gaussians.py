@@ -27,8 +27,11 @@ until it is opaque, and a plane shows them all at once. What they cost is theref
 it. Radiance is the same from all over the pupil, and what its centre does not see is missing.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,6 +39,10 @@ from ..propagation import carrier, field_of, padded_shape, spectrum, transfer_fu
 from ..recording_planes import depth_of_focus
 from .layers import GAIN, sliced
 from .shots import picture_with_depth
+
+if TYPE_CHECKING:
+    from ..progress import Progress
+    from . import Job
 
 SIDES = (8, 4, 2, 1)  # pixels, of cells
 SIGMA = 0.5  # of a cell's side: opacities then add up to 1 or more at its corners
@@ -68,7 +75,7 @@ class Gaussians:
     radiance: np.ndarray
 
     @classmethod
-    def of(cls, radiance, z, thickness):
+    def of(cls, radiance: np.ndarray, z: np.ndarray, thickness: float) -> Gaussians:
         """Sampled from a picture with depth.
 
         Parameters
@@ -96,19 +103,21 @@ class Gaussians:
                 chosen, np.ones((side, side), bool)
             )
             rows, columns = np.nonzero(chosen)
+            down, right = slope[:, chosen]
             found.append(
                 cls(
                     rows * side + middle,
                     columns * side + middle,
                     depths.mean(-1)[chosen],
-                    *slope[:, chosen],
+                    down,
+                    right,
                     np.full(len(rows), side),
                     _cells(radiance, side).mean(-1)[:, chosen].T,
                 )
             )
         return cls(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(cls)))
 
-    def between(self, low, high, shape):
+    def between(self, low: float, high: float, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         """What of the disks lies between two depths, seen from the pupil's centre.
 
         Parameters
@@ -149,7 +158,7 @@ class Gaussians:
         return np.minimum(total, 1).reshape(shape), light.reshape(-1, *shape)
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
 
     Returns
@@ -162,7 +171,7 @@ def field(job, progress):
     return blended(job, gaussians, depths, lambda done, what: progress(0.3 + 0.7 * done, what))
 
 
-def blended(job, gaussians, depths, progress):
+def blended(job: Job, gaussians: Gaussians, depths: np.ndarray, progress: Progress) -> np.ndarray:
     """The wave at the SLM of Gaussians that are each blended in the plane next to it; parameters as of `field`.
 
     Parameters

@@ -8,7 +8,10 @@ Shi et al., Nature 591, 234 (2021) call such targets occlusion-aware):
 with P the band-limited angular spectrum method, m_k the pixels of layer k, L their radiance, phi random.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +19,15 @@ from ..propagation import carrier, field_of, padded_shape, spectrum, transfer_fu
 from ..recording_planes import depth_of_focus
 from .shots import picture_with_depth
 
+if TYPE_CHECKING:
+    from ..progress import Progress
+    from . import Job
+
 MOST_LAYERS = 64
 GAIN = math.sqrt(4 / math.pi)  # of amplitudes with independent phases: the band keeps pi / 4 of their light
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
 
     Returns
@@ -48,7 +55,7 @@ def field(job, progress):
     return out
 
 
-def sliced(job, z):
+def sliced(job: Job, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Layers half a depth of focus apart, where there are surfaces.
 
     Parameters
@@ -71,7 +78,7 @@ def sliced(job, z):
     return low + (filled + 0.5) * (high - low) / count, number.reshape(z.shape)
 
 
-def random_phasor(job, frame, colour):
+def random_phasor(job: Job, frame: int, colour: int) -> np.ndarray:
     """exp(i phi) with phases independent from pixel to pixel, frame to frame and colour to colour."""
     rng = np.random.default_rng((job.settings.seed, frame, colour))
     return np.exp(np.complex64(2j * math.pi) * rng.random(job.shape, dtype=np.float32))

@@ -6,8 +6,11 @@ adds up, so there is speckle where the whole pupil is open, and light is hidden 
 these parts some of the speckle is left.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,13 +18,17 @@ from ..pictures import Look, Pictures
 from .shots import through_pupil
 from .supervised import phases_for
 
+if TYPE_CHECKING:
+    from ..progress import Progress
+    from . import Job
+
 # parts of the pupil, the whole of radius 1: how many on rings of what radius, and their own radius
 RINGS = ((1, 0.0), (6, 0.475), (12, 0.85))
 PART = 0.5
 PICTURES = 7  # of a focal stack: a light field takes as many paths in all
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
     parts, colours = parts_of_pupil(), len(hologram.wavelengths)
@@ -48,7 +55,7 @@ def field(job, progress):
     return phases_for(job, pictures, lambda done, what: progress(0.4 + 0.6 * done, what))
 
 
-def parts_of_pupil():
+def parts_of_pupil() -> list[tuple[float, float]]:
     """Centres of equal disks that cover the unit disk, on `RINGS`."""
     turns = [(radius, 2 * math.pi * n / count) for count, radius in RINGS for n in range(count)]
     return [(radius * math.cos(turn), radius * math.sin(turn)) for radius, turn in turns]

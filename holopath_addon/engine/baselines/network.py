@@ -19,19 +19,28 @@ loads no weights, pickled or not. What a picture with depth does not hold no net
 several depths along a ray, light that differs across the pupil.
 """
 
+from __future__ import annotations
+
 import importlib
 import importlib.util
 import os
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InvalidInput, cancelled
 from .shots import picture_with_depth
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..progress import Progress
+    from . import Job
+
 VARIABLE = "HOLOPATH_NETWORK"
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`, by the function that HOLOPATH_NETWORK names."""
     name = os.environ.get(VARIABLE, "")
     function = named(name)
@@ -52,7 +61,7 @@ def field(job, progress):
     return out
 
 
-def named(name):
+def named(name: str) -> Callable:
     """The function of a name.
 
     Parameters
@@ -90,7 +99,7 @@ def named(name):
     return function
 
 
-def checked(wave, shape, returned):
+def checked(wave: object, shape: tuple[int, ...], returned: str) -> np.ndarray:
     """A wave as a network should return it.
 
     Parameters
@@ -121,6 +130,8 @@ def checked(wave, shape, returned):
 
 def _file(path):
     specification = importlib.util.spec_from_file_location("holopath_network", path)
+    if specification is None or specification.loader is None:
+        raise ImportError("no Python file")
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module

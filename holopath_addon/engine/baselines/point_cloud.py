@@ -13,9 +13,12 @@ edge hides from elsewhere in the pupil shines through, and what is seen only fro
 alike in all directions, and a mirror or a glass shows its picture on its own surface.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -31,6 +34,15 @@ from ..tracer import FRAMES_TOGETHER
 from .layers import GAIN, random_phasor
 from .shots import picture_with_depth
 
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import ArrayLike
+
+    from ..hologram import Hologram
+    from ..progress import PartProgress, Progress
+    from . import Job
+
 CONE, TAIL = 1.15, 2.0  # reach of a sub-hologram: times the recordable cone, and pixels more
 PLANE_POINTS = 100  # each pixel gathers in the time in which fields are propagated on to the next plane
 MOST_PLANES = 64
@@ -39,7 +51,7 @@ CHUNK_POINTS = 1 << 24  # gathered between two looks at progress and cancel
 CHUNK_BYTES = 1 << 27  # of their sums
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
 
     Returns
@@ -70,14 +82,14 @@ def field(job, progress):
     return out
 
 
-def slabs_of(hologram, z):
+def slabs_of(hologram: Hologram, z: np.ndarray) -> list[tuple[float, float]]:
     """Ends (low, high), metres from the SLM, of the slabs that have a recording plane in their middle each.
 
     As many as take the least time, where a pixel gathers pi R^2 points from a slab, R the reach of its outermost.
     """
     low, high = float(z.min()), float(z.max())
     depths = low + np.unique(np.round((z - low) / max(high - low, 1e-12) * DEPTHS)) / DEPTHS * (high - low)
-    best, least = None, math.inf
+    best, least = [], math.inf
     for count in range(1, MOST_PLANES + 1):
         if PLANE_POINTS * count > least:
             break
@@ -88,7 +100,7 @@ def slabs_of(hologram, z):
     return best
 
 
-def reach(hologram, distance):
+def reach(hologram: Hologram, distance: ArrayLike) -> Any:
     """Pixels to the rim of the sub-hologram of a point at a distance in metres from the plane."""
     return CONE * max_slope(hologram) * np.abs(distance) / hologram.pitch + TAIL
 
@@ -112,7 +124,7 @@ class SubHolograms:
     scale: float
 
     @classmethod
-    def of(cls, hologram, limit):
+    def of(cls, hologram: Hologram, limit: float) -> SubHolograms:
         """Of points up to a distance in metres.
 
         h(x, d) = inverse DFT of exp(-i d (k - kz)), even in both frequencies, hence a cosine transform. What lies
@@ -139,12 +151,20 @@ class SubHolograms:
         return cls(values, radii, levels / limit)
 
     @property
-    def margin(self):
+    def margin(self) -> int:
         """Pixels that the widest reaches."""
         return self.values.shape[1] - 1
 
 
-def gather(out, waves, distance, amplitude, groups, phasors, progress):
+def gather(
+    out: np.ndarray,
+    waves: SubHolograms,
+    distance: np.ndarray,
+    amplitude: np.ndarray,
+    groups: list[range],
+    phasors: list,
+    progress: PartProgress,
+) -> None:
     """Add the waves of points to fields on a plane.
 
     Parameters
@@ -225,7 +245,7 @@ def _gathered(places, counts, steps, points, phasors, frames, table, waves):
     return sums
 
 
-def propagate(out, hologram, distance, progress):
+def propagate(out: np.ndarray, hologram: Hologram, distance: float, progress: PartProgress) -> None:
     """Propagate fields, shape (frame, wavelength, y, x), by a distance in metres, in place."""
     frames, colours, *shape = out.shape
     for k, wavelength in enumerate(hologram.wavelengths):

@@ -23,9 +23,12 @@ pupil, mirrors and glass are pictures on themselves. Hidden facets near edges ha
 one behind another that faces the viewer is kept.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
@@ -37,6 +40,10 @@ from ..propagation import circular_band, field_of, lag, propagate, spectrum, tra
 from ..recording_planes import depth_of_focus, max_slope
 from .layers import GAIN, random_phasor
 from .shots import picture_with_depth
+
+if TYPE_CHECKING:
+    from ..progress import Progress
+    from . import Job
 
 MOST_SLABS = 64
 TOLERANCE = 0.05  # of the kernel where the band ends
@@ -61,7 +68,7 @@ class Sheet:
     z: np.ndarray
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
 
     Returns
@@ -104,14 +111,14 @@ def field(job, progress):
     return out
 
 
-def slabs_of(job):
+def slabs_of(job: Job) -> tuple[int, float]:
     """Number of slabs, a quarter of a depth of focus thick or as thick as `MOST_SLABS` are, and half the thickness."""
     thickness = job.z_high - job.z_low
     count = int(np.clip(math.ceil(thickness / (0.25 * depth_of_focus(job.hologram))), 1, MOST_SLABS))
     return count, max(0.5 * thickness / count, 1e-9)
 
 
-def tilts(shape, pitch, wavelength, half):
+def tilts(shape: tuple[int, int], pitch: float, wavelength: float, half: float) -> list[np.ndarray]:
     """J_j(lag t) for as many j as the tolerance asks for.
 
     Parameters
@@ -166,7 +173,7 @@ def _masked(waves, blocked):
     return spectrum(wave, waves.shape)
 
 
-def sheets_of(job, progress):
+def sheets_of(job: Job, progress: Progress) -> list[Sheet]:
     """Facets that the pinhole sees, and those they hide where others in the pupil may see them.
 
     Parameters
@@ -191,7 +198,7 @@ def sheets_of(job, progress):
     return [Sheet(radiance, z), behind]
 
 
-def hidden(job, z, gap, pixels, progress):
+def hidden(job: Job, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Progress) -> Sheet:
     """The nearest facets behind the first ones that face the viewer.
 
     Parameters

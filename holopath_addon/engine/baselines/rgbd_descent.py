@@ -4,6 +4,10 @@ Choi et al., ACM TOG 40(6), 240 (2021). On each layer only the pixels are compar
 of focus is as it comes.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..pictures import Look, Pictures
@@ -12,8 +16,12 @@ from .layers import sliced
 from .shots import picture_with_depth
 from .supervised import phases_for
 
+if TYPE_CHECKING:
+    from ..progress import Progress
+    from . import Job
 
-def field(job, progress):
+
+def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
     radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))

@@ -1,6 +1,9 @@
 """Pictures of the scene that baselines start from, by Mitsuba's path tracer."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,8 +13,14 @@ from ..preview import Preview
 from ..reconstruction import Pupil
 from ..reference import reference
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-def picture_with_depth(job, progress):
+    from ..progress import Progress
+    from . import Job
+
+
+def picture_with_depth(job: Job, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
     """Radiance and depth of what is seen from the pupil's centre.
 
     Parameters
@@ -42,7 +51,9 @@ def picture_with_depth(job, progress):
     return radiance, np.clip(z, job.z_low, job.z_high)
 
 
-def through_pupil(job, z, parts, progress, paths):
+def through_pupil(
+    job: Job, z: float, parts: Sequence[tuple[float, float, float]], progress: Progress, paths: int
+) -> np.ndarray:
     """Pictures focused at a depth through parts of the pupil.
 
     Parameters

@@ -17,7 +17,10 @@ goes on to the SLM as a whole, needs the fewest. With W at its most, points fart
 and 516 nm). Mirrors and glass show like pictures painted on them.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -31,13 +34,17 @@ from ..supervision import Frames
 from .layers import random_phasor
 from .light_field import PICTURES
 
+if TYPE_CHECKING:
+    from ..progress import PartProgress, Progress
+    from . import Job
+
 ZONE = 2.5  # width of a hogel, of sqrt(wavelength dz)
 LEAST, MOST = 8, 32  # pixels along a side of a hogel
 HEIGHTS = 33  # over the plane, that g is tabulated at
 CHUNK_RAYS = 1 << 20  # between two looks at progress and cancel
 
 
-def field(job, progress):
+def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`."""
     from ..dispersion import tuned
 
@@ -60,23 +67,24 @@ def field(job, progress):
     return out
 
 
-def hogel_side(pitch, wavelength, reach):
+def hogel_side(pitch: float, wavelength: float, reach: float) -> int:
     """Pixels along a side of hogels, even, that show points up to `reach` metres from their plane."""
     return int(np.clip(2 * math.ceil(0.5 * ZONE * math.sqrt(wavelength * reach) / pitch), LEAST, MOST))
 
 
-def frequencies(side):
+def frequencies(side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of a hogel's plane waves, cycles a pixel to the right and up, shape (side, side), and which are recordable."""
     axis = (np.arange(side) + 0.5) / side - 0.5
-    return *np.meshgrid(axis, axis), np.hypot(axis, axis[:, None]) <= 0.5
+    right, up = np.meshgrid(axis, axis)
+    return right, up, np.hypot(right, up) <= 0.5
 
 
-def window(offset, side):
+def window(offset: np.ndarray, side: int) -> np.ndarray:
     """w along one axis, `offset` pixels from a hogel's centre."""
     return np.where(2 * np.abs(offset) < side, np.cos(math.pi * offset / side) ** 2, 0)
 
 
-def point_energy(side, spread):
+def point_energy(side: int, spread: float) -> float:
     """What the wave of a point holds, in the recordable band, of g = L = 1 and of a height over the plane.
 
     Parameters
@@ -98,7 +106,7 @@ def point_energy(side, spread):
     return (np.abs(np.fft.fft2(wave, shape)[circular_band(shape)]) ** 2).sum() / math.prod(shape)
 
 
-def stereogram(job, plane, k, side, progress):
+def stereogram(job: Job, plane: float, k: int, side: int, progress: PartProgress) -> np.ndarray:
     """The waves of all frames on a plane.
 
     Parameters

@@ -5,7 +5,10 @@ al., ACM TOG 39(6), 185 (2020); Choi et al., ACM TOG 40(6), 240 (2021), and with
 another SIGGRAPH 2022, 32). The light sent in is as bright as makes all pictures together as bright as they should be.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +16,19 @@ from ..encoding.frame_mean import FrameMean
 from ..encoding.phases import Phases
 from ..supervision import Frames
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..hologram import Settings
+    from ..pictures import Pictures
+    from ..progress import Progress
+    from . import Job
+
 STEPS = {"preview": 100, "balanced": 200, "full": 600}  # each a look at one picture
 RATE = 0.12  # radians, Adam's longest step; from 0.2 on it finds no rest
 
 
-def phases_for(job, pictures_of, progress):
+def phases_for(job: Job, pictures_of: Callable[[int], Pictures], progress: Progress) -> np.ndarray:
     """The light of phases that show pictures.
 
     Parameters
@@ -57,7 +68,7 @@ def phases_for(job, pictures_of, progress):
     return out
 
 
-def steps_of(settings):
+def steps_of(settings: Settings) -> int:
     """Steps of the descent in each wavelength."""
     return settings.fixed.get("steps", STEPS[settings.quality])
 

@@ -1,9 +1,19 @@
 """The ways down: Adam against each frame's field, and one picture after another for all frames."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .frame_mean import FrameMean
+    from .phases import Phases
+    from .targets import AmplitudeTarget, ComplexTarget
 
 RATE, WARM = 0.2, 0.05  # radians, Adam's longest step from the field's phases, and from an earlier hologram
 FIXES, FEW = 20, 6  # how often pixels are brought to levels, and steps between
@@ -53,7 +63,15 @@ class Manner:
 JOINT, REFINE = Manner(1.2, 4, 8.0), Manner(0.7, 18, 1e6)
 
 
-def adam(phases, target, rate, bits, effort, told, stage):
+def adam(
+    phases: Phases,
+    target: ComplexTarget | AmplitudeTarget,
+    rate: float,
+    bits: int | None,
+    effort: Effort,
+    told: Callable[[float, float], object],
+    stage: dict,
+) -> None:
     """Adam until the loss of a target stops falling; then, with few bits, ever more pixels come to their levels.
 
     Parameters
@@ -89,7 +107,15 @@ def adam(phases, target, rate, bits, effort, told, stage):
         step(0)
 
 
-def kaczmarz(phases, mean, manner, bits, effort, told, stage):
+def kaczmarz(
+    phases: Phases,
+    mean: FrameMean,
+    manner: Manner,
+    bits: int | None,
+    effort: Effort,
+    told: Callable[[float, float], object],
+    stage: dict,
+) -> None:
     """Take the pictures one after another, each time the step that would mend that one.
 
     In a round of as many steps as there are pictures each comes up as often as its error is large, in the first one

@@ -1,15 +1,21 @@
 """Double phase: a complex field from pairs of pixels, at once and without optimisation."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
 CLIPPED = 0.005  # of the energy
 BINS = 1000
 
 
-def half_band(shape):
+def half_band(shape: Sequence[int]) -> np.ndarray:
     """FFT bins that a checkerboard's pixels of one colour sample without aliases: abs(fx) + abs(fy) <= 1 / (2 pitch).
 
     Double phase shows every second pixel's value twice; what is beyond becomes noise (Maimone et al., ACM TOG
@@ -19,7 +25,7 @@ def half_band(shape):
     return fx[None, :] + fy[:, None] <= 0.5
 
 
-def clipping_level(waves):
+def clipping_level(waves: Iterable[np.ndarray]) -> float:
     """Amplitude beyond which waves are cut: where what is cut off has `CLIPPED` of their energy.
 
     The farther an amplitude is under the level, the farther its two phases are apart, and the more light goes astray;
@@ -34,7 +40,7 @@ def clipping_level(waves):
     return float(levels[np.argmax(cut <= CLIPPED * (counts * sizes**2).sum())])
 
 
-def double_phase(wave):
+def double_phase(wave: np.ndarray) -> np.ndarray:
     """Phases, float32 in [0, 2 pi), of complex amplitudes of magnitude 1 at most, shape (y, x)."""
     spread = np.arccos(np.minimum(np.abs(wave), 1))
     rows, columns = np.indices(wave.shape, sparse=True)

@@ -1,7 +1,10 @@
 """Which stages an encoding has, and what passes between them."""
 
+from __future__ import annotations
+
 import math
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
@@ -20,6 +23,13 @@ from .phases import Phases
 from .refinement import chosen_pictures
 from .targets import AmplitudeTarget, ComplexTarget
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..progress import Progress
+    from ..reconstruction import Pupil
+    from ..wavefield import WaveField
+
 METHODS = ("dpac", "auto", "sgd", "joint", "refine")
 SUPERVISIONS = ("complex", "amplitude")
 STARTS = ("arg", "dpac")
@@ -30,21 +40,21 @@ SHARE = {"joint": 0.3, "refine": 0.2}  # of the progress that comes before the s
 
 
 def encode(
-    field,
-    method="auto",
-    progress=None,
+    field: WaveField,
+    method: str = "auto",
+    progress: Progress | None = None,
     *,
-    bits=None,
-    supervision="complex",
-    planes=1,
-    aperture=True,
-    start="arg",
-    references=None,
-    views=40,
-    tolerance=1e-3,
-    most_steps=1000,
-    seed=0,
-):
+    bits: int | None = None,
+    supervision: str = "complex",
+    planes: int = 1,
+    aperture: bool = True,
+    start: str | PhaseHologram = "arg",
+    references: Callable[[float, Pupil | None], np.ndarray] | None = None,
+    views: int = 40,
+    tolerance: float = 1e-3,
+    most_steps: int = 1000,
+    seed: int = 0,
+) -> PhaseHologram:
     """Phases whose light, within the SLM's recordable cone, is that of a complex field.
 
     Parameters

@@ -1,9 +1,17 @@
 """The mean intensity of all frames against pictures, one picture a step."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.fft
 
 from ..supervision import blocks
+
+if TYPE_CHECKING:
+    from ..pictures import Pictures
+    from ..supervision import Frames
 
 
 class FrameMean:
@@ -20,12 +28,12 @@ class FrameMean:
     threads : Frames
     """
 
-    def __init__(self, pictures, gain, threads):
+    def __init__(self, pictures: Pictures, gain: float, threads: Frames) -> None:
         self.pictures, self.gain = pictures, gain
         self._threads = threads
         self._waves = None
 
-    def gradient(self, light, number):
+    def gradient(self, light: np.ndarray, number: int) -> tuple[float, np.ndarray]:
         """Loss of a picture, and its gradient with respect to the light.
 
         Returns
@@ -60,7 +68,7 @@ class FrameMean:
         self._threads.each(back, len(light))
         return loss, waves[:, :rows, :columns]
 
-    def look(self, light, number):
+    def look(self, light: np.ndarray, number: int) -> np.ndarray:
         """The picture as it is, without the gain."""
         rows, columns = self.pictures.shape
         waves = self._seen(light, self.pictures.transfer(number))
@@ -90,7 +98,7 @@ class FrameMean:
         return self._waves
 
 
-def carried(wave, transfer):
+def carried(wave: np.ndarray, transfer: np.ndarray) -> np.ndarray:
     """A wave on another plane, in the memory of the first; with the conjugate transfer function, the adjoint."""
     spectrum = scipy.fft.fft2(wave, overwrite_x=True)
     spectrum *= transfer

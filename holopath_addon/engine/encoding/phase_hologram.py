@@ -1,8 +1,11 @@
 """Phases for an SLM, and their form on disk."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +15,11 @@ from ..folders import earlier, whole_folder
 from ..hologram import Hologram
 from ..modulator import Modulator, grey_levels
 from ..wavefield import WaveField
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..progress import Progress
 
 FORMAT_VERSION = 1
 
@@ -45,7 +53,7 @@ class PhaseHologram:
     gains: tuple
     report: dict = field(default_factory=dict, repr=False)
 
-    def field(self, modulator=None):
+    def field(self, modulator: Modulator | None = None) -> WaveField:
         """`WaveField` of the light that leaves the SLM, to be refocused.
 
         Parameters
@@ -57,7 +65,7 @@ class PhaseHologram:
         light = (modulator or Modulator()).light(self.data)
         return WaveField(gains * light, self.hologram, self.camera, self.near)
 
-    def save(self, folder, progress=None):
+    def save(self, folder: Path | str, progress: Progress | None = None) -> None:
         """Write ``phase.npy``, a picture of 8 bits for each frame and wavelength, and ``meta.json``.
 
         The folder appears only when complete. A grey level of n is a phase of 2 pi n / 256.
@@ -100,7 +108,7 @@ class PhaseHologram:
             (part / "meta.json").write_text(json.dumps(meta, indent=1))
 
     @classmethod
-    def load(cls, folder):
+    def load(cls, folder: Path | str) -> PhaseHologram:
         """Read what `save` wrote; the phases are memory-mapped.
 
         Raises
@@ -128,7 +136,7 @@ class PhaseHologram:
             raise InvalidInput(f"{folder} holds a damaged hologram ({error}): encode it again.") from None
 
 
-def picture_names(frame, wavelengths):
+def picture_names(frame: int, wavelengths: Sequence[float]) -> list[str]:
     """File names of a frame's pictures, one a wavelength: ``frame_000_640nm.png``.
 
     Wavelengths that are equal in whole nanometres are told apart by decimals, equal ones by their number.

@@ -1,9 +1,17 @@
 """Phases under way, and the light that they make."""
 
+from __future__ import annotations
+
 import math
 import threading
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..supervision import Frames
 
 ADAM = (0.9, 0.99)  # decays of the means, Kingma and Ba, ICLR 2015
 TINY = 1e-30  # for pixels whose slope is nothing
@@ -28,19 +36,21 @@ class Phases:
         exp(i phase).
     """
 
-    def __init__(self, start, threads):
+    def __init__(self, start: np.ndarray, threads: Frames) -> None:
         self._angle = np.array(start, order="C").reshape(len(start), -1)
         self._threads, self._shape = threads, start.shape
         self._light = np.empty(self._angle.shape, np.result_type(start.dtype, np.complex64))
-        self._means, self._count, self._free = None, 0, None
+        self._means: np.ndarray | None = None
+        self._free: np.ndarray | None = None
+        self._count = 0
         self._local = threading.local()
         self._each(self._show)
 
     @property
-    def light(self):
+    def light(self) -> np.ndarray:
         return self._light.reshape(self._shape)
 
-    def slope(self, back, factors=None):
+    def slope(self, back: np.ndarray, factors: Sequence[complex] | None = None) -> np.ndarray:
         """Gradient with respect to the phases.
 
         Parameters
@@ -63,11 +73,12 @@ class Phases:
         self._each(fill)
         return slope
 
-    def descend(self, back, factors, rate):
+    def descend(self, back: np.ndarray, factors: np.ndarray, rate: float) -> None:
         """A step of Adam, `rate` radians long at most or so; parameters as of `slope`."""
         if self._means is None:
             self._means = np.zeros((2, *self._angle.shape), self._angle.dtype)
             self._means[1] = TINY
+        means, free = self._means, self._free
         self._count += 1
         first, second = ADAM
         real = self._angle.dtype.type
@@ -76,7 +87,7 @@ class Phases:
         length = real(rate * scale[0] / math.sqrt(scale[1]))
 
         def move(n, block, rows):
-            mean, square = self._means[0, n, block], self._means[1, n, block]
+            mean, square = means[0, n, block], means[1, n, block]
             slope = self._slope(n, block, back[n, rows], factors[n])
             mean *= real(first)
             mean += slope
@@ -86,14 +97,14 @@ class Phases:
             np.sqrt(square, out=slope)
             np.divide(mean, slope, out=slope)
             slope *= length
-            if self._free is not None:
-                slope *= self._free[n, block]
+            if free is not None:
+                slope *= free[n, block]
             self._angle[n, block] -= slope
             self._show(n, block, rows)
 
         self._each(move)
 
-    def relax(self, back, loss, relaxation):
+    def relax(self, back: np.ndarray, loss: float, relaxation: float) -> None:
         """A step that would take a loss that is linear in its errors to zero, times `relaxation`.
 
         Polyak's step 2 L / |slope|^2: that of Kaczmarz, where L is the square of one error (Polyak, USSR Comp.
@@ -112,7 +123,7 @@ class Phases:
 
         self._each(move)
 
-    def fix(self, share, bits):
+    def fix(self, share: float, bits: int) -> None:
         """Bring a share of each frame's pixels to one of 2^bits levels for good: those that are nearest to theirs.
 
         The others make up for the error in the steps that follow. Rounding in each step while the phases move on
@@ -136,7 +147,7 @@ class Phases:
             self._threads.each(frame, len(self._angle))
             self._each(self._show)
 
-    def values(self):
+    def values(self) -> np.ndarray:
         """Radians in [0, 2 pi), float32."""
         turn = np.float32(2 * math.pi)
         angle = np.mod(self._angle, 2 * math.pi).astype(np.float32).reshape(self._shape)

@@ -1,6 +1,9 @@
 """Which references are worth rendering, and the pictures that they make."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,13 +12,30 @@ from ..pictures import Look, Pictures
 from ..reconstruction import Pupil
 from .frame_mean import FrameMean
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..progress import PartProgress
+    from ..supervision import Frames
+    from ..wavefield import WaveField
+
 HALF = 0.5  # radius of a part of the pupil, of the whole's
 RING = 8  # such parts around the axis, besides the one on it
 DEPTH = 0.8  # between two depths, of the depth of focus 2 wavelength / slope^2
 MOST_DEPTHS = 15
 
 
-def chosen_pictures(field, phases, gains, colours, volume, references, count, progress, threads):
+def chosen_pictures(
+    field: WaveField,
+    phases: np.ndarray,
+    gains: list[float],
+    colours: list[int],
+    volume: tuple[float, float],
+    references: Callable[[float, Pupil | None], np.ndarray],
+    count: int,
+    progress: PartProgress,
+    threads: Frames,
+) -> dict[int, Pictures]:
     """References over the volume and the pupil: first a few, then where the hologram is worst.
 
     Parameters
@@ -47,7 +67,8 @@ def chosen_pictures(field, phases, gains, colours, volume, references, count, pr
     radius = float(np.mean([radii[k] for k in colours]))
     slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
     focal_depth = DEPTH * 2 * max(hologram.wavelengths) / slope**2
-    depths = np.linspace(*volume, min(MOST_DEPTHS, 2 + math.ceil((volume[1] - volume[0]) / focal_depth)))
+    first, last = volume
+    depths = np.linspace(first, last, min(MOST_DEPTHS, 2 + math.ceil((last - first) / focal_depth)))
     views = [(i / (len(depths) - 1), part) for i in range(len(depths)) for part in _parts()]
     count = min(count, len(views))
     images, errors, looked = {}, {}, {}
@@ -55,11 +76,11 @@ def chosen_pictures(field, phases, gains, colours, volume, references, count, pr
     def render(number):
         share, part = views[number]
         distance = volume[0] + share * (volume[1] - volume[0])
-        pupil = None if part is None else Pupil(*(radius * v for v in part), 2 * HALF * radius)
+        pupil = None if part is None else Pupil(radius * part[0], radius * part[1], 2 * HALF * radius)
         images[number] = np.asarray(references(float(mapping.z_to_depth(distance)), pupil), np.float32)
         if not np.isfinite(images[number]).all():
             raise InvalidInput("A reference holds values that are not finite: look for faults in the scene.")
-        looks = [Look(distance, pupil and _share_of(pupil, r)) for r in radii]
+        looks = [Look(distance, None if pupil is None else _share_of(pupil, r)) for r in radii]
         looked[number] = looks
         progress(len(images) / count)
 

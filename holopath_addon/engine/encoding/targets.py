@@ -1,10 +1,19 @@
 """What light is compared with, frame by frame: a complex field on one plane, or amplitudes on some."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.fft
 
 from ..propagation import FreeSpace, circular_band, padded_shape
 from ..supervision import blocks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..supervision import Frames
 
 
 class ComplexTarget:
@@ -28,7 +37,7 @@ class ComplexTarget:
         Of what is compared; 0 where there is nothing to be shown.
     """
 
-    def __init__(self, fields, aperture, threads):
+    def __init__(self, fields: np.ndarray, aperture: bool, threads: Frames) -> None:
         shape = fields.shape[-2:]
         self._band = circular_band(shape) if aperture else np.ones(shape, bool)
         self._band = self._band.astype(fields.dtype)
@@ -38,7 +47,7 @@ class ComplexTarget:
         self.energy = float(sum(self._energies))
         self.factors = None
 
-    def gradient(self, light):
+    def gradient(self, light: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Loss, and its gradient with respect to the light.
 
         c is that of the step before, and is then made the best one for this light.
@@ -100,7 +109,9 @@ class AmplitudeTarget:
     threads : Frames
     """
 
-    def __init__(self, fields, pitch, wavelength, distances, threads):
+    def __init__(
+        self, fields: np.ndarray, pitch: float, wavelength: float, distances: Sequence[float], threads: Frames
+    ) -> None:
         self._shape, self._threads = fields.shape[-2:], threads
         self._padded = padded_shape(self._shape, pitch, wavelength, max(map(abs, distances)))
         space = FreeSpace(self._padded, pitch, wavelength)
@@ -115,7 +126,7 @@ class AmplitudeTarget:
         self.energy = float(sum((a.astype(float) ** 2).sum() for planes in self._amplitudes for a in planes))
         self.gain = None
 
-    def gradient(self, light):
+    def gradient(self, light: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """As `ComplexTarget.gradient`."""
         if self.gain is None:
             self.gain, self._waves = 1.0, np.empty_like(light)

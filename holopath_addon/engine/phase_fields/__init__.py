@@ -3,6 +3,8 @@
 Maps are periodic; a hologram of any size repeats them.
 """
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
 
@@ -22,7 +24,7 @@ REACH = (
 GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over that of independent frames
 
 
-def phasors_of(kind, frames, height, width, seed=0):
+def phasors_of(kind: str, frames: int, height: int, width: int, seed: int = 0) -> np.ndarray:
     """exp(i phi_m) of the frames of a hologram.
 
     Parameters
@@ -41,7 +43,7 @@ def phasors_of(kind, frames, height, width, seed=0):
     return designed_phasors(frames, seed)
 
 
-def designed_phasors(frames, seed=0):
+def designed_phasors(frames: int, seed: int = 0) -> np.ndarray:
     """exp(i phi_m) of maps whose frame mean looks incoherent at any focus, see `design`.
 
     Sets follow each other, the largest first, each but the first moved aside, which makes their speckle independent.
@@ -70,7 +72,7 @@ def designed_phasors(frames, seed=0):
     return np.concatenate(parts)
 
 
-def random_phasors(frames, height, width, seed=0):
+def random_phasors(frames: int, height: int, width: int, seed: int = 0) -> np.ndarray:
     """exp(i phi_m) of independent band-limited Gaussian random fields, periodic with the hologram.
 
     r_m = IFFT(circle(f <= 1 / (2 pitch)) exp(i xi_m)), xi_m uniform; phi_m = arg r_m. The band in units of
@@ -95,7 +97,7 @@ def random_phasors(frames, height, width, seed=0):
     return phasors
 
 
-def speckle_contrast(kind, frames):
+def speckle_contrast(kind: str, frames: int) -> float:
     """Contrast of what speckle is left in pictures of textured scenes, as a share of their intensity.
 
     1/sqrt(frames) for random fields, less for designed ones: as measured for the sets (benchmarks/phase_fields.py),
@@ -114,7 +116,7 @@ def speckle_contrast(kind, frames):
     return math.sqrt(gain / frames)
 
 
-def frames_for(kind, contrast):
+def frames_for(kind: str, contrast: float) -> int:
     """Fewest frames that leave a speckle contrast of at most so much.
 
     Parameters
@@ -140,7 +142,7 @@ def frames_for(kind, contrast):
     )
 
 
-def recordable_fraction(phasors):
+def recordable_fraction(phasors: np.ndarray) -> float:
     """Share of the phasors' energy inside the circular band: what a plane of unit amplitude keeps.
 
     Parameters
@@ -160,7 +162,7 @@ def recordable_fraction(phasors):
     return kept / total
 
 
-def pixel_transmission(samples=256):
+def pixel_transmission(samples: int = 256) -> float:
     """Mean of sinc^2(fx d) sinc^2(fy d) over the circular band: what is kept by an estimator that holds a
     phase constant over a pixel of width d, as the paper's random rays do.
 

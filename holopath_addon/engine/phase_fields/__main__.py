@@ -1,5 +1,7 @@
 """``python -m holopath_addon.engine.phase_fields design --frames 24 --out maps.npy``"""
 
+from __future__ import annotations
+
 import argparse
 import math
 import signal
@@ -7,6 +9,7 @@ import sys
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,8 +17,11 @@ from ..errors import InvalidInput
 from . import random_phasors
 from .design import Design, Recipe, run
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-def main(argv=None):
+
+def main(argv: Sequence[str] | None = None) -> int:
     """Returns the exit status: 0 done, 1 a file cannot be written, 2 bad input, 130 interrupted."""
     parser = argparse.ArgumentParser(prog="python -m holopath_addon.engine.phase_fields")
     commands = parser.add_subparsers(required=True)

@@ -6,12 +6,15 @@ incoherent light. Lengths are pixels, and defocus is the Fresnel number q = wave
 which alone paraxial pictures depend; so one set serves all wavelengths and pitches.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import os
 import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
@@ -19,6 +22,9 @@ import scipy.fft
 from ..errors import InvalidInput
 from ..propagation import circular_band
 from ..supervision import Adam, Frames, View, relative, supervise
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 STOPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # first frames whose own mean is looked at
 LAYERS, PUPILS, FLAT, IN_FOCUS = 0.3, 0.15, 0.2, 1 / 3  # how often a step has what
@@ -74,7 +80,7 @@ class Recipe:
             )
 
     @property
-    def stages(self):
+    def stages(self) -> dict[int, float]:
         """Weights for `supervise`: the mean of m independent frames has the squared error 1/m."""
         before = [m for m in STOPS if m < self.frames]
         return {m: self.prefixes / len(before) * m for m in before} | {self.frames: float(self.frames)}
@@ -106,13 +112,13 @@ class Optics:
     size : int
     """
 
-    def __init__(self, size):
+    def __init__(self, size: int) -> None:
         f = scipy.fft.fftfreq(size).astype(np.float32)
         self.fx, self.fy = f[None, :], f[:, None]
         self.square = self.fx**2 + self.fy**2
         self.band = circular_band((size, size))
 
-    def transfer(self, defocus, pupil=None):
+    def transfer(self, defocus: float, pupil: tuple[float, float, float] | None = None) -> np.ndarray:
         """exp(-i pi q f^2) in the band, and in the pupil (centre x, centre y, radius; cycles a pixel) if given."""
         keep = self.band
         if pupil is not None:
@@ -124,7 +130,7 @@ class Optics:
         return out
 
 
-def texture(rng, size):
+def texture(rng: np.random.Generator, size: int) -> np.ndarray:
     """Amplitudes of a random picture: even, or blocks of 2 to 32 pixels, grey or of two levels."""
     if rng.random() < FLAT:
         return np.ones((size, size), np.float32)
@@ -136,7 +142,9 @@ def texture(rng, size):
     return np.roll(blocks, rng.integers(0, size, 2), (0, 1))
 
 
-def invent(rng, size, reach, plane, narrow=0.0):
+def invent(
+    rng: np.random.Generator, size: int, reach: float, plane: float, narrow: float = 0.0
+) -> tuple[list, list]:
     """Layers of a random scene, and pictures of it.
 
     An even plane; or a textured one; or two at different depths, one in front of the other or both at once, as
@@ -192,7 +200,7 @@ def _invented(rng, size, reach, plane):
     return layers, pictures
 
 
-def incoherent_view(optics, layers, picture):
+def incoherent_view(optics: Optics, layers: list, picture: Picture) -> View:
     """The picture of layers in incoherent light: each one's intensity, blurred by the intensity of its kernel.
 
     Errors are divided by the intensity, as in the variance of a root, so that independent frames have the loss 1/m.
@@ -217,13 +225,15 @@ class Design:
         Phases to begin with, radians.
     """
 
-    def __init__(self, recipe, start):
+    def __init__(self, recipe: Recipe, start: np.ndarray) -> None:
         self.recipe, self.phases = recipe, start.copy()
         self.optics = Optics(recipe.size)
         self.adam = Adam(start.shape)
         self.done = 0
 
-    def slopes(self, layers, pictures, threads):
+    def slopes(
+        self, layers: list, pictures: list, threads: Frames
+    ) -> tuple[dict[int, float], list[np.ndarray]]:
         """Losses by number of frames, and their gradient with respect to the phases."""
         optics, frames = self.optics, self.recipe.frames
         moved = [None if not layer.defocus else optics.transfer(layer.defocus) for layer in layers]
@@ -256,7 +266,7 @@ class Design:
 
         return losses, threads.each(slope, frames)
 
-    def step(self, threads):
+    def step(self, threads: Frames) -> dict[int, float]:
         """One step; returns the losses by number of frames, 1 being that of independent frames."""
         recipe = self.recipe
         rng = np.random.default_rng((recipe.seed, self.done))
@@ -268,7 +278,7 @@ class Design:
         count = sum(picture.speckle for picture in pictures)
         return {m: loss * m / count for m, loss in losses.items()}
 
-    def save(self, path):
+    def save(self, path: Path | str) -> None:
         """Everything that `load` needs to go on, written beside and renamed."""
         state = {
             "recipe": json.dumps(asdict(self.recipe)),
@@ -280,7 +290,7 @@ class Design:
         _write(path, lambda file: np.savez(file, **state))
 
     @classmethod
-    def load(cls, path, recipe):
+    def load(cls, path: Path | str, recipe: Recipe) -> Design:
         """Go on with a saved design of the same recipe.
 
         Raises
@@ -303,7 +313,7 @@ class Design:
             )
         return design
 
-    def save_maps(self, path):
+    def save_maps(self, path: Path | str) -> None:
         """The maps as bytes, 256 levels a turn: what `designed_phasors` reads."""
         levels = np.round(self.phases * (256 / (2 * math.pi))).astype(np.int64) % 256
         _write(path, lambda file: np.save(file, levels.astype(np.uint8)))
@@ -316,7 +326,13 @@ def _write(path, save):
     os.replace(unfinished, path)
 
 
-def run(design, state, report, stop, every=500):
+def run(
+    design: Design,
+    state: Path | str,
+    report: Callable[[int, dict[int, float]], None],
+    stop: Callable[[], bool],
+    every: int = 500,
+) -> bool:
     """Go on with a design until it is finished or asked to stop; its state is kept on disk.
 
     Parameters
