@@ -5,6 +5,8 @@ import math
 import drjit as dr
 import mitsuba as mi
 
+from .buffers import constant
+
 
 class Rays:
     """Rays of hologram space as rays of the world, and depths back (s1, s2, s6).
@@ -30,8 +32,8 @@ class Rays:
         self.width, self.height, self.pitch = hologram.width, hologram.height, hologram.pitch
         self.mapping = mapping
         self.to_far = mapping.z_far - plane
-        self.position = mi.Point3f(*map(float, camera.position))
-        self.right, self.up, self.forward = (mi.Vector3f(*map(float, axis)) for axis in camera.axes)
+        self.position = constant(mi.Point3f, camera.position)
+        self.right, self.up, self.forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
 
     def place(self, column, row):
         """Hologram coordinates in metres of (fractional) pixel indices; row 0 is the top."""
