@@ -7,6 +7,7 @@ integrators are none: of a scene file HoloPath takes what is in view, and where 
 import struct
 import zlib
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -15,16 +16,18 @@ KINDS = ("BSDF", "Shape", "Emitter", "Texture", "Medium", "Sensor", "Volume", "P
 SENSOR = """<sensor type="perspective" id="viewer"><float name="fov" value="40"/>
  <transform name="to_world"><lookat origin="0,0,0" target="0,0,-1" up="0,1,0"/></transform>
  <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="24"/></film></sensor>"""
-WALL = """<shape type="rectangle" id="wall"><transform name="to_world"><scale value="0.9"/><translate z="-2"/></transform>
- <bsdf type="diffuse"><rgb name="reflectance" value="0.5,0.4,0.3"/></bsdf></shape>"""
+WALL = """<shape type="rectangle" id="wall"><transform name="to_world"><scale value="0.9"/><translate z="-2"/>
+ </transform><bsdf type="diffuse"><rgb name="reflectance" value="0.5,0.4,0.3"/></bsdf></shape>"""
 LAMP = """<shape type="rectangle" id="lamp"><transform name="to_world"><scale value="0.4"/>
  <lookat origin="0.3,0.6,0.2" target="0,0,-1.4" up="0,1,0"/></transform>
  <emitter type="area"><rgb name="radiance" value="9,9,9"/></emitter></shape>"""
+PIXEL = """<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/>
+ <rfilter type="box"/></film>"""
 SCENE = '<scene version="3.0.0">{}</scene>'
 
 # One surface in four ways: a ball, a pane with two sides, a masked ball, and a box that is instanced.
-WORN = """<shape type="sphere"><point name="center" value="-0.17,0.17,-1"/><float name="radius" value="0.14"/>{ref}</shape>
-<shape type="rectangle"><transform name="to_world"><scale value="0.14"/><rotate y="1" angle="200"/>
+WORN = """<shape type="sphere"><point name="center" value="-0.17,0.17,-1"/><float name="radius" value="0.14"/>{ref}
+</shape><shape type="rectangle"><transform name="to_world"><scale value="0.14"/><rotate y="1" angle="200"/>
  <translate x="0.17" y="0.17" z="-1"/></transform>{two}</shape>
 <shape type="sphere"><point name="center" value="-0.17,-0.17,-1"/><float name="radius" value="0.14"/>
  <bsdf type="mask"><float name="opacity" value="0.6"/>{ref}</bsdf></shape>
@@ -45,8 +48,9 @@ class Case:
         What the refusal says, a regular expression; empty where it renders.
     noted : str
         What a warning of the plan or a note says, likewise.
-    bright : float or None
-        How far each quarter's brightness may be from the reference's, relative; None where that is wrong itself.
+    bright : float, tuple of float or None
+        How far the brightness of each quarter may be from the reference's, relative: upper left, upper right, lower
+        left and lower right; None where the reference shows something else.
     lit : str
         The lamps, if the case has none.
     seen : str
@@ -56,7 +60,7 @@ class Case:
     parts: str
     refused: str = ""
     noted: str = ""
-    bright: float | None = 0.15
+    bright: float | tuple | None = 0.15
     lit: str = LAMP
     seen: str = SENSOR + WALL
 
@@ -65,16 +69,23 @@ class Case:
         return SCENE.format((self.seen + self.lit + self.parts).replace("{folder}", str(folder)))
 
 
-def surface(bsdf, sides=1, **more):
-    """A case with a BSDF worn in four ways; of those with two `sides` of their own the pane needs no `twosided`."""
+def surface(bsdf, sides=1, polished=False, **more):
+    """A case with a BSDF worn in four ways; of those with two `sides` of their own the pane needs no `twosided`.
+
+    Lamps are dimmer behind a mask than they should be, and `polished` surfaces lose their mirror image under it.
+    """
     named = bsdf.replace("<bsdf ", '<bsdf id="surface" ', 1)
     ref = '<ref id="surface"/>'
     two = ref if sides == 2 else f'<bsdf type="twosided">{ref}</bsdf>'
+    if polished:
+        more = {"noted": "under a BSDF of type 'mask'"} | more
+    more = {"bright": (0.15, 0.15, inf if polished else 0.35, 0.2)} | more
     return Case(named + WORN.format(ref=ref, two=two), **more)
 
 
-def textured(texture, **more):
+def textured(kind, body, **more):
     """A case with a texture on a ball and a pane."""
+    texture = f'<texture type="{kind}" name="reflectance">{body}</texture>'
     bsdf = f'<bsdf type="twosided"><bsdf type="diffuse">{texture}</bsdf></bsdf>'
     return Case(
         f"""<shape type="sphere"><point name="center" value="-0.17,0.1,-1"/><float name="radius" value="0.16"/>{bsdf}
@@ -103,129 +114,109 @@ def medium(kind, body, **more):
 
 def sensor(kind, body="", refused="perspective"):
     """A case that is looked at by another sensor."""
-    film = '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film>'
     return Case(
         BALL.format(""),
-        seen=f'<sensor type="{kind}" id="viewer">{body}{film}</sensor>{WALL}',
+        seen=f'<sensor type="{kind}" id="viewer">{body}{PIXEL}</sensor>{WALL}',
         refused=refused,
     )
 
 
 BALL = """<shape type="sphere"><point name="center" value="0,0,-1.2"/><float name="radius" value="0.2"/>{}</shape>"""
-AT = '<transform name="to_world"><scale value="0.2"/><rotate x="1" y="1" angle="30"/><translate z="-1.2"/></transform>'
-FILE = '<string name="filename" value="{{folder}}/{}"/>'.format
-RED = '<rgb name="reflectance" value="0.7,0.2,0.1"/>'
-NESTED = f'<bsdf type="twosided"><bsdf type="diffuse">{RED}</bsdf></bsdf>'
-SPECTRUM = "spectral"
-ISOTROPIC = '<phase type="isotropic"/>'
 
 
 def phased(phase):
     return medium("homogeneous", phase)
 
 
+AT = '<transform name="to_world"><scale value="0.2"/><rotate x="1" y="1" angle="30"/><translate z="-1.2"/></transform>'
+AIMED = """<transform name="to_world"><lookat origin="0.3,0.4,0" target="0,0,-1.4" up="0,1,0"/></transform>"""
+FILE = '<string name="filename" value="{{folder}}/{}"/>'.format
+NUMBER = '<float name="{}" value="{}"/>'.format
+RED = '<rgb name="reflectance" value="0.7,0.2,0.1"/>'
+MATT = f'<bsdf type="diffuse">{RED}</bsdf>'
+NESTED = f'<bsdf type="twosided">{MATT}</bsdf>'
+RAW = '<boolean name="raw" value="true"/>'
+BUMPS = f'<texture type="bitmap" name="bump">{FILE("picture.png")}{RAW}</texture>{NUMBER("scale", 0.02)}'
+NORMALS = f'<texture type="bitmap" name="normalmap">{FILE("normals.png")}{RAW}</texture>'
+GLOSSY = f'<bsdf type="roughconductor">{NUMBER("alpha", 0.25)}</bsdf>'
+LACQUER = f'<bsdf type="roughplastic">{NUMBER("alpha", 0.2)}</bsdf>'
+ISOTROPIC = '<phase type="isotropic"/>'
+
+
+def worn(kind, body="", sides=1, **more):
+    """A case with a BSDF of a type, see `surface`."""
+    return surface(f'<bsdf type="{kind}">{body}</bsdf>', sides, **more)
+
+
+def blended(weight, first, second):
+    """A blend of two BSDFs."""
+    return f'<bsdf type="blendbsdf">{NUMBER("weight", weight)}{first}{second}</bsdf>'
+
+
+def masked(opacity, bsdf):
+    """A BSDF with holes."""
+    return f'<bsdf type="mask">{NUMBER("opacity", opacity)}{bsdf}</bsdf>'
+
+
 SURFACES = {
-    "diffuse": surface(f'<bsdf type="diffuse">{RED}</bsdf>'),
-    "conductor": surface('<bsdf type="conductor"><string name="material" value="Au"/></bsdf>'),
-    "roughconductor": surface(
-        '<bsdf type="roughconductor"><string name="material" value="Cu"/><float name="alpha" value="0.25"/></bsdf>'
+    "diffuse": worn("diffuse", RED),
+    "conductor": worn("conductor", '<string name="material" value="Au"/>', polished=True),
+    "roughconductor": worn("roughconductor", '<string name="material" value="Cu"/>' + NUMBER("alpha", 0.25)),
+    "plastic": worn("plastic", '<rgb name="diffuse_reflectance" value="0.1,0.2,0.5"/>', polished=True),
+    "roughplastic": surface(LACQUER),
+    "pplastic": worn("pplastic", NUMBER("alpha", 0.2)),
+    "principled": worn(
+        "principled",
+        '<rgb name="base_color" value="0.6,0.3,0.1"/>'
+        + NUMBER("roughness", 0.4)
+        + NUMBER("metallic", 0.3)
+        + NUMBER("clearcoat", 0.5),
     ),
-    "plastic": surface('<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1,0.2,0.5"/></bsdf>'),
-    "roughplastic": surface('<bsdf type="roughplastic"><float name="alpha" value="0.2"/></bsdf>'),
-    "pplastic": surface('<bsdf type="pplastic"><float name="alpha" value="0.2"/></bsdf>'),
-    "principled": surface(
-        """<bsdf type="principled"><rgb name="base_color" value="0.6,0.3,0.1"/><float name="roughness" value="0.4"/>
-        <float name="metallic" value="0.3"/><float name="clearcoat" value="0.5"/></bsdf>"""
-    ),
-    "principledthin": surface(
-        '<bsdf type="principledthin"><float name="diff_trans" value="0.6"/><float name="roughness" value="0.4"/></bsdf>',
-        2,
-    ),
-    "dielectric": surface('<bsdf type="dielectric"/>', 2),
-    "roughdielectric": surface('<bsdf type="roughdielectric"><float name="alpha" value="0.2"/></bsdf>', 2),
-    "thindielectric": surface('<bsdf type="thindielectric"/>', 2),
-    "null": surface('<bsdf type="null"/>', 2),
-    "hair": surface('<bsdf type="hair"/>', 2),
-    "measured": surface(f'<bsdf type="measured">{FILE("measured.bsdf")}</bsdf>'),
-    "measured_polarized": surface(
-        f'<bsdf type="measured_polarized">{FILE("measured.pbsdf")}</bsdf>', refused="measured_?polarized"
-    ),
-    "polarizer": surface('<bsdf type="polarizer"/>', 2, noted="polari"),
-    "retarder": surface('<bsdf type="retarder"/>', 2, noted="polari"),
-    "circular": surface('<bsdf type="circular"/>', 2, noted="polari"),
-    "twosided": surface(
-        f'<bsdf type="twosided"><bsdf type="diffuse">{RED}</bsdf><bsdf type="conductor"/></bsdf>', 2
-    ),
-    "mask": surface(f'<bsdf type="mask"><float name="opacity" value="0.4"/>{NESTED}</bsdf>', 2),
-    "blendbsdf": surface(
-        f'<bsdf type="blendbsdf"><float name="weight" value="0.3"/><bsdf type="diffuse">{RED}</bsdf><bsdf type="roughconductor"/></bsdf>'
-    ),
-    "bumpmap": surface(
-        f'<bsdf type="bumpmap"><texture type="bitmap" name="bump">{FILE("picture.png")}<boolean name="raw" value="true"/></texture>'
-        '<float name="scale" value="0.05"/><bsdf type="roughplastic"/></bsdf>'
-    ),
-    "normalmap": surface(
-        f'<bsdf type="normalmap"><texture type="bitmap" name="normalmap">{FILE("normals.png")}<boolean name="raw" value="true"/></texture>'
-        '<bsdf type="roughconductor"/></bsdf>'
-    ),
+    "principledthin": worn("principledthin", NUMBER("diff_trans", 0.6) + NUMBER("roughness", 0.4), 2),
+    "dielectric": worn("dielectric", "", 2, polished=True),
+    "roughdielectric": worn("roughdielectric", NUMBER("alpha", 0.2), 2),
+    "thindielectric": worn("thindielectric", "", 2, polished=True),
+    "null": worn("null", "", 2),
+    "hair": worn("hair", "", 2),
+    "measured": worn("measured", FILE("measured.bsdf")),
+    "measured_polarized": worn("measured_polarized", FILE("measured.pbsdf"), refused="measured_?polarized"),
+    "polarizer": worn("polarizer", "", 2, noted="Polarization"),
+    "retarder": worn("retarder", "", 2, noted="Polarization"),
+    "circular": worn("circular", "", 2, noted="Polarization"),
+    "twosided": worn("twosided", MATT + '<bsdf type="conductor"/>', 2, polished=True),
+    "mask": surface(masked(0.4, NESTED), 2),
+    "blendbsdf": surface(blended(0.3, MATT, GLOSSY)),
+    "bumpmap": worn("bumpmap", BUMPS + LACQUER),
+    "normalmap": worn("normalmap", NORMALS + GLOSSY),
 }
 
-# nested as scene files nest them
+# as scene files nest them
 NESTS = {
-    "twosided(mask)": surface(
-        f'<bsdf type="twosided"><bsdf type="mask"><float name="opacity" value="0.5"/><bsdf type="diffuse">{RED}</bsdf></bsdf></bsdf>',
-        2,
-        refused="twosided|transmission",
+    "bsplinecurve with a bare end": shape(
+        "bsplinecurve", FILE("curves.txt") + NESTED, refused="bsplinecurve.*radius 0.*linearcurve"
     ),
-    "twosided(dielectric)": surface(
-        '<bsdf type="twosided"><bsdf type="dielectric"/></bsdf>', 2, refused="transmission"
+    "twosided(mask)": worn("twosided", masked(0.5, MATT), 2, refused="transmission"),
+    "twosided(dielectric)": worn("twosided", '<bsdf type="dielectric"/>', 2, refused="transmission"),
+    "twosided(blend(plastic))": worn(
+        "twosided", blended(0.5, MATT, '<bsdf type="plastic"/>'), 2, polished=True
     ),
     "mask(twosided(blend))": surface(
-        f"""<bsdf type="mask"><float name="opacity" value="0.7"/><bsdf type="twosided"><bsdf type="blendbsdf">
-        <float name="weight" value="0.5"/><bsdf type="diffuse">{RED}</bsdf><bsdf type="plastic"/></bsdf></bsdf></bsdf>""",
-        2,
-        bright=None,
+        masked(0.7, f'<bsdf type="twosided">{blended(0.5, MATT, LACQUER)}</bsdf>'), 2
     ),
-    "mask(mask)": surface(
-        f'<bsdf type="mask"><float name="opacity" value="0.7"/><bsdf type="mask"><float name="opacity" value="0.6"/>{NESTED}</bsdf></bsdf>',
-        2,
+    "mask(mask)": surface(masked(0.7, masked(0.6, NESTED)), 2),
+    "mask by an image": worn(
+        "mask", f'<texture type="bitmap" name="opacity">{FILE("picture.png")}</texture>{NESTED}', 2
     ),
-    "mask by an image": surface(
-        f'<bsdf type="mask"><texture type="bitmap" name="opacity">{FILE("picture.png")}</texture>{NESTED}</bsdf>',
-        2,
+    "blend(glass, diffuse)": surface(blended(0.5, '<bsdf type="dielectric"/>', MATT), 2, polished=True),
+    "blend(blend)": surface(blended(0.5, blended(0.5, MATT, LACQUER), GLOSSY)),
+    "blend(null, diffuse)": surface(blended(0.5, '<bsdf type="null"/>', MATT), 2),
+    "bump(glass)": worn("bumpmap", BUMPS + '<bsdf type="roughdielectric"/>', 2),
+    "bump(mask)": worn("bumpmap", BUMPS + masked(0.5, NESTED), 2),
+    "normal(principled)": worn(
+        "normalmap", f'{NORMALS}<bsdf type="principled">{NUMBER("roughness", 0.3)}</bsdf>'
     ),
-    "blend(glass, diffuse)": surface(
-        f'<bsdf type="blendbsdf"><float name="weight" value="0.5"/><bsdf type="dielectric"/><bsdf type="diffuse">{RED}</bsdf></bsdf>',
-        2,
-        bright=None,
-    ),
-    "blend(blend)": surface(
-        f"""<bsdf type="blendbsdf"><float name="weight" value="0.5"/><bsdf type="blendbsdf"><float name="weight" value="0.5"/>
-        <bsdf type="diffuse">{RED}</bsdf><bsdf type="roughplastic"/></bsdf><bsdf type="roughconductor"/></bsdf>"""
-    ),
-    "blend(null, diffuse)": surface(
-        f'<bsdf type="blendbsdf"><float name="weight" value="0.5"/><bsdf type="null"/><bsdf type="diffuse">{RED}</bsdf></bsdf>',
-        2,
-    ),
-    "bump(glass)": surface(
-        f'<bsdf type="bumpmap"><texture type="bitmap" name="bump">{FILE("picture.png")}<boolean name="raw" value="true"/></texture>'
-        '<float name="scale" value="0.02"/><bsdf type="roughdielectric"/></bsdf>',
-        2,
-    ),
-    "normal(principled)": surface(
-        f'<bsdf type="normalmap"><texture type="bitmap" name="normalmap">{FILE("normals.png")}<boolean name="raw" value="true"/></texture>'
-        '<bsdf type="principled"><float name="roughness" value="0.3"/></bsdf></bsdf>'
-    ),
-    "twosided(normal(bump))": surface(
-        f"""<bsdf type="twosided"><bsdf type="normalmap"><texture type="bitmap" name="normalmap">{FILE("normals.png")}
-        <boolean name="raw" value="true"/></texture><bsdf type="bumpmap"><texture type="bitmap" name="bump">{FILE("picture.png")}
-        <boolean name="raw" value="true"/></texture><float name="scale" value="0.02"/><bsdf type="diffuse">{RED}</bsdf></bsdf></bsdf></bsdf>""",
-        2,
-    ),
-    "bump(mask)": surface(
-        f"""<bsdf type="bumpmap"><texture type="bitmap" name="bump">{FILE("picture.png")}<boolean name="raw" value="true"/></texture>
-        <float name="scale" value="0.02"/><bsdf type="mask"><float name="opacity" value="0.5"/>{NESTED}</bsdf></bsdf>""",
-        2,
+    "twosided(normal(bump))": worn(
+        "twosided", f'<bsdf type="normalmap">{NORMALS}<bsdf type="bumpmap">{BUMPS}{MATT}</bsdf></bsdf>', 2
     ),
 }
 
@@ -244,7 +235,8 @@ SHAPES = {
     ),
     "shapegroup": Case(
         f"""<shape type="shapegroup" id="group"><shape type="cube">{NESTED}</shape><shape type="sphere">
-        <point name="center" value="0,1.2,0"/><float name="radius" value="0.5"/><bsdf type="dielectric"/></shape></shape>
+        <point name="center" value="0,1.2,0"/><float name="radius" value="0.5"/><bsdf type="dielectric"/></shape>
+        </shape>
         <shape type="instance"><ref id="group"/>{AT}</shape>"""
     ),
     "instance": Case(
@@ -252,7 +244,7 @@ SHAPES = {
         <shape type="instance"><ref id="group"/>{AT}</shape><shape type="instance"><ref id="group"/>
         <transform name="to_world"><scale x="-0.1" y="0.2" z="0.1"/><translate x="0.3" z="-1.4"/></transform></shape>"""
     ),
-    "bsplinecurve": shape("bsplinecurve", FILE("curves.txt") + NESTED),
+    "bsplinecurve": shape("bsplinecurve", FILE("ended.txt") + NESTED),
     "linearcurve": shape("linearcurve", FILE("curves.txt") + NESTED),
     "sdfgrid": shape("sdfgrid", FILE("distance.vol") + AT + NESTED),
     "ellipsoids": shape("ellipsoids", FILE("ellipsoids.ply") + NESTED, noted="ellipsoids"),
@@ -274,55 +266,51 @@ EMITTERS = {
     "projector": emitter(
         "projector",
         f"""<texture type="bitmap" name="irradiance">{FILE("picture.png")}</texture><float name="fov" value="50"/>
-        <transform name="to_world"><lookat origin="0.3,0.4,0" target="0,0,-1.4" up="0,1,0"/></transform>""",
+        {AIMED}""",
     ),
     "spot": emitter(
         "spot",
-        '<transform name="to_world"><lookat origin="0.3,0.4,0" target="0,0,-1.4" up="0,1,0"/></transform>'
-        '<rgb name="intensity" value="4"/><float name="cutoff_angle" value="30"/>',
+        f'{AIMED}<rgb name="intensity" value="4"/><float name="cutoff_angle" value="30"/>',
     ),
     "sunsky": emitter("sunsky", '<vector name="sun_direction" value="0.3,0.4,0.8"/>'),
-    "timed_sunsky": emitter("timed_sunsky"),
+    "timed_sunsky": emitter("timed_sunsky", refused="sunsky"),
 }
 
 TEXTURES = {
-    "bitmap": textured(f'<texture type="bitmap" name="reflectance">{FILE("picture.png")}</texture>'),
-    "checkerboard": textured(
-        """<texture type="checkerboard" name="reflectance"><transform name="to_uv"><scale value="4"/></transform></texture>"""
-    ),
-    "mesh_attribute": Case(
-        f"""<shape type="ply">{FILE("mesh.ply")}{AT}<bsdf type="twosided"><bsdf type="diffuse">
-        <texture type="mesh_attribute" name="reflectance"><string name="name" value="vertex_color"/></texture></bsdf></bsdf></shape>"""
+    "bitmap": textured("bitmap", FILE("picture.png")),
+    "checkerboard": textured("checkerboard", '<transform name="to_uv"><scale value="4"/></transform>'),
+    "mesh_attribute": shape(
+        "ply",
+        f"""{FILE("mesh.ply")}{AT}<bsdf type="twosided"><bsdf type="diffuse"><texture type="mesh_attribute"
+        name="reflectance"><string name="name" value="vertex_color"/></texture></bsdf></bsdf>""",
     ),
     "volume": textured(
-        f"""<texture type="volume" name="reflectance"><volume type="gridvolume" name="volume">{FILE("colours.vol")}
-        <transform name="to_world"><translate x="-0.5" y="-0.5" z="-1.5"/></transform></volume></texture>"""
+        "volume",
+        f"""<volume type="gridvolume" name="volume">{FILE("colours.vol")}<transform name="to_world">
+        <translate x="-0.5" y="-0.5" z="-1.5"/></transform></volume>""",
     ),
-    "rawconstant": textured(
-        '<texture type="rawconstant" name="reflectance"><float name="value" value="0.4"/></texture>'
-    ),
-    "srgb": textured(
-        '<texture type="srgb" name="reflectance"><rgb name="color" value="0.4,0.3,0.2"/></texture>'
-    ),
-    "uniform": textured(
-        '<spectrum type="uniform" name="reflectance"><float name="value" value="0.4"/></spectrum>'
-    ),
+    "rawconstant": textured("rawconstant", NUMBER("value", 0.4)),
+    "srgb": textured("srgb", '<rgb name="color" value="0.4,0.3,0.2"/>'),
+    "uniform": textured("uniform", NUMBER("value", 0.4)),
     "d65": Case(BALL.format('<emitter type="area"><spectrum type="d65" name="radiance"/></emitter>')),
     "blackbody": Case(
         BALL.format(
-            '<emitter type="area"><spectrum type="blackbody" name="radiance"><float name="temperature" value="4000"/></spectrum></emitter>'
+            f"""<emitter type="area"><spectrum type="blackbody" name="radiance">{NUMBER("temperature", 4000)}
+            </spectrum></emitter>"""
         ),
-        refused=SPECTRUM,
+        refused="spectral",
     ),
     "regular": textured(
-        """<spectrum type="regular" name="reflectance"><float name="wavelength_min" value="400"/><float name="wavelength_max" value="700"/>
-        <string name="values" value="0.1,0.3,0.5"/></spectrum>""",
-        refused=SPECTRUM,
+        "regular",
+        NUMBER("wavelength_min", 400)
+        + NUMBER("wavelength_max", 700)
+        + '<string name="values" value="0.1,0.3,0.5"/>',
+        refused="spectral",
     ),
     "irregular": textured(
-        """<spectrum type="irregular" name="reflectance"><string name="wavelengths" value="400,500,700"/>
-        <string name="values" value="0.1,0.3,0.5"/></spectrum>""",
-        refused=SPECTRUM,
+        "irregular",
+        '<string name="wavelengths" value="400,500,700"/><string name="values" value="0.1,0.3,0.5"/>',
+        refused="spectral",
     ),
 }
 
@@ -338,7 +326,7 @@ MEDIA = {
         "heterogeneous", '<volume type="constvolume" name="sigma_t"><float name="value" value="3"/></volume>'
     ),
     "gridvolume": textured(
-        f'<texture type="volume" name="reflectance"><volume type="gridvolume" name="volume">{FILE("colours.vol")}</volume></texture>'
+        "volume", f'<volume type="gridvolume" name="volume">{FILE("colours.vol")}</volume>'
     ),
     "isotropic": phased(ISOTROPIC),
     "hg": phased('<phase type="hg"><float name="g" value="0.5"/></phase>'),
@@ -365,10 +353,7 @@ SENSORS = {
     "radiancemeter": sensor("radiancemeter"),
     "distant": sensor("distant"),
     "irradiancemeter": Case(
-        BALL.format(
-            '<sensor type="irradiancemeter"><film type="hdrfilm"><integer name="width" value="1"/>'
-            '<integer name="height" value="1"/><rfilter type="box"/></film></sensor>'
-        ),
+        BALL.format(f'<sensor type="irradiancemeter">{PIXEL}</sensor>'),
         seen=WALL,
         refused="perspective",
     ),
@@ -396,9 +381,9 @@ def write_files(folder):
         f"end_header\n{rows}" + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces)
     )
     (folder / "mesh.serialized").write_bytes(_serialized(corners, np.array(faces)))
-    (folder / "curves.txt").write_text(
-        "".join(f"{x} {0.1 * np.sin(9 * x)} -1.2 0.04\n" for x in np.linspace(-0.3, 0.3, 8))
-    )
+    curve = "".join(f"{x} {0.1 * np.sin(9 * x)} -1.2 0.04\n" for x in np.linspace(-0.3, 0.3, 8))
+    (folder / "curves.txt").write_text(curve)
+    (folder / "ended.txt").write_text(curve + "\n" + "0 0 -1.2 0\n" * 4)
     names = (
         "x",
         "y",
@@ -411,7 +396,7 @@ def write_files(folder):
         *(f"rot_{k}" for k in range(4)),
     )
     header = "".join(f"property float {name}\n" for name in names)
-    rows = "-0.15 0 -1.2 0 0 0 1 0.05 0.03 0.05 1 0 0 0\n0.15 0 -1.2 0 0 0 1 0.03 0.05 0.03 1 0 0 0\n"
+    rows = "-0.15 0 -1.2 0 0 0 1 -3 -3.5 -3 1 0 0 0\n0.15 0 -1.2 0 0 0 1 -3.5 -3 -3.5 1 0 0 0\n"
     (folder / "ellipsoids.ply").write_text(
         f"ply\nformat ascii 1.0\nelement vertex 2\n{header}end_header\n{rows}"
     )
@@ -462,19 +447,21 @@ def _write_tensors(path, fields):
 
 def _measured():
     """A measured surface that scatters evenly."""
-    angles = np.linspace(0, np.pi / 2, 4, dtype=np.float32)
-    size = 4
+    angles, size = np.linspace(0, np.pi / 2, 4, dtype=np.float32), 32
 
     def even(*shape):
         return np.ones((*shape, size, size), np.float32)
 
+    # microfacets that face all ways: over u = sqrt(2 theta / pi) their density goes as u sin(theta) cos(theta)
+    u = np.linspace(0, 1, size, dtype=np.float32)
+    facets = (u * np.sin(np.pi * u * u) * even(1, len(angles))).astype(np.float32)
     return {
         "description": np.frombuffer(b"even", np.uint8),
         "theta_i": angles,
         "phi_i": np.zeros(1, np.float32),
         "sigma": even(),
         "ndf": even(),
-        "vndf": even(1, len(angles)),
+        "vndf": facets,
         "luminance": even(1, len(angles)),
         "rgb": np.float32(0.2) * even(1, len(angles), 3),
         "jacobian": np.ones(1, np.uint8),
