@@ -72,14 +72,14 @@ class Case:
 def surface(bsdf, sides=1, polished=False, **more):
     """A case with a BSDF worn in four ways; of those with two `sides` of their own the pane needs no `twosided`.
 
-    Lamps are dimmer behind a mask than they should be, and `polished` surfaces lose their mirror image under it.
+    Under the mask `polished` surfaces lose their mirror image, and light that passes it is found by chance.
     """
     named = bsdf.replace("<bsdf ", '<bsdf id="surface" ', 1)
     ref = '<ref id="surface"/>'
     two = ref if sides == 2 else f'<bsdf type="twosided">{ref}</bsdf>'
     if polished:
         more = {"noted": "under a BSDF of type 'mask'"} | more
-    more = {"bright": (0.15, 0.15, inf if polished else 0.35, 0.2)} | more
+    more = {"bright": (0.15, 0.15, inf if polished else 0.25, 0.2)} | more
     return Case(named + WORN.format(ref=ref, two=two), **more)
 
 
