@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     import mitsuba as mi
 
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+SHINING = {  # a note
+    "object": "integrator",
+    "feature": "hide_emitters",
+    "effect": "the environment is hidden, shapes that shine are seen",
+    "material": "",
+}
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,8 @@ class Loaded:
     scene : mitsuba.Scene
     camera : engine.Camera
     notes : list of dict
-        What the exporter approximated or left out: object, feature, effect, see `export.Note`.
+        What the exporter or the scene file's reader approximated or left out: object, feature, effect, material,
+        see `export.Note`.
     """
 
     scene: "mi.Scene"
@@ -123,7 +130,18 @@ class MitsubaSource:
                 ids = ", ".join(s.id() for s in sensors)
                 raise engine.InvalidInput(f"{self.path} has no sensor '{camera}': choose one of {ids}.")
             sensors = chosen
-        return Loaded(scene, camera_of(sensors[0]))
+        viewer = camera_of(sensors[0])
+        if not self._hides_emitters():
+            return Loaded(scene, viewer)
+        shine = any(emitter.get_shape() is not None for emitter in scene.emitters())
+        return Loaded(scene, replace(viewer, sees_sky=False), [SHINING] if shine else [])
+
+    def _hides_emitters(self):
+        """Whether the file's integrator leaves what shines out of view."""
+        import mitsuba as mi
+
+        nodes = mi.parser.parse_file(mi.parser.ParserConfig(mi.variant()), str(self.path)).nodes
+        return any(node.props.get("hide_emitters", False) for node in nodes)
 
 
 def camera_of(sensor):
@@ -148,7 +166,10 @@ def camera_of(sensor):
 
     params = mi.traverse(sensor)
     if "x_fov" not in params or "to_world" not in params:
-        raise engine.InvalidInput("The scene's sensor is not a perspective one: use type 'perspective'.")
+        raise engine.InvalidInput(
+            f"The scene's sensor '{sensor.id()}' ({sensor.class_name()}) is not a perspective one: add one of type "
+            "'perspective' or 'thinlens', or choose one with --camera."
+        )
     to_world = np.asarray(params["to_world"].matrix, np.float64).reshape(4, 4)
 
     def number(key, default=0.0):
@@ -161,6 +182,7 @@ def camera_of(sensor):
         shift_x=number("principal_point_offset_x"),
         shift_y=-number("principal_point_offset_y") * height / width,
         clip_start=number("near_clip"),
+        clip_end=number("far_clip", math.inf),
     )
 
 

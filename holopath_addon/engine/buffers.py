@@ -1,4 +1,4 @@
-"""Tables in Dr.Jit memory whose rows are fetched in packets."""
+"""Numbers and tables in Dr.Jit memory: constants that stay constants, and rows that are fetched in packets."""
 
 from __future__ import annotations
 
@@ -10,10 +10,27 @@ import mitsuba as mi
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from typing import Any
 
 PHASOR_SCALE = 127
+
+
+def constant(kind: type, values: Iterable[float]) -> Any:
+    """A vector that is kept, such as an axis: data to compiled programs, so that other numbers compile nothing.
+
+    As literals its components would not stay one number each: Dr.Jit 1.5 may widen them in place to the arrays that
+    they meet (docs/theory.md, "A trap of Dr.Jit"). Numbers that are kept are `drjit.opaque` for the same reason.
+
+    Parameters
+    ----------
+    kind : type
+        Such as `mitsuba.Vector3f`.
+    values : sequence of float
+    """
+    vector = kind(*map(float, values))
+    dr.make_opaque(vector)
+    return vector
 
 
 def row_stride(count: int) -> int:

@@ -20,6 +20,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .buffers import constant
 from .fingerprint import settings_of
 
 PARALLEL = 1e-3  # radians: half the spread of an area lamp below which its light counts as parallel
@@ -40,9 +41,9 @@ def register() -> None:
             self.m_flags = mi.EmitterFlags.DeltaPosition
             matrix = np.array(props["to_world"].matrix)
             axes = matrix[:3, :3].T
-            self.centre = _opaque(matrix[:3, 3])
-            self.axes = [_opaque(axis / np.linalg.norm(axis)) for axis in axes]
-            self.cone_axes = [_opaque(axis / np.dot(axis, axis)) for axis in axes]
+            self.centre = constant(mi.Vector3f, matrix[:3, 3])
+            self.axes = [constant(mi.Vector3f, axis / np.linalg.norm(axis)) for axis in axes]
+            self.cone_axes = [constant(mi.Vector3f, axis / np.dot(axis, axis)) for axis in axes]
             self.profile = _directional(props["profile"]) if "profile" in props else None
             self.falloff = props.get("falloff", 0)
             self.unit = dr.opaque(mi.Float, props.get("unit", 1.0))
@@ -93,7 +94,7 @@ def register() -> None:
 
         def __init__(self, props):
             super().__init__(props)
-            self.intensity = _opaque(props["intensity"], mi.Color3f)
+            self.intensity = constant(mi.Color3f, props["intensity"])
             radius = props.get("radius", 0.0)
             self.radius, self.sphere = dr.opaque(mi.Float, radius), props.get("sphere", False) and radius > 0
             self.spot = "cone" in props
@@ -141,7 +142,7 @@ def register() -> None:
 
         def __init__(self, props):
             super().__init__(props)
-            self.radiance = _opaque(props["radiance"], mi.Color3f)
+            self.radiance = constant(mi.Color3f, props["radiance"])
             self.half = [dr.opaque(mi.Float, 0.5 * props[side]) for side in ("width", "height")]
             self.round = props.get("round", False)
             self.area = dr.opaque(
@@ -182,7 +183,7 @@ def register() -> None:
 
         def __init__(self, props):
             super().__init__(props)
-            self.irradiance = _opaque(props["irradiance"], mi.Color3f)
+            self.irradiance = constant(mi.Color3f, props["irradiance"])
             self.lost = dr.opaque(mi.Float, 2 * math.sin(0.5 * props.get("radius", 0.0)) ** 2)
 
         def _reach(self, p, sample):
@@ -191,13 +192,6 @@ def register() -> None:
     mi.register_emitter("point_lamp", PointLamp)
     mi.register_emitter("area_lamp", AreaLamp)
     mi.register_emitter("sun_lamp", SunLamp)
-
-
-def _opaque(values, kind=None):
-    """A vector that is data to kernels, so that moving a lamp compiles nothing."""
-    vector = (kind or mi.Vector3f)(*(float(v) for v in values))
-    dr.make_opaque(vector)
-    return vector
 
 
 def _cone(sample, lost):

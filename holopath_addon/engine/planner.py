@@ -261,14 +261,15 @@ def plan(
     backend.activate()
     from .chains import FirstHits
     from .radiance import PathTracer
+    from .unmodelled import unmodelled
 
     settings = (settings or Settings()).resolved()
     check_fixed(settings.fixed)
     if settings.method in BASELINES:
         # the least that tells the depths in view
         least = replace(settings, method="direct", fixed={"max_depth": settings.max_depth})
-        return _of_baseline(plan(scene, camera, hologram, least), settings)
-    fixed, decisions, warnings = settings.fixed, [], []
+        return _of_baseline(plan(scene, camera, hologram, least), settings, unmodelled(scene))
+    fixed, decisions, warnings = settings.fixed, [], unmodelled(scene)
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
     pilot = Pilot(scene, hologram, camera, mapping, settings.seed)
@@ -393,12 +394,13 @@ def plan(
     )
 
 
-def _of_baseline(plan, settings):
-    """A plan as a baseline has it: the depths in view, and the method; nothing is foretold."""
+def _of_baseline(plan, settings, warnings):
+    """A plan as a baseline has it: the depths in view, the method and what to know; nothing is foretold."""
     _, label, what = BASELINES[settings.method]
     own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
     frames = Decision("frames", str(settings.frames), "as asked")
-    return replace(plan, decisions=(plan.decisions[0], own, frames), seconds=0.0, error=0.0, warnings=())
+    decisions = plan.decisions[0], own, frames
+    return replace(plan, decisions=decisions, seconds=0.0, error=0.0, warnings=tuple(warnings))
 
 
 def parse_fixed(text: str) -> dict:

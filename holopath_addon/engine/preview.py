@@ -156,23 +156,22 @@ class _Lens:
         import drjit as dr
         import mitsuba as mi
 
+        from .buffers import constant
+
         def number(value):
             """Data, which a compiled program may be run with again, not a part of it."""
             return dr.opaque(mi.Float, float(value))
-
-        def vector(values):
-            return mi.Vector3f(*map(number, values))
 
         size = 2 * math.tan(camera.fov_x / 2)  # of the picture at unit depth
         self._width, self._pitch = dr.opaque(mi.UInt32, width), number(size / width)
         self._left = number(size * (camera.shift_x - 0.5))
         self._top = number(size * (camera.shift_y + 0.5 * height / width))
-        self._position = mi.Point3f(vector(camera.position))
-        self._right, self._up, self._forward = map(vector, camera.axes)
+        self._position = constant(mi.Point3f, camera.position)
+        self._right, self._up, self._forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
         self._start, self._end = number(camera.clip_start), number(min(camera.clip_end, FARTHEST))
         self._aperture, self._curvature = number(aperture), number(1 / focus)
         x, y, diameter = (pupil.x, pupil.y, pupil.diameter) if pupil else (0.0, 0.0, 2 * aperture)
-        self._open, self._centre = number(diameter / 2), mi.Point2f(number(x), number(y))
+        self._open, self._centre = number(diameter / 2), constant(mi.Point2f, (x, y))
 
     def ray(self, index, sampler):
         """A ray to a random point of each pixel, and whether the point of the lens that it comes from is open."""

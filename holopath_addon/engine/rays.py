@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from .buffers import constant
+
 if TYPE_CHECKING:
     from .camera import Camera
     from .hologram import Hologram
@@ -46,8 +48,8 @@ class Rays:
         self.width, self.height, self.pitch = hologram.width, hologram.height, hologram.pitch
         self.mapping = mapping
         self.to_far = mapping.z_far - plane
-        self.position = mi.Point3f(*map(float, camera.position))
-        self.right, self.up, self.forward = (mi.Vector3f(*map(float, axis)) for axis in camera.axes)
+        self.position = constant(mi.Point3f, camera.position)
+        self.right, self.up, self.forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
 
     def place(self, column: mi.Float, row: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Hologram coordinates in metres of (fractional) pixel indices; row 0 is the top."""
