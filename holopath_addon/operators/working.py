@@ -56,9 +56,8 @@ class Working:
         timer = context.window_manager.event_timer_add(POLL, window=context.window)
         session.current.leave = lambda: _leave(timer)
         context.window_manager.modal_handler_add(self)
-        self._tell(
-            context
-        )  # before the first event: once that is served, the thread may hold Python for seconds
+        # before the first event: once that is served, the thread imports Mitsuba and holds Python meanwhile
+        self._tell(context)
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):

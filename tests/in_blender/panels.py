@@ -67,6 +67,10 @@ def until(done, what):
         yield 0.02
 
 
+def at_work():
+    return module("operators.session").running()
+
+
 def over():
     """Until what is at work has ended, and its operator too."""
     yield from until(lambda: module("operators.session").current.job is None, "still at work")
@@ -179,6 +183,7 @@ def all_drawn(state, popups=True):
     redraw()
     end = time.monotonic() + PATIENCE
     while not there <= drawn:
+        assert not result["broken"], state
         assert time.monotonic() < end, f"{state}: not drawn: {sorted(there - drawn)}"
         yield 0.02
         redraw()
@@ -273,6 +278,9 @@ def watching():
 
     panel.section, space.status_text_set = staticmethod(heard), told
     press(bpy.ops.holopath.render_hologram)
+    while not rows:
+        yield 0.01
+    result["on_screen"] = time.monotonic() - pressed  # timers fire when all has been drawn
     yield from over()
     result.update(rows=rows, status=status, took=time.monotonic() - pressed)
     panel.section, space.status_text_set = staticmethod(section), tell
@@ -308,6 +316,7 @@ def steps():
     yield from all_drawn("nothing rendered")
     yield from unavailable()
     configure(scene, 160)
+    yield 1.0  # until nothing else has anything to be drawn
     yield from watching()
     yield from all_drawn("rendered")
     configure(scene, SIZE)
@@ -362,10 +371,12 @@ def rendering(scene):
     yield from gate.reached()
     yield 1.1  # until there is something to tell about the time left
     yield from all_drawn("rendering")
+    assert at_work()
     press(bpy.ops.holopath.cancel)
     gate.close("cancelling")
     yield from gate.reached()
     yield from all_drawn("cancelling")
+    assert at_work() and module("operators.session").current.job.cancelling
     gate.open()
     yield from over()
     yield from all_drawn("cancelled")
@@ -380,6 +391,7 @@ def looking(scene):
     session, props = module("operators.session"), scene.holopath
     press(bpy.ops.holopath.sweep)
     yield from all_drawn("playing")
+    assert session.current.sweep is not None
     press(bpy.ops.holopath.sweep)
     yield from until(lambda: not session.refocusing(), "it plays on")
     props.pupil_offset_mm, props.use_pupil = (900.0, 0.0), True
@@ -395,6 +407,7 @@ def baking(scene):
     press(bpy.ops.holopath.bake, anew=True, show=True)
     yield from gate.reached()
     yield from all_drawn("baking")
+    assert at_work()
     gate.open()
     yield from over()
     assert session.current.texture is not None
@@ -411,6 +424,7 @@ def encoding(scene):
     press(bpy.ops.holopath.encode)
     yield from gate.reached()
     yield from all_drawn("encoding")
+    assert at_work()
     gate.open()
     yield from over()
     yield from all_drawn("encoded")
@@ -426,10 +440,11 @@ def streaming(scene):
     device.driver, device.port, device.rate = "serial", board.path, 20.0
     press(bpy.ops.holopath.stream)
     yield from all_drawn("opening the device")
-    assert devices.current.counts is None or not devices.current.counts.shown
+    assert devices.streaming() and devices.current.counts is None
     board.mute = False
     yield from until(lambda: devices.current.counts and devices.current.counts.shown > 2, "nothing is shown")
     yield from all_drawn("streaming")
+    assert devices.streaming() and not devices.current.counts.lost
     board.unplug()
     yield from until(lambda: devices.current.counts.lost, "the loss is not noticed")
     yield from all_drawn("device lost")
@@ -444,6 +459,7 @@ def streaming(scene):
     press(bpy.ops.holopath.stream)
     yield from until(lambda: devices.current.counts and devices.current.counts.shown, "nothing is shown")
     yield from all_drawn("streaming, virtual")
+    assert devices.streaming()
     press(bpy.ops.holopath.stop_streaming)
     yield from until(lambda: devices.current.timer is None, "not stopped")
 
