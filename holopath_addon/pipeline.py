@@ -18,6 +18,7 @@ COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
 SOON = 2.0  # seconds within which no preview is needed
 PREVIEW_SHARE = 0.1  # of the planned time
+BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
 REFERENCE_PATHS = 32  # a pixel, of each of many references whose noise averages out
 
 
@@ -174,6 +175,13 @@ def _check_view(plan, camera, hologram, focus, pupil):
             pupil_mask((hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil)
 
 
+def _begun(started, plan):
+    """Share of the whole time that has passed since then, by what the plan foretells; of baselines that is nothing."""
+    least, most = BEGUN
+    spent = time.monotonic() - started
+    return min(max(least, spent / (spent + plan.seconds)), most) if plan.seconds else least
+
+
 def _preview(scene, camera, hologram, settings, plan, focus, pupil, progress, offer):
     """Offer pictures through a thin lens, ever finer, for a small part of the time that the hologram takes."""
     if plan.seconds < SOON:
@@ -187,7 +195,7 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, progress, of
     )
     # each picture has twice the paths of the last, and takes as long as all before
     while 2 * (time.monotonic() - start) < PREVIEW_SHARE * plan.seconds or not picture.spp:
-        light = picture.refine(max(1, picture.spp), lambda done, message: progress(0.02, message))
+        light = picture.refine(max(1, picture.spp), progress)
         offer(engine.to_rgb(light[..., channels], hologram.wavelengths))
 
 
@@ -234,6 +242,7 @@ def compute(
     """
     progress = progress or (lambda done, message: None)
     settings = settings or engine.Settings()
+    started = time.monotonic()
     progress(0.0, "Planning")
     plan = engine.plan(scene, camera, hologram, settings, store)
     asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
@@ -243,10 +252,13 @@ def compute(
     depths: list = list(dict.fromkeys(asked))
     _check_view(plan, camera, hologram, depths, pupil)
     if field is None:
+        begun = _begun(started, plan)
         if offer is not None:
-            _preview(scene, camera, hologram, settings, plan, depths[0], pupil, progress, offer)
-        field = engine.render(scene, camera, hologram, settings, plan, stage(progress, 0.02, 0.85), store)
-    images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.85, 1.0))
+            at = stage(progress, begun, begun)
+            _preview(scene, camera, hologram, settings, plan, depths[0], pupil, at, offer)
+            begun = _begun(started, plan)
+        field = engine.render(scene, camera, hologram, settings, plan, stage(progress, begun, 0.95), store)
+    images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.95, 1.0))
     return Result(plan, field, depths, images)
 
 

@@ -203,8 +203,10 @@ def measure_grains(
         grid = replace(grid, bins=1)
 
     sums, tiles = dr.zeros(mi.UInt64, SUMS * rows), _Tiles(grid, rays.limit)
-    taken, error, done, wait = 0, math.inf, 0.1, passes
-    for _ in range(ROUNDS):
+    taken, error, done = 0, math.inf, 0.1
+    for number in range(ROUNDS):
+        # half of what is left, where another round may follow
+        share = (1 - done) * (0.5 if number < ROUNDS - 1 and taken + passes < most else 1)
         for grains, part in _chunks(scene, rays, optics, grid, passes, seed, taken):
             seen, inside, slope = grains.seen, grains.inside, grains.slope
             light = tracer.radiance(
@@ -223,13 +225,13 @@ def measure_grains(
             tiles.add(grains, inside & dr.any(light > 0))
             dr.eval(sums)
             dr.sync_thread()
-            progress(done + (1 - done) * part * passes / wait)
-        done += (1 - done) * passes / wait
+            progress(done + share * part)
+        done += share
         taken += passes
         error = _field_error(sums, white)
         if error <= NOISIER * wanted or taken >= most:
             break
-        wait = passes = min(most - taken, math.ceil(taken * ((error / wanted) ** 2 - 1)))
+        passes = min(most - taken, math.ceil(taken * ((error / wanted) ** 2 - 1)))
     means = _means(sums, numbers, grid, wavelengths)
     return RadianceMap(grid, numbers, means, len(wavelengths), taken, error, tiles.look())
 

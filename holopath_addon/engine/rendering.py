@@ -156,19 +156,22 @@ def _field_at_slm(recording, phasors, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
     hologram, planes = recording.hologram, recording.plan.planes
     steps = recording.settings.despeckle
+    # shares of the time, roughly
+    lit, traced, moved = (0.2, 0.4, 0.97) if steps else (0.5, 0.97, 0.97)
     progress(0.0, "Radiance")
-    radiance = recording.radiance(lambda done: progress(0.3 * done, "Radiance"))
-    traced = 0.5 if steps else 0.9
+    radiance = recording.radiance(lambda done: progress(lit * done, "Radiance"))
     field = _field_in_scene(
-        recording, radiance, phasors, lambda done, what: progress(0.3 + (traced - 0.3) * done, what)
+        recording, radiance, phasors, lambda done, what: progress(lit + (traced - lit) * done, what)
     )
     if steps:
-        _despeckle(recording, radiance, field, lambda done, what: progress(0.5 + 0.4 * done, what))
+        _despeckle(
+            recording, radiance, field, lambda done, what: progress(traced + (moved - traced) * done, what)
+        )
     with recording.clock("propagation"):
         for k, m, wave in _moved(field, hologram, -planes[-1].z):
             field[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
-            progress(0.9 + 0.1 * step, "To the SLM")
+            progress(moved + (1 - moved) * step, "To the SLM")
     return field
 
 

@@ -65,9 +65,8 @@ class Working(_Operator):
         timer = bpy.data.window_managers[0].event_timer_add(POLL, window=context.window)
         session.current.leave = lambda: _leave(timer)
         bpy.data.window_managers[0].modal_handler_add(self)
-        self._tell(
-            context, job
-        )  # before the first event: once that is served, the thread may hold Python for seconds
+        # before the first event: once that is served, the thread imports Mitsuba and holds Python meanwhile
+        self._tell(context, job)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event):

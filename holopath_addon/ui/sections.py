@@ -189,14 +189,14 @@ def render(layout: UILayout, context: Context) -> None:
         row.operator("holopath.check", icon="FILE_REFRESH")
         show = row.operator("preferences.addon_show", text="Preferences", icon="PREFERENCES")
         show.module = preferences.ADDON
-    column = layout.column()
-    column.scale_y = 1.5
-    column.enabled = not missing
+    column = layout.column(align=True)
     if job is not None and job.running:
         text = "Cancelling" if job.cancelling else session.progress_text(job)
         column.progress(factor=job.done, text=text)
-        layout.operator("holopath.cancel", icon="CANCEL")
+        column.operator("holopath.cancel", icon="CANCEL")
     else:
+        column.enabled = not missing
+        column.scale_y = 2.0  # as high as both, so that what is below stays where it is
         column.operator("holopath.render_hologram", icon="RENDER_STILL")
     if not missing:
         failure(layout, context)

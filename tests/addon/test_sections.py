@@ -1,31 +1,20 @@
 """What sections of the panels show: controls that do something, and words where there is none."""
 
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
-import bpy
 import pytest
 
 from holopath_addon.operators import session
 from holopath_addon.ui import sections
+from tests.addon.layout import Context, Layout
 
 
 def drawn(section, scene):
     """Names of the properties that a section shows, and its words."""
-    layout = MagicMock()
-    region = SimpleNamespace(width=400)
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))  # there is none without a window
-    section(layout, SimpleNamespace(scene=scene, region=region, preferences=preferences))
-    names, words = [], []
-    for name, positional, named in layout.mock_calls:
-        if name.endswith("prop"):
-            assert positional[1] in positional[0].bl_rna.properties
-            names.append(positional[1])
-        elif name.endswith("operator"):
-            assert hasattr(bpy.types, f"HOLOPATH_OT_{positional[0].split('.')[1]}")
-        elif name.endswith("label"):
-            words.append(named["text"])
-    return names, " ".join(words)
+    context = Context(scene)
+    layout = Layout(context)
+    section(layout, context)
+    return layout.all("prop", "property"), layout.words
 
 
 def test_display(scene):

@@ -1,0 +1,81 @@
+"""All that HoloPath draws, in a window of a real Blender: needs a display, or a HOLOPATH_BLENDER that brings one."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).with_name("panels.py")
+# of Python, and of Blender where a layout asks for what there is not
+COMPLAINT = re.compile(r"Traceback|Error\b|error:|not found|unknown|pyrna|rna_ui|uiItem", re.IGNORECASE)
+STATES = [
+    "nothing rendered",
+    "Mitsuba unavailable",
+    "rendered",
+    "no camera",
+    "estimated, point",
+    "estimated, auto",
+    "rendering",
+    "cancelling",
+    "cancelled",
+    "rendered again",
+    "playing",
+    "an error",
+    "baking",
+    "baked",
+    "rendered with baked light",
+    "encoding",
+    "encoded",
+    "encoded, refocused",
+    "opening the device",
+    "streaming",
+    "device lost",
+    "stopped",
+    "device refused",
+    "streaming, virtual",
+    "another scene",
+]
+
+pytestmark = [pytest.mark.blender, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def walk(blender, tmp_path_factory):
+    """What the script has found, and all that Blender has printed."""
+    target = tmp_path_factory.mktemp("panels") / "result.json"
+    size = "--window-geometry", 0, 0, 1600, 1000
+    words = ["--enable-event-simulate", "--python-exit-code", "3", *size, "--python", SCRIPT, "--", target]
+    status, output = blender(*words)
+    assert target.exists(), output
+    result = json.loads(target.read_text(encoding="utf-8"))
+    assert "error" not in result, f"{result}\n{output}"
+    assert status == 0, output
+    return result, output
+
+
+def test_every_panel_in_every_state(walk):
+    """Each panel, menu, popover and list, and the overlay, is drawn in each state, and nothing complains."""
+    result, output = walk
+    assert [state for state in result["states"] if not state.startswith("settings")] == STATES
+    assert result["broken"] == []
+    complaints = [line for line in output.splitlines() if COMPLAINT.search(line)]
+    assert complaints == [], output
+
+
+def test_progress_of_a_whole_render(walk):
+    """There from the first half second, never backwards, and a way to cancel all the time."""
+    result, _ = walk
+    rows, status = result["rows"], result["status"]
+    assert result["on_screen"] < 0.5 and status[0][0] < 0.5
+    assert all(len(progress) == 1 and buttons == ["holopath.cancel"] for _, progress, buttons in rows)
+    factors = [progress["factor"] for _, (progress,), _ in rows]
+    assert factors == sorted(factors) and factors[0] == 0 and factors[-1] > 0.9
+    told = [text for _, text in status if text is not None]
+    assert status[-1][1] is None
+    for texts, form in (
+        ([progress["text"] for _, (progress,), _ in rows], r"(\d+)% \w.*"),
+        (told, r"HoloPath: (\d+)% \w.*, Esc cancels"),
+    ):
+        shares = [int(re.fullmatch(form, text)[1]) for text in texts]
+        assert shares == sorted(shares)
