@@ -114,6 +114,8 @@ class Stage:
         if world.node_tree is None:
             world.use_nodes = True
         self.scene.world = world
+        # where Cycles looks for light, not how much there is; at the size of its choice it takes seconds
+        world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 256
         background = next(n for n in world.node_tree.nodes if n.bl_idname == "ShaderNodeBackground")
         background.inputs["Color"].default_value = (*colour, 1)
         background.inputs["Strength"].default_value = strength

@@ -1,5 +1,7 @@
 """Every feature of the exporter against Cycles, and scenes of several at random: `benchmarks exporter`'s table."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -8,14 +10,19 @@ bpy = pytest.importorskip("bpy")
 from benchmarks import exporter  # noqa: E402
 from benchmarks.features import EVERYWHERE, FEATURES, box, random_scene  # noqa: E402
 from benchmarks.stage import Stage  # noqa: E402
+from holopath_addon.export import world as export_world  # noqa: E402
 
 
 @pytest.mark.parametrize("feature", FEATURES, ids=lambda feature: feature.name)
-def test_as_in_cycles(feature):
-    result = exporter.compare(feature)
+def test_as_in_cycles(feature, monkeypatch):
+    if feature.group == "world" and feature.name != "sky, single scattering, sun disc":
+        # coarser pictures of worlds are further from Cycles, if anything; one is as large as users have it
+        monkeypatch.setattr(export_world, "WIDTH", 512)
+        monkeypatch.setattr(export_world, "HEIGHT", 256)
+    result = exporter.compare(feature, counts=(32, 128, exporter.SPP))
     assert result.over == [], f"{result.differences}, notes: {[str(note) for note in result.notes]}"
     assert result.unexpected == set()
-    assert result.noise < 0.015
+    assert result.noise < 0.015 * math.sqrt(exporter.SPP / result.spp)
 
 
 def test_features_have_names_of_their_own_and_reasons():
