@@ -100,7 +100,15 @@ def compare(feature, counts=(SPP,)):
         differences, noise, brightness = _apart(ours, theirs, feature.regions)
         seconds = time.perf_counter() - start
         result = Comparison(
-            feature, spp, differences, noise, brightness, exported.notes, seconds, ours.mean(0), theirs.mean(0)
+            feature,
+            spp,
+            differences,
+            noise,
+            brightness,
+            exported.notes,
+            seconds,
+            ours.mean(0),
+            theirs.mean(0),
         )
         if not result.over:
             break
