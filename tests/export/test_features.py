@@ -10,15 +10,12 @@ bpy = pytest.importorskip("bpy")
 from benchmarks import exporter  # noqa: E402
 from benchmarks.features import EVERYWHERE, FEATURES, box, random_scene  # noqa: E402
 from benchmarks.stage import Stage  # noqa: E402
-from holopath_addon.export import world as export_world  # noqa: E402
 
 
 @pytest.mark.parametrize("feature", FEATURES, ids=lambda feature: feature.name)
-def test_as_in_cycles(feature, monkeypatch):
-    if feature.group == "world" and not feature.name.endswith(", sun disc"):
-        # coarser than users have it: further from Cycles, if anything, and too far with a small sun
-        monkeypatch.setattr(export_world, "WIDTH", 512)
-        monkeypatch.setattr(export_world, "HEIGHT", 256)
+def test_as_in_cycles(feature, request):
+    if feature.group == "world" and not feature.name.endswith(", sun disc"):  # which needs the whole size
+        request.getfixturevalue("small_worlds")
     result = exporter.compare(feature, counts=(32, 128, exporter.SPP))
     assert result.over == [], f"{result.differences}, notes: {[str(note) for note in result.notes]}"
     assert result.unexpected == set()
