@@ -36,6 +36,8 @@ class Comparison:
     Attributes
     ----------
     feature : Feature
+    spp : int
+        Samples a pixel of each picture.
     differences : dict of str to float
         Mean absolute relative difference by region.
     noise : float
@@ -48,6 +50,7 @@ class Comparison:
     """
 
     feature: Feature
+    spp: int
     differences: dict
     noise: float
     brightness: float
@@ -67,35 +70,49 @@ class Comparison:
         return {n.feature for n in self.notes if not n.effect.startswith("baked")} ^ self.feature.notes
 
 
-def compare(feature, spp=SPP):
+def compare(feature, counts=(SPP,)):
     """Render a feature both ways.
 
     Parameters
     ----------
     feature : Feature
-    spp : int
-        Samples a pixel of each picture.
+    counts : sequence of int
+        Samples a pixel of each picture, ascending: the next number is only tried where the one before is not
+        within the bound. Noise adds to the mean size of a difference, so what passes with few passes with many.
 
     Returns
     -------
     Comparison
+        With as many samples as were needed, or the most.
     """
     start = time.perf_counter()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     stage = Stage()
     feature.build(stage)
     stage.scene.view_layers[0].update()
-    options = dict(resolution=feature.resolution, spp=spp // 2, depth=feature.depth)
     exported = stage.export(feature.resolution)
-    ours = np.stack([stage.mitsuba(**options, exported=exported, seed=seed) for seed in range(2)])
     if feature.reference:
         feature.reference(stage)
-    theirs = np.stack([_cycles(stage, seed, **options) for seed in range(2)])
-    differences, noise, brightness = _apart(ours, theirs, feature.regions)
-    seconds = time.perf_counter() - start
-    return Comparison(
-        feature, differences, noise, brightness, exported.notes, seconds, ours.mean(0), theirs.mean(0)
-    )
+    for spp in counts:
+        options = dict(resolution=feature.resolution, spp=spp // 2, depth=feature.depth)
+        ours = np.stack([stage.mitsuba(**options, exported=exported, seed=seed) for seed in range(2)])
+        theirs = np.stack([_cycles(stage, seed, **options) for seed in range(2)])
+        differences, noise, brightness = _apart(ours, theirs, feature.regions)
+        seconds = time.perf_counter() - start
+        result = Comparison(
+            feature,
+            spp,
+            differences,
+            noise,
+            brightness,
+            exported.notes,
+            seconds,
+            ours.mean(0),
+            theirs.mean(0),
+        )
+        if not result.over:
+            break
+    return result
 
 
 def _cycles(stage, seed, **options):

@@ -109,7 +109,7 @@ def floor(stage, depth=-0.9, colour=WHITE):
 
 def ball(stage, material=None, radius=1.0, location=(0, 0, 0), name="ball"):
     """A sphere of triangles too small to see."""
-    bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=location, segments=128, ring_count=64)
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=location, segments=64, ring_count=32)
     made = added()
     made.name = name
     made.data.shade_smooth()

@@ -252,20 +252,8 @@ def test_folder_that_cannot_be_made(xml, tmp_path, capfd):
 def test_interrupt(number, method, at, tmp_path):
     pytest.importorskip("bpy")
     out = tmp_path / "out"
-    words = [
-        "--resolution",
-        "256x256",
-        "--quality",
-        "full",
-        "--frames",
-        "24",
-        "--method",
-        method,
-        "--no-cache",
-        "--out",
-        out,
-    ]
-    process = start("render", "demo:suzanne", *words)
+    words = ["--resolution", "64x64", "--quality", "full", "--frames", "200", "--method", method]
+    process = start("render", "demo:planes", *words, "--no-cache", "--out", out)
     heard = ""
     while at not in heard:
         line = process.stderr.readline()
@@ -457,8 +445,8 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
 def test_refine_where_the_scene_is_at_hand(xml, tmp_path):
     """`auto` with the method full."""
     out = tmp_path / "out"
-    words = ["render", str(xml), *SMALL, "--method", "full", "--encode", "auto", "--out", str(out), "--quiet"]
-    assert cli.main(words) == 0
+    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--method", "full", "--encode", "auto"]
+    assert cli.main([*words, "--out", str(out), "--quiet"]) == 0
     phase = engine.PhaseHologram.load(out / "hologram")
     assert phase.method == "refine"
     stages = {stage["stage"]: stage for stage in phase.report["stages"]}
@@ -511,23 +499,14 @@ def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):
     assert left_over(tmp_path) == ["out"]
 
 
-def test_plan_as_json(tmp_path):
-    pytest.importorskip("bpy")
-    process = start("plan", "demo:planes", *SMALL, "--json")
-    text, error = process.communicate(timeout=120)
-    assert process.returncode == 0, error
-    plan = json.loads(text)
-    assert (
-        plan["near"] == pytest.approx(0.5, rel=0.01) and plan["decisions"] and plan["hologram"]["width"] == 64
-    )
-
-
-def test_a_blend_brings_its_settings(tmp_path, capfd):
+def test_plan_as_json_and_a_blend_brings_its_settings(tmp_path, capfd):
+    """The plan of a demo, and of a file with the demo's scene and settings of its own."""
     bpy = pytest.importorskip("bpy")
     path = str(tmp_path / "scene.blend")
-    assert (
-        cli.main(["plan", "demo:planes", *SMALL, "--json"]) == 0
-    )  # opens the demo, with settings registered
+    assert cli.main(["plan", "demo:planes", *SMALL, "--json"]) == 0  # settings are registered now
+    plan = json.loads(capfd.readouterr().out)
+    assert plan["near"] == pytest.approx(0.5, rel=0.01) and plan["decisions"]
+    assert plan["hologram"]["width"] == 64
     settings = bpy.context.scene.holopath
     settings.frames, settings.resolution_x, settings.resolution_y = 3, 48, 40
     settings.depth_far_mm, settings.depth_near_mm = 1.0, 1.5

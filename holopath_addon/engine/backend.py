@@ -221,11 +221,15 @@ def _check_loaded_llvm():
 
 
 def _limit_threads():
-    """Have Dr.Jit compute with no more threads than `threads`; by itself it takes one for each processor."""
+    """Have Dr.Jit compute with no more threads than `threads`; by itself it takes one for each processor.
+
+    But for one beside the caller's: OpenEXR files are written and read by that, and would be waited for in vain.
+    """
     import drjit
 
-    if drjit.thread_count() != threads():
-        drjit.set_thread_count(threads())
+    count = max(2, threads())
+    if drjit.thread_count() != count:
+        drjit.set_thread_count(count)
 
 
 def _cuda_device():

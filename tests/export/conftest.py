@@ -16,3 +16,12 @@ def stage():
     """An empty scene with a camera at the origin's +z, looking down, and shortcuts to fill it."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     return Stage()
+
+
+@pytest.fixture
+def small_worlds(monkeypatch):
+    """Worlds baked to pictures coarser than users have them, so further from Cycles, if anything."""
+    from holopath_addon.export import world
+
+    monkeypatch.setattr(world, "WIDTH", 512)
+    monkeypatch.setattr(world, "HEIGHT", 256)

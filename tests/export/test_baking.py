@@ -185,12 +185,12 @@ def test_bumps(stage, source, scale):
     ball.scale, ball.rotation_euler = scale, (0.7, 0.2, 0.3)
     stage.lamp("AREA", 200, (2, 1, 3), (0, 0.6, 0.4))
     stage.world((0.1, 0.1, 0.1))
-    difference, _ = apart(stage, BALL, spp=256)
+    difference, _ = apart(stage, BALL, spp=128)
     assert difference < 0.03
-    bumpy = stage.mitsuba()
+    bumpy = stage.mitsuba(spp=64)
     for link in list(node.outputs[0].links):
         tree.links.remove(link)
-    plain = stage.mitsuba()
+    plain = stage.mitsuba(spp=64)
     assert np.abs(bumpy - plain).mean() / plain.mean() > 3 * difference
 
 
@@ -286,7 +286,9 @@ def test_a_bake_that_fails_is_noted_and_leaves_nothing(stage, monkeypatch):
 
 
 @pytest.mark.parametrize("sun_disc", [False, True])
-def test_sky(stage, sun_disc):
+def test_sky(stage, sun_disc, request):
+    if not sun_disc:
+        request.getfixturevalue("small_worlds")
     stage.plane(6, stage.material(DIFFUSE, Color=(0.8, 0.5, 0.2, 1)), location=(0, 0, -1))
     stage.sphere(0.7, stage.material(DIFFUSE, "ball"))
     tree = stage.world().node_tree
@@ -295,11 +297,11 @@ def test_sky(stage, sun_disc):
     background = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeBackground")
     tree.links.new(sky.outputs[0], background.inputs["Color"])
     before = counts()
-    assert apart(stage, spp=256)[0] < 0.02
+    assert apart(stage, spp=128)[0] < 0.02
     assert counts()["scenes"] == before["scenes"]
 
 
-def test_worlds_of_two_shaders(stage):
+def test_worlds_of_two_shaders(stage, small_worlds):
     stage.plane(1.5, stage.material(DIFFUSE, Color=(0.8, 0.5, 0.2, 1)))
     tree = stage.world((0.2, 0.5, 0.8)).node_tree
     output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputWorld")

@@ -40,11 +40,11 @@ def test_a_ball_of_each_material(stage, node, values):
     exported = stage.export((96, 96))
     hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 0.3e-3, 1.8e-3)
     field = engine.render(
-        exported.scene, exported.camera, hologram, engine.Settings(frames=16, quality="preview")
+        exported.scene, exported.camera, hologram, engine.Settings(frames=8, quality="preview")
     )
     assert np.isfinite(field.data).all()
     focus = [3.8, 5.5]
-    truth = engine.reference(exported.scene, exported.camera, hologram, focus, spp=128, near=field.near)
+    truth = engine.reference(exported.scene, exported.camera, hologram, focus, spp=32, near=field.near)
     for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
         inner = slice(10, -10)
         assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.03)
@@ -61,8 +61,8 @@ def test_mixed_shaders(stage):
     hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 0.3e-3, 1.8e-3)
     plan = engine.plan(exported.scene, exported.camera, hologram)
     assert plan.chain and plan.splits
-    field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=16), plan)
-    (truth,) = engine.reference(exported.scene, exported.camera, hologram, [3.8], spp=128, near=field.near)
+    field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=8), plan)
+    (truth,) = engine.reference(exported.scene, exported.camera, hologram, [3.8], spp=32, near=field.near)
     (picture,) = engine.reconstruct(field, [3.8])
     assert picture[10:-10, 10:-10].mean() / truth[10:-10, 10:-10].mean() == pytest.approx(1, abs=0.03)
 
@@ -86,11 +86,11 @@ def test_bumps_and_procedural_textures(stage, roughness, metallic):
     exported = stage.export((96, 96))
     hologram = engine.Hologram(96, 96, 8e-6, (GREEN,), 0.3e-3, 1.8e-3)
     field = engine.render(
-        exported.scene, exported.camera, hologram, engine.Settings(frames=16, quality="preview")
+        exported.scene, exported.camera, hologram, engine.Settings(frames=8, quality="preview")
     )
     assert np.isfinite(field.data).all()
     focus = [3.8, 5.5]
-    truth = engine.reference(exported.scene, exported.camera, hologram, focus, spp=128, near=field.near)
+    truth = engine.reference(exported.scene, exported.camera, hologram, focus, spp=32, near=field.near)
     inner = slice(10, -10)
     for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
         assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.03)

@@ -20,14 +20,21 @@ def coarse(image, cells=8):
     return image.reshape(cells, height // cells, cells, width // cells, 3).mean((1, 3))
 
 
-def apart(stage, spp=1024):
-    """Brightness over Cycles', and the mean relative difference of the regions that are lit."""
-    ours, theirs = stage.mitsuba(spp=spp, depth=3), stage.cycles(spp=spp, depth=3)
-    regions = coarse(theirs)
-    lit = regions > 0.02 * regions.max()
-    return ours.mean((0, 1)) / theirs.mean((0, 1)), abs(coarse(ours) / np.where(lit, regions, 1) - 1)[
-        lit
-    ].mean()
+def check_as_in_cycles(stage):
+    """Brightness, and the mean relative difference of the regions that are lit.
+
+    With fewer samples first: noise only adds to the mean size of differences.
+    """
+    for spp in (64, 1024):
+        ours, theirs = stage.mitsuba(spp=spp, depth=3), stage.cycles(spp=spp, depth=3)
+        regions = coarse(theirs)
+        lit = regions > 0.02 * regions.max()
+        ratio = ours.mean((0, 1)) / theirs.mean((0, 1))
+        difference = abs(coarse(ours) / np.where(lit, regions, 1) - 1)[lit].mean()
+        if abs(ratio - 1).max() < 0.005 and difference < 0.02:
+            break
+    assert ratio == pytest.approx(np.ones(3), abs=0.005)
+    assert difference < 0.02
 
 
 HARD = dict(use_soft_falloff=False)
@@ -96,9 +103,7 @@ def test_lamps_are_as_bright_as_in_cycles(stage, lamp):
     scale = values.get("scale", (1, 1, 1))
     floor(stage)
     stage.lamp(kind, **{key: value for key, value in values.items() if key != "scale"}).scale = scale
-    ratio, difference = apart(stage)
-    assert ratio == pytest.approx(np.ones(3), abs=0.005)
-    assert difference < 0.02
+    check_as_in_cycles(stage)
     assert stage.export().notes == []
 
 
@@ -145,9 +150,7 @@ def test_light_falloff_node(stage, output, scale):
     falloff.inputs["Strength"].default_value = 1.5
     tree.links.new(falloff.outputs[output], emission.inputs["Strength"])
     stage.scene.unit_settings.scale_length = scale
-    ratio, difference = apart(stage, spp=256)
-    assert ratio == pytest.approx(np.ones(3), abs=0.005)
-    assert difference < 0.02
+    check_as_in_cycles(stage)
     assert stage.export().notes == []
 
 
@@ -255,9 +258,13 @@ def test_shadows_are_soft_as_in_cycles(stage, kind, values):
     stage.plane(0.5, stage.material(DIFFUSE, "blocker", Color=(0, 0, 0, 1)), "blocker", (0.3, 0, 0.5))
     stage.lamp(kind, 100, (-1.5, 0, 2.5), (0, -0.54, 0), **values)
     stage.camera.location, stage.camera.data.lens = (0.44, 0, 0.45), 45
-    ours, theirs = (render(spp=2048, depth=3).mean(0) for render in (stage.mitsuba, stage.cycles))
+    for spp in (256, 2048):  # noise adds to the largest difference
+        ours, theirs = (render(spp=spp, depth=3).mean(0) for render in (stage.mitsuba, stage.cycles))
+        difference = np.abs(ours - theirs).max() / theirs.max()
+        if difference < 0.007:
+            break
     assert theirs.min() < 0.05 * theirs.max()
-    assert np.abs(ours - theirs).max() < 0.007 * theirs.max()
+    assert difference < 0.007
 
 
 def test_unit_scale_keeps_the_picture(stage):
@@ -307,7 +314,7 @@ def test_environment_is_oriented_as_in_cycles(stage, rotation, vector_type):
     assert stage.export().notes == []
 
 
-def test_world_nodes_beyond_that_are_noted(stage):
+def test_world_nodes_beyond_that_are_noted(stage, small_worlds):
     floor(stage)
     tree = stage.world().node_tree
     background = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeBackground")

@@ -65,7 +65,7 @@ def test_as_bright_as_in_cycles(stage, node, values, tolerance, lit_by):
         stage.world((0.3, 0.4, 0.5))
     else:
         stage.lamp("AREA", 100, (2, 1, 3), (0, 0.6, 0.4))
-    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=tolerance)
+    assert stage.ratio(spp=32) == pytest.approx(np.ones(3), abs=tolerance)
     assert stage.export().notes == []
 
 
@@ -83,11 +83,18 @@ def test_glass_ball_tints_as_in_cycles(stage, node, values):
     assert stage.ratio(MIDDLE, depth=12) == pytest.approx(np.ones(3), abs=0.03)
 
 
-def apart(stage, region=slice(None), spp=256):
-    """Mean difference from Cycles' picture, relative, in blocks of 4 x 4 pixels: the noise is not meant."""
-    ours, theirs = (render(spp=spp, depth=8)[region] for render in (stage.mitsuba, stage.cycles))
-    ours, theirs = (v.reshape(len(v) // 4, 4, len(v) // 4, 4, 3).mean((1, 3)) for v in (ours, theirs))
-    return np.abs(ours - theirs).mean() / theirs.mean()
+def apart(stage, bound, region=slice(None), spp=256):
+    """Mean difference from Cycles' picture, relative, in blocks of 4 x 4 pixels: the noise is not meant.
+
+    It only adds to the mean size of a difference: what is within the bound with a few samples is.
+    """
+    for few in (min(64, spp), spp):
+        ours, theirs = (render(spp=few, depth=8)[region] for render in (stage.mitsuba, stage.cycles))
+        ours, theirs = (v.reshape(len(v) // 4, 4, len(v) // 4, 4, 3).mean((1, 3)) for v in (ours, theirs))
+        difference = np.abs(ours - theirs).mean() / theirs.mean()
+        if difference < bound:
+            break
+    return difference
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
@@ -157,7 +164,7 @@ def test_ball_of_each_closure(stage, node, values, settings, lit_by):
     light(stage, lit_by)
     # paths that find the panel through rough glass are rare
     spp = 2048 if lit_by == "panel" and "Transmission_Weight" in values else 512
-    assert apart(stage, BALL, spp=spp) < 0.03
+    assert apart(stage, 0.03, BALL, spp) < 0.03
     assert stage.export().notes == []
 
 
@@ -189,7 +196,7 @@ def test_anisotropy_along_a_uv_map(stage, node, values):
     links.new(tangent.outputs[0], next(n for n in nodes if n.bl_idname == node).inputs["Tangent"])
     stage.plane(6, material)
     light(stage, "panel")
-    assert apart(stage, spp=512) < 0.03
+    assert apart(stage, 0.03, spp=512) < 0.03
     assert stage.export().notes == []
     links.remove(links[-1])
     assert features(stage.export()) == {"Anisotropy about an axis"}
@@ -216,7 +223,7 @@ def test_closure_inputs_by_texture(stage, node, values, socket):
     ball = stage.sphere(1, material)
     assert ball.data.uv_layers
     light(stage, "world")
-    assert apart(stage, BALL) < 0.02
+    assert apart(stage, 0.02, BALL) < 0.02
     assert stage.export().notes == []
 
 
@@ -248,7 +255,7 @@ def test_stated_approximations(stage, node, values, settings, bound, feature):
         setattr(shader, name, value)
     stage.sphere(1, material)
     light(stage, "world")
-    assert apart(stage, BALL) < bound
+    assert apart(stage, bound, BALL) < bound
     assert features(stage.export()) == {feature}
 
 
@@ -268,7 +275,7 @@ def test_polish_and_coat(stage, values, tilt):
     plane = stage.plane(12, stage.material(PRINCIPLED, Base_Color=(0.5, 0.4, 0.2, 1), **values))
     plane.rotation_euler = (np.radians(tilt), 0, 0)
     stage.world((0.5, 0.5, 0.5))
-    assert stage.ratio(MIDDLE, spp=512) == pytest.approx(np.ones(3), abs=0.03)
+    assert stage.ratio(spp=64) == pytest.approx(np.ones(3), abs=0.03)
     exported = stage.export()
     assert exported.notes == []
     assert ("DeltaReflection" in lobes(exported)) == (values.get("Coat_Roughness", 0.03) < 0.3)
@@ -300,7 +307,7 @@ def test_weights_by_texture(stage, socket):
         stage.plane(2.4, material)
     stage.world((0.6, 0.4, 0.2))
     region = BALL if socket == "Transmission Weight" else slice(None)
-    assert apart(stage, region) < 0.02
+    assert apart(stage, 0.02, region) < 0.02
     assert "DeltaReflection" in lobes(stage.export())
     assert stage.export().notes == []
 
@@ -328,7 +335,7 @@ def test_transparency(stage, case, lit_by):
         stage.world((0.5, 0.5, 0.5))
     else:
         stage.lamp("AREA", 100, (-1, 0, 3), (0, -0.4, 0), size=0.3)
-    assert apart(stage) < 0.02
+    assert apart(stage, 0.02) < 0.02
     exported = stage.export()
     assert "Null" in lobes(exported)
     assert features(exported) == (
@@ -350,7 +357,7 @@ def test_cut_out_by_texture(stage):
     stage.plane(1.4, glow, "glow", (0.7, 0, 0.5))
     stage.plane(6, stage.material(DIFFUSE, "floor", Color=(0.7, 0.7, 0.7, 1)), "floor")
     stage.world((0.5, 0.5, 0.5))
-    assert apart(stage) < 0.02
+    assert apart(stage, 0.02) < 0.02
     assert stage.export().notes == []
 
 
@@ -370,7 +377,7 @@ def test_add_with_transparent(stage):
     assert stage.export().notes == []
     links.new(nodes.new(DIFFUSE).outputs[0], add.inputs[1])
     clear.inputs["Color"].default_value = (0.6, 0.3, 0.1, 1)
-    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=0.01)
+    assert stage.ratio(spp=32) == pytest.approx(np.ones(3), abs=0.01)
     exported = stage.export()
     assert lobes(exported) == {"DiffuseReflection", "Null"}
     assert exported.notes == []
@@ -388,7 +395,7 @@ def test_sum_of_surfaces(stage):
     links.new(add.outputs[0], output.inputs["Surface"])
     stage.sphere(1, material)
     light(stage, "panel")
-    assert apart(stage, BALL, spp=1024) < 0.02
+    assert apart(stage, 0.02, BALL, spp=1024) < 0.02
     assert "DeltaReflection" in lobes(stage.export())
 
 
@@ -449,7 +456,7 @@ def test_backs_reflect_and_emit(stage):
     plane = stage.plane(6, stage.material(DIFFUSE, Color=(0.8, 0.5, 0.2, 1)))
     plane.rotation_euler = (np.pi, 0, 0)
     stage.world((0.4, 0.4, 0.4))
-    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=0.01)
+    assert stage.ratio(spp=32) == pytest.approx(np.ones(3), abs=0.01)
     plane.data.materials[0] = stage.material(EMISSION, Color=(1, 2, 3, 1))
     for turn in (0, np.pi):
         plane.rotation_euler = (turn, 0, 0)
@@ -587,7 +594,7 @@ def test_mix_add_and_groups(stage):
     plane = stage.plane(6, material)
     stage.world((1, 1, 1))
     assert stage.mitsuba()[MIDDLE].mean((0, 1)) == pytest.approx((1.55, 0.15, 0.1), abs=0.01)
-    assert stage.ratio(MIDDLE) == pytest.approx(np.ones(3), abs=0.02)
+    assert stage.ratio(spp=32) == pytest.approx(np.ones(3), abs=0.02)
     add = tree.nodes.new("ShaderNodeAddShader")
     tree.links.new(emission.outputs[0], add.inputs[0])
     tree.links.new(node.outputs[0], add.inputs[1])

@@ -186,14 +186,14 @@ def test_sixty_a_second(two_monitors):
     """The schedule is kept, whatever comes late or is left out: `python -m benchmarks slm` says how many do."""
     driver, told = DisplayDriver(), Told()
     driver.open(60, told)
-    sent = pictures(24)
+    sent = pictures(6)
     start = time.monotonic()
-    for number in range(120):
+    for number in range(60):
         show(driver, number, sent[number % len(sent)])
     finish(driver)
-    assert 1.9 < time.monotonic() - start < 10
-    assert sorted(told.what) == list(range(120))
-    assert Counter(told.what.values())["dropped"] < 120  # how many are in time is the machine's doing
+    assert 0.9 < time.monotonic() - start < 10
+    assert sorted(told.what) == list(range(60))
+    assert Counter(told.what.values())["dropped"] < 60  # how many are in time is the machine's doing
 
 
 def test_rate_below_the_monitors(two_monitors):
@@ -295,7 +295,7 @@ def test_stopped_at_any_rate(two_monitors, rate, loops):
 
     def stop(counts):
         start.append(time.monotonic())
-        if start[-1] > start[0] + 1.5:
+        if start[-1] > start[0] + 0.5:
             raise engine.Cancelled
 
     with pytest.raises(engine.Cancelled):

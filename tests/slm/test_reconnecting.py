@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, stream
+from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, controller, stream
 from tests.slm.device import Board, Firmware
 
 
@@ -75,13 +75,14 @@ def test_never_plugged_in_again(sequence, tmp_path):
     hand.join()
 
 
-def test_not_there_at_first(sequence):
+def test_not_there_at_first(sequence, monkeypatch):
     """Patience is for a device that was there: one that never answered is told of at once."""
+    monkeypatch.setattr(controller, "START_PATIENCE", 0.5)
     with Board(None) as board:
         start = time.monotonic()
         with pytest.raises(DeviceLost, match="does not answer"):
             stream(sequence, SerialDriver(board.path, 1000000), 100, None, patience=60)
-        assert time.monotonic() - start < 7
+        assert time.monotonic() - start < 5
 
 
 def test_focus_after_the_port_is_back(tmp_path):
