@@ -20,7 +20,7 @@ CASES = table.PLUGINS | table.NESTS
 REFUSED = [name for name, case in CASES.items() if case.refused]
 NOTED = [name for name, case in CASES.items() if case.noted]
 RENDERED = [name for name, case in CASES.items() if not case.refused]
-QUICK = ("principled", "instance")
+QUICK = ("principled",)
 
 
 @pytest.fixture(scope="module")
