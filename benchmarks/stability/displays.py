@@ -22,6 +22,7 @@ from .sweep import LIMITS, Sweep
 SIDE, PITCH, FRAMES = 128, 8e-6, 8
 FOCUS = (0.5, 1.0, 2.0)  # metres: on the near plane, between the two, on the far one
 SPP = 64  # of references
+QUIET_SPP = 512  # where pictures become good, or all light is indirect
 MOST_DB = 60.0  # an error of 1e-3: what is under it counts as none
 
 
@@ -260,7 +261,7 @@ def size(pixels):
 @cache
 def frames_truth():
     hologram = display(near=6e-3)
-    return engine.reference(planes(), camera(), hologram, FOCUS, spp=512, near=0.5)
+    return engine.reference(planes(), camera(), hologram, FOCUS, spp=QUIET_SPP, near=0.5)
 
 
 def frames_random(frames):
@@ -428,7 +429,7 @@ def box_truth():
     hologram = display(64, far=0.2e-3, near=1.2e-3)
     near = engine.plan(box(), camera(math.radians(36)), hologram, SETTINGS).near
     return engine.reference(
-        box(), camera(math.radians(36)), hologram, (1.0, 2.0), spp=512, near=near, max_depth=DEPTH
+        box(), camera(math.radians(36)), hologram, (1.0, 2.0), spp=QUIET_SPP, near=near, max_depth=DEPTH
     )
 
 

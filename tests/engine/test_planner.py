@@ -15,8 +15,8 @@ from holopath_addon.engine.planner import captured_share
 def test_recording_plane_halves_the_depths_in_view(build, camera, small):
     plan = engine.plan(build.two_planes(build.emissive), camera, small)
     assert plan.near == pytest.approx(0.5, rel=1e-3)
-    assert plan.z_high == pytest.approx(6e-3, abs=2e-5)
-    assert plan.z_low == pytest.approx(1e-3 + 5e-3 * 0.5 / 2, abs=2e-5)
+    assert plan.z_high == pytest.approx(3e-3, abs=1e-5)
+    assert plan.z_low == pytest.approx(0.5e-3 + 2.5e-3 * 0.5 / 2, abs=1e-5)
     assert plan.planes[0].z == pytest.approx((plan.z_low + plan.z_high) / 2)
 
 

@@ -22,8 +22,8 @@ def few_lanes(monkeypatch):
     monkeypatch.setattr(radiance_cache, "MOST_LANES", 1 << 14)
 
 
-def bake(scene, camera, store=None, progress=None, noise=0.02, **settings):
-    """The cache of a view, with less noise than planned, and what was done."""
+def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
+    """The cache of a view, with texels of a known noise, of which a region has dozens, and what was done."""
     from holopath_addon.engine import baking
     from holopath_addon.engine.rendering import optics_of
 
@@ -164,7 +164,7 @@ def test_split_adds_up_on_diffuse_walls(build, camera, depth):
     """Nearly all light is indirect; each quarter of the view."""
     scene = build.closed_box()
     cache, _ = bake(scene, camera, max_depth=depth)
-    light, _ = truth(build, scene, camera, depth, 1024)
+    light, _ = truth(build, scene, camera, depth, 512)
     mine = cached(build, scene, camera, cache, depth)
     if depth == 2:  # a sliver of light
         assert mine.mean() == pytest.approx(light.mean(), rel=0.03)
@@ -176,10 +176,10 @@ def test_split_adds_up_on_diffuse_walls(build, camera, depth):
 def test_split_adds_up_on_every_surface(build, camera, depth):
     """What is diffuse of a surface comes from the cache, the rest from paths."""
     scene = surfaces(build)
-    cache, done = bake(scene, camera, max_depth=depth, noise=0.02)
+    cache, done = bake(scene, camera, max_depth=depth, noise=0.03)
     light, shapes = truth(build, scene, camera, depth, 1024)
     assert done.traced == () and done.note == ""
-    found = errors(cached(build, scene, camera, cache, depth, 128), light, shapes)
+    found = errors(cached(build, scene, camera, cache, depth, 64), light, shapes)
     assert len(found) >= 8 and np.abs(found).max() < 0.05 and abs(np.mean(found)) < 0.02
 
 
@@ -413,7 +413,7 @@ def test_scale_does_not_matter(build, scale):
 
 
 def test_progress_and_cancel_in_each_stage(build, camera, tmp_path):
-    store, scene, seen = engine.BakeStore(tmp_path), build.closed_box(), []
+    store, scene, seen = engine.BakeStore(tmp_path), stage(build), []
     bake(scene, camera, progress=lambda done, message: seen.append((done, message)), noise=0.1)
     done = [d for d, _ in seen]
     assert done[0] == 0 and done[-1] == 1 and done == sorted(done)
@@ -439,11 +439,10 @@ def test_any_seed(build, camera, seed):
     assert done.samples > 0
 
 
-@pytest.mark.slow
 def test_hologram_of_baked_light(build, camera, tmp_path):
     """From the scene to the refocused picture, first and second time, as bright as by paths alone."""
     scene, store = build.closed_box(), engine.BakeStore(tmp_path)
-    settings = engine.Settings(method="full", frames=FRAMES)
+    settings = engine.Settings(method="full", frames=8)
     paths = engine.reconstruct(engine.render(scene, camera, HOLOGRAM, settings), [2.0])
     for reused in ("nothing", "all"):
         field = engine.render(scene, camera, HOLOGRAM, replace(settings, method="fast"), store=store)

@@ -1,4 +1,4 @@
-"""Wave fields against Mitsuba's thin-lens camera and analytic answers (256 x 256, 8 µm, 516.5 nm)."""
+"""Wave fields against Mitsuba's thin-lens camera and analytic answers (128 x 128, 8 µm, 516.5 nm unless said)."""
 
 import math
 
@@ -134,10 +134,12 @@ def test_points_refocus_at_their_depth(build, mode, fov, depths):
             assert abs(z[top].mean() - truth) < half_focus_depth / 2, (mode, depth)
 
 
-def test_speckle_contrast_falls_as_the_root_of_the_frames(build, camera, small):
+def test_speckle_contrast_falls_as_the_root_of_the_frames(build, camera):
+    """Of 160 x 160 pixels, some 5,000 speckles: their contrast is known within 1 %."""
+    hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5))))
-    for frames in (1, 3, 8, 24):
-        field = engine.render(scene, camera, small, engine.Settings(frames=frames, phase_field="random"))
+    for frames in (1, 8, 24):
+        field = engine.render(scene, camera, hologram, engine.Settings(frames=frames, phase_field="random"))
         for picture in engine.reconstruct(field, [0.7, 1.4]):  # out of focus: fully developed speckle
             inner = picture[48:-48, 48:-48]
             assert inner.std() / inner.mean() * math.sqrt(frames) == pytest.approx(1, abs=0.05), frames

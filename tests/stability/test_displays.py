@@ -21,8 +21,6 @@ def mitsuba(backend):
 def few(name):
     """Figures of a sweep's quick values, without faults."""
     sweep = BY_NAME[name]
-    if name == "propagation":
-        pytest.importorskip("torchoptics")
     rows = walk(sweep, sweep.quick)
     assert faults(sweep, rows) == []
     return [figures for _, figures in rows]
@@ -42,8 +40,18 @@ SPECIAL = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(QUICK - SPECIAL))
-def test_no_step(name):
+# And what keeps the promise by default.
+SLOW = {
+    "texels": "test_radiance_cache: holograms of baked light",
+    "wavelength": "pitch, here, and test_rendering: each wavelength shows its channel",
+}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in sorted(QUICK - SPECIAL)]
+)
+def test_no_step(name, monkeypatch):
+    monkeypatch.setattr(displays, "QUIET_SPP", 128)  # steps of a decibel show
     for figures in few(name):
         assert "refused" not in figures
         if "brightness" in figures:
@@ -56,7 +64,9 @@ def test_fine_pixels_and_a_deep_volume():
     assert "rays a pixel" in refused["refused"]
 
 
+@pytest.mark.oracle
 def test_propagation_through_the_critical_distance():
+    pytest.importorskip("torchoptics")
     assert all(figures["error"] < 1e-3 for figures in few("propagation"))
 
 

@@ -1,9 +1,13 @@
-"""Edges of scenes: quick values of each sweep; all of them with the tests that are marked dense."""
+"""Edges of scenes: quick values of each sweep; all of them with the tests that are marked dense.
+
+Where a test without pictures, or with fewer, keeps the promise every day, the pictures across the edge are slow.
+"""
 
 import math
 
 import pytest
 
+from benchmarks.stability import scenes
 from benchmarks.stability.scenes import SWEEPS, camera_at, hologram_of, lit_planes
 from benchmarks.stability.sweep import faults, walk
 from holopath_addon import engine
@@ -21,9 +25,37 @@ SPECIAL = {
         abs(figures["reflected"] - 1) < 0.005 and abs(figures["transmitted"] - 1) < 0.005
     ),
 }
+# And what keeps the promise by default.
+SLOW = {
+    "slope": "test_rendering: brightness over slope",
+    "mirror through its focus": "test_images_go_through_infinity",
+    "lens through its focus": "test_images_go_through_infinity",
+    "grazing incidence": "test_shares_up_to_grazing",
+    "mirrors in a row": "test_planner: a chain that is too short is told of",
+    "glass in a row": "test_chains: media that touch; total reflection, here",
+    "scale": "distance from the origin, here, and test_radiance_cache: scale does not matter",
+}
 
 
-@pytest.mark.parametrize("name", BY_NAME)
+def test_images_go_through_infinity(backend):
+    """The mirror equation and the lens maker's, at every value of the sweeps."""
+    for power in BY_NAME["mirror through its focus"].values:
+        assert abs(scenes.image_in_mirror(power)[1]["error"]) < 1e-3, power
+    for distance in BY_NAME["lens through its focus"].values:
+        assert abs(scenes.image_in_lens(distance)[1]["error"]) < 1e-2, distance
+
+
+def test_shares_up_to_grazing(backend):
+    """Fresnel's equations at every angle of the sweep but the last two, where a degree is all."""
+    for degrees in BY_NAME["grazing incidence"].values[:-2]:
+        shares = scenes.shares_at_a_pane(degrees)[1]
+        assert shares["reflected"] == pytest.approx(1, abs=0.005), degrees
+        assert shares["transmitted"] == pytest.approx(1, abs=0.005), degrees
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in BY_NAME]
+)
 def test_nothing_breaks_across_the_edge(backend, name):
     sweep = BY_NAME[name]
     rows = walk(sweep, sweep.quick)
