@@ -193,6 +193,15 @@ def test_job_in_a_thread_is_the_same_as_without(scene):
     assert there.done == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("settings", [{}, {"method": "fast"}, {"despeckle": 1}])
+def test_progress_never_goes_back(lit, settings):
+    for name, value in settings.items():
+        setattr(lit.holopath, name, value)
+    task, reports = session.prepare(bpy.context.evaluated_depsgraph_get(), lit.holopath), []
+    task.compute(lambda done, message: reports.append(done))
+    assert reports[0] == 0 and reports[-1] == 1 and reports == sorted(reports)
+
+
 def test_work_for_the_main_thread(monkeypatch):
     """At once on it; from another thread, where nobody answers, there after a while. Errors come through."""
     import threading

@@ -18,6 +18,7 @@ class Blender:
     """A Blender with its own, empty user folder."""
 
     def __init__(self, folder):
+        self.folder = folder
         self.environment = os.environ | {
             "BLENDER_USER_RESOURCES": str(folder),
             "BLENDER_USER_EXTENSIONS": str(folder / "extensions"),
@@ -51,9 +52,9 @@ class Blender:
             os.killpg(process.pid, signal.SIGKILL)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def blender(tmp_path_factory):
-    """A Blender with the extension installed from its zip and enabled."""
+    """A Blender with the extension installed from its zip and enabled; for all tests, which leave it there."""
     if not BLENDER:
         pytest.skip("HOLOPATH_BLENDER names no Blender")
     folder = tmp_path_factory.mktemp("blender")

@@ -203,9 +203,16 @@ def key(name):
 
 
 class Gate:
-    """Holds the work of the session's job where it reports something, or where it is to stop."""
+    """Holds the work of the session's job where it reports something, or where it is to stop.
+
+    Attributes
+    ----------
+    reports : list of float
+        How far the work was, at each report.
+    """
 
     def __init__(self):
+        self.reports = []
         self._at, self._reached, self._go = None, threading.Event(), threading.Event()
         job, gate = module("operators.jobs").Job, self
         progress = job._progress
@@ -215,6 +222,7 @@ class Gate:
                 gate._hold("cancelling")
             progress(self, done, message)
             if self is module("operators.session").current.job:
+                gate.reports.append(done)
                 gate._hold(message)
 
         job._progress = held
@@ -282,7 +290,7 @@ def watching():
         yield 0.01
     result["on_screen"] = time.monotonic() - pressed  # timers fire when all has been drawn
     yield from over()
-    result.update(rows=rows, status=status, took=time.monotonic() - pressed)
+    result.update(rows=rows, status=status, reports=gate.reports[:], took=time.monotonic() - pressed)
     panel.section, space.status_text_set = staticmethod(section), tell
 
 

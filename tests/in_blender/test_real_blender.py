@@ -5,12 +5,15 @@ needs a display, or a HOLOPATH_BLENDER that brings one.
 """
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.in_blender.conftest import Blender
 
 ROOT = Path(__file__).parents[2]
 WINDOW = Path(__file__).with_name("window.py")
@@ -185,9 +188,10 @@ def test_window(blender, tmp_path):
 
 
 def test_life_cycle(blender, tmp_path):
-    """Last, as it uninstalls: rendering, cancelling, disabling and reloading leave nothing behind."""
-    target = tmp_path / "result.json"
-    status, output = blender("--python-exit-code", "3", "--python", LIFECYCLE, "--", target)
+    """Rendering, cancelling, disabling, reloading and uninstalling leave nothing behind."""
+    target, own = tmp_path / "result.json", tmp_path / "user"
+    shutil.copytree(blender.folder, own, symlinks=True)
+    status, output = Blender(own)("--python-exit-code", "3", "--python", LIFECYCLE, "--", target)
     assert target.exists(), output
     result = json.loads(target.read_text(encoding="utf-8"))
     assert "error" not in result, f"{result}\n{output}"
