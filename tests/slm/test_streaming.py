@@ -25,6 +25,8 @@ def made(pictures=5, packing="time", calibration=None):
 class Device:
     """Follows `Driver`, and notes what happens to it; `trouble(number)` may raise or wait before a picture."""
 
+    clock = time
+
     def __init__(self, trouble=None, opening=None, **info):
         self.info = Info("test", **info)
         self.trouble, self.opening = trouble or (lambda number: None), opening or (lambda time: None)
@@ -39,7 +41,7 @@ class Device:
 
     def show(self, number, picture):
         assert self.open_now, "shown on a device that is closed"
-        self.times.append(time.monotonic())
+        self.times.append(self.clock.monotonic())
         self.trouble(number)
         self.shown.append((number, int(picture.pixels.max())))
 
@@ -75,6 +77,31 @@ def within(seconds):
     return progress
 
 
+class Clock:
+    """Time that passes only while somebody sleeps, so that a busy machine makes nothing late."""
+
+    def __init__(self):
+        self.now = 1.0
+
+    def perf_counter(self):
+        return self.now
+
+    monotonic = perf_counter
+
+    def sleep(self, seconds):
+        self.now += max(seconds, 1e-4)
+        time.sleep(1e-5)  # pictures are prepared by another thread
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time of the streamer and of devices."""
+    clock = Clock()
+    monkeypatch.setattr(streaming, "time", clock)
+    monkeypatch.setattr(Device, "clock", clock)
+    return clock
+
+
 @pytest.fixture
 def at_once(monkeypatch):
     """Lost devices are tried again soon."""
@@ -107,9 +134,9 @@ def test_what_counts_say():
 # In time
 
 
-def test_rate():
+def test_rate(clock):
     """Each picture at its time from the first one, though the device takes a third of the time for itself."""
-    device = Device(lambda number: time.sleep(0.003))
+    device = Device(lambda number: clock.sleep(0.003))
     counts = stream(made(), device, rate=100, loops=10)
     times = np.array(device.times)
     assert device.in_order(50) and device.rates == [100]
@@ -125,12 +152,12 @@ def test_without_a_rate_as_fast_as_it_takes_them():
     assert 0.2 <= time.monotonic() - start < 0.5
 
 
-def test_slow_device_that_drops():
+def test_slow_device_that_drops(clock):
     """The schedule is kept: what cannot be shown in time is left out, what is shown is the right one."""
-    device = Device(lambda number: time.sleep(0.023), drops=True)
-    start = time.monotonic()
+    device = Device(lambda number: clock.sleep(0.023), drops=True)
+    start = clock.monotonic()
     counts = stream(made(), device, rate=100, loops=10)
-    assert time.monotonic() - start < 0.65  # all of them would take 1.15 s
+    assert clock.monotonic() - start < 0.65  # all of them would take 1.15 s
     assert counts.shown + counts.dropped == counts.total == 50
     assert counts.shown == len(device.shown) and 10 < counts.dropped < 45
     numbers = [number for number, _ in device.shown]
@@ -140,17 +167,17 @@ def test_slow_device_that_drops():
     assert abs(counts.late - (behind > 0.005).sum()) <= 2
 
 
-def test_slow_device_that_does_not_drop():
-    device = Device(lambda number: time.sleep(0.008))
+def test_slow_device_that_does_not_drop(clock):
+    device = Device(lambda number: clock.sleep(0.008))
     counts = stream(made(), device, rate=200, loops=4)
     assert device.in_order(20) and counts.shown == 20 and counts.dropped == 0
     # 3 ms further behind with each
     assert 18 <= counts.late <= 20
 
 
-def test_catches_up():
+def test_catches_up(clock):
     """Late once, on schedule again: the clock counts from the beginning."""
-    device = Device(lambda number: time.sleep(0.05 if number == 4 else 0))
+    device = Device(lambda number: clock.sleep(0.05 if number == 4 else 0))
     counts = stream(made(), device, rate=100, loops=4)
     assert device.in_order(20) and 3 <= counts.late <= 6
     behind = np.array(device.times) - device.times[0] - np.arange(20) * 0.01
@@ -202,7 +229,7 @@ def test_never_there():
     assert time.monotonic() - start < 0.5 and device.closed == [False] and len(device.rates) == 1
 
 
-def test_the_time_away_is_no_reason_to_drop(at_once):
+def test_the_time_away_is_no_reason_to_drop(at_once, clock):
     """With a rate, and a device that drops: the schedule begins anew where it goes on."""
     device = Device(lost(3), drops=True)
     counts = stream(made(), device, rate=200, loops=2, patience=5)
