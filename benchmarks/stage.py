@@ -122,7 +122,8 @@ class Stage:
         world = bpy.data.worlds.new("world")
         self.scene.world = world
         # where Cycles looks for light, not how much there is; at the size of its choice it takes seconds
-        world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 256
+        cycles: Any = world.cycles
+        cycles.sampling_method, cycles.sample_map_resolution = "MANUAL", 256
         background = next(n for n in tree_of(world).nodes if n.bl_idname == "ShaderNodeBackground")
         background.inputs["Color"].default_value = (*colour, 1)
         background.inputs["Strength"].default_value = strength

@@ -140,7 +140,7 @@ class MitsubaSource:
         """Whether the file's integrator leaves what shines out of view."""
         import mitsuba as mi
 
-        nodes = mi.parser.parse_file(mi.parser.ParserConfig(mi.variant()), str(self.path)).nodes
+        nodes = mi.parser.parse_file(mi.parser.ParserConfig(backend.activate()), str(self.path)).nodes
         return any(node.props.get("hide_emitters", False) for node in nodes)
 
 

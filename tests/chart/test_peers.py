@@ -7,6 +7,7 @@ from benchmarks.chart.scenes import built
 from holopath_addon import engine
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize("name", peers.PEERS)
 def test_a_peer_shows_what_our_layers_show(backend, name):
     if peers.missing(name):

@@ -103,6 +103,7 @@ def found(tmp_path_factory):
     return json.loads(path.read_text())
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize(("bits", "side"), [(8, 16), (10, 32)])
 def test_levels_are_shown_as_they_are(found, bits, side):
     """All of them, also where slmsuite has a correction of its own."""
@@ -115,6 +116,7 @@ def test_levels_are_shown_as_they_are(found, bits, side):
     assert "SimulatedSLM" in name and rest == [side, side, bits, None, True, 1]
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize("bits", [8, 10])
 def test_phase_zero_is_level_zero(found, bits):
     """slmsuite itself would make it the highest: this is what is avoided."""
@@ -122,14 +124,17 @@ def test_phase_zero_is_level_zero(found, bits):
     assert found[str(bits)]["zero as phases"] != [0]
 
 
+@pytest.mark.oracle
 def test_width_and_height(found):
     np.testing.assert_array_equal(found["wide"], np.arange(48).reshape(4, 12) * 5)
 
 
+@pytest.mark.oracle
 def test_streamed(found):
     assert found["streamed"] == [5, True]
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "says"),
     [
@@ -182,6 +187,7 @@ def test_described_as_missing(absent):
     assert all(rows[name]["available"] for name in ("serial", "files", "virtual"))
 
 
+@pytest.mark.oracle
 def test_described_as_available():
     if importlib.util.find_spec("slmsuite") is None:
         pytest.skip("slmsuite is not installed")
