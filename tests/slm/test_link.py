@@ -318,19 +318,20 @@ def test_nobody_there():
 
 def test_focus():
     firmware = Firmware()
-    firmware.speed = 10000
+    firmware.speed = 5000
     with Board(firmware) as board:
         link = connected(board)
-        link.focus(2000)
-        link.status()
-        assert link.moving and 0 <= link.position < 2000
-        time.sleep(0.25)
-        link.status()
-        assert not link.moving and link.position == 2000
-        link.focus(-500)
-        time.sleep(0.3)
-        link.status()
-        assert link.position == -500 and firmware.positions == [2000, -500]
+        for position in (2000, -500):
+            link.focus(position)
+            link.status()
+            assert link.moving and link.position != position
+            end = time.monotonic() + 10
+            while link.moving:
+                assert time.monotonic() < end and -500 <= link.position <= 2000
+                time.sleep(0.01)
+                link.status()
+            assert link.position == position
+        assert firmware.positions == [2000, -500]
 
 
 def test_a_restarted_device_that_hears_an_old_hello():
