@@ -66,6 +66,20 @@ def test_activates_and_computes():
     assert out.splitlines()[1] == "sum 5.0"
 
 
+def test_as_many_threads_as_wished():
+    tell = "import drjit\nprint(backend.threads(), drjit.thread_count())"
+    for wish in (1, 3):  # of Dr.Jit's one at least is another than the caller's
+        out = run(ACTIVATE_LLVM + tell, HOLOPATH_THREADS=str(wish))
+        assert out.splitlines()[1] == f"{wish} {max(wish, 2)}"
+
+
+@pytest.mark.parametrize("wish", ["0", "-2", "many", "1.5"])
+def test_no_such_number_of_threads(monkeypatch, wish):
+    monkeypatch.setenv("HOLOPATH_THREADS", wish)
+    with pytest.raises(engine.InvalidInput, match="HOLOPATH_THREADS"):
+        module.threads()
+
+
 def test_activate_is_idempotent_and_works_in_a_thread(backend):
     seen = []
     thread = threading.Thread(target=lambda: seen.append(module.activate()))

@@ -33,6 +33,28 @@ def constant(kind: type, values: Iterable[float]) -> Any:
     return vector
 
 
+ALIGNMENT = 64  # bytes, of the widest vectors of any processor
+
+
+def loaded(kind: type, values: np.ndarray) -> Any:
+    """A NumPy array that programs read lane by lane, as Dr.Jit's.
+
+    Dr.Jit 1.5 would use NumPy's memory as it lies, and compile a program again for each array of it that begins at a
+    multiple of 64 bytes, or does not: with three arrays eight programs, by chance.
+
+    Parameters
+    ----------
+    kind : {mitsuba.Float, mitsuba.UInt32}
+    values : numpy.ndarray
+        Numbers, in one dimension.
+    """
+    space = np.empty(4 * values.size + ALIGNMENT, np.uint8)
+    start = -space.ctypes.data % ALIGNMENT
+    aligned = space[start : start + 4 * values.size].view(np.uint32 if kind is mi.UInt32 else np.float32)
+    aligned[:] = values
+    return kind(aligned)
+
+
 def row_stride(count: int) -> int:
     """Row length of a buffer whose rows of `count` values `gather_row` reads in packets of 4, 2 or 1."""
     return count if count <= 2 else 4 * math.ceil(count / 4)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import ndimage
 
 from .atlas import BLOCK
+from .buffers import loaded
 from .radiance import PathTracer
 from .radiance_cache import SUMS, zeros
 
@@ -75,7 +76,7 @@ def _sums(scene, cache, tracer, groups, which, samples, done, seed, progress):
     for first in range(0, len(which), size):
         part = slice(first, first + size)
         lanes = (groups.starts[which[part]], groups.counts[which[part]], done[part])
-        starts, counts, before = (mi.UInt32(np.resize(values, size).astype(np.uint32)) for values in lanes)
+        starts, counts, before = (loaded(mi.UInt32, np.resize(values, size)) for values in lanes)
         found = cache.sample(scene, tracer, pool, starts, counts, samples, before, seed * 9973 + first)
         dr.eval(found)
         for k, values in enumerate(found):
@@ -154,7 +155,7 @@ def gather(
         if len(left) <= REST * len(groups) or done >= most:
             break
     known = (sums[:, 6] > 0).astype(np.float32)
-    new = mi.Float(np.column_stack([values, known]).astype(np.float32).ravel())
+    new = loaded(mi.Float, np.column_stack([values, known]).ravel())
     dr.scatter(fine, new, dr.arange(mi.UInt32, 4 * len(groups)) + 4 * before)
     cache.fine = fine
     light = values.mean(1)
@@ -196,9 +197,9 @@ class _Filter:
         of = [mean[:, :3].mean(1), mean[:, 3:].mean(1)]
         # samples are spread evenly: the halves differ less than their variance says
         noise = [(2 * sums[:, 8 + k] / count[:, 0] - m) ** 2 for k, m in enumerate(of)]
-        light = mi.Float(np.column_stack([mean[:, 3:], noise[1]]).astype(np.float32).ravel())
-        self._radius = mi.Float((SMOOTH_OVER / np.maximum(inverse, 1e-9)).astype(np.float32))
-        weight = mi.Float(sums[:, 6])
+        light = loaded(mi.Float, np.column_stack([mean[:, 3:], noise[1]]).ravel())
+        self._radius = loaded(mi.Float, SMOOTH_OVER / np.maximum(inverse, 1e-9))
+        weight = loaded(mi.Float, sums[:, 6])
         for stride in STRIDES:
             light = self._step(light, weight, stride)
         light = np.array(light).reshape(-1, 4)

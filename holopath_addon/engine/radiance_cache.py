@@ -26,6 +26,7 @@ import numpy as np
 from scipy.ndimage import binary_closing, minimum_filter
 
 from .atlas import BLOCK, NONE
+from .buffers import loaded
 from .lobes import DIFFUSE
 from .mapping import DepthMapping
 from .rays import Rays
@@ -107,8 +108,8 @@ class RadianceCache:
             R, and 1 where it is known.
         """
         before = dr.width(self.fine) // 4
-        dr.scatter(self.slots, mi.UInt32(groups.numbers) + before, 2 * mi.UInt32(groups.pool))
-        self.fine = dr.concat([self.fine, mi.Float(values.astype(np.float32).ravel())])
+        dr.scatter(self.slots, loaded(mi.UInt32, groups.numbers) + before, 2 * loaded(mi.UInt32, groups.pool))
+        self.fine = dr.concat([self.fine, loaded(mi.Float, values.ravel())])
         dr.eval(self.fine, self.slots)
         self.groups.append(groups)
 
@@ -116,7 +117,7 @@ class RadianceCache:
         """Whether each of some texels is baked."""
         if not len(texels):
             return np.zeros(0, bool)
-        return np.array(dr.gather(mi.UInt32, self.slots, 2 * mi.UInt32(texels))) > 0
+        return np.array(dr.gather(mi.UInt32, self.slots, 2 * loaded(mi.UInt32, texels))) > 0
 
     def picture(self, most: int) -> np.ndarray:
         """R as a picture of the texture: of the texels in view, else of their coarse groups, black elsewhere.

@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .buffers import PHASOR_SCALE, gather_phasors, packed_phasors
+from .buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
 from .hologram import channel
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def trace_field(
 
     def trace_chunk(part, first, size, phasor_buffer, frames):
         rays, estimator, optics = part.rays, part.estimator, part.optics
-        index = mi.UInt32(part.pixels[first : first + size])
+        index = loaded(mi.UInt32, part.pixels[first : first + size])
         column, row = mi.Int(index % width), mi.Int(index // width)
         x, y = rays.place(mi.Float(column), mi.Float(row))
         random = estimator.random(first, size)

@@ -26,7 +26,7 @@ import numpy as np
 import scipy.fft
 import scipy.ndimage
 
-from ..buffers import PHASOR_SCALE, gather_phasors, gather_row, packed, packed_phasors
+from ..buffers import PHASOR_SCALE, gather_phasors, gather_row, loaded, packed, packed_phasors
 from ..kernel_table import LEVELS, LEVELS_A_GRAIN
 from ..propagation import field_of, padded_shape, spectrum, transfer_function
 from ..recording_planes import depth_slabs, max_slope
@@ -221,7 +221,7 @@ def gather(
 def _gathered(places, counts, steps, points, phasors, frames, table, waves):
     """Sums of the first `counts` of the steps from each of some places, as parts by wavelength and frame."""
     levels, side, _, colours = waves.values.shape
-    place, limit = mi.UInt32(places.astype(np.uint32)), mi.UInt32(counts.astype(np.uint32))
+    place, limit = (loaded(mi.UInt32, values) for values in (places, counts))
     size, last = dr.opaque(mi.UInt32, side * side), dr.opaque(mi.Float, levels - 1)
 
     def body(step, sums):

@@ -220,6 +220,7 @@ def hidden(job: Job, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Pr
     import drjit as dr
     import mitsuba as mi
 
+    from ..buffers import loaded
     from ..dispersion import tuned, wavelength_groups
     from ..rays import Rays
 
@@ -227,7 +228,7 @@ def hidden(job: Job, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Pr
     rays = Rays(hologram, job.camera, mapping, 0.0)
     row, column = np.divmod(pixels, hologram.width)
     ray, _ = rays.world(*rays.place(mi.Float(column), mi.Float(row)), 0.0, 0.0)
-    limit = mi.Float(z.ravel()[pixels] - gap)
+    limit = loaded(mi.Float, z.ravel()[pixels] - gap)
     surface = job.scene.ray_intersect(ray)
     searching, found, place = surface.is_valid(), mi.Bool(False), mi.Float(math.nan)
     for _ in range(CASTS):
