@@ -6,6 +6,7 @@ shadow the working tree. Baked light stays in a folder of the tests. Workers tha
 
 import atexit
 import datetime
+import gc
 import os
 import shutil
 import tempfile
@@ -43,6 +44,19 @@ def pytest_runtest_setup(item):
     minutes = item.config.getoption("--minutes")
     if minutes and time.monotonic() - _started > 60 * minutes:
         pytest.skip("no time was left")
+
+
+@pytest.fixture(scope="session")
+def imported():
+    """What is there before the first test stays, and need not be searched for what is not used any more."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def no_scenes_of_earlier_tests(imported):
+    """Dr.Jit's programs hold the numbers of a scene's objects: beside other scenes each would be compiled anew."""
+    gc.collect()
 
 
 @pytest.fixture(scope="session")
