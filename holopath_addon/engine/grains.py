@@ -30,6 +30,7 @@ BINNED = 8 / (
 # Sums are whole numbers: their order, which threads decide, then does not change the last bit.
 RADIANCE_STEPS = 2.0**26
 RADIANCE_LIMIT = 2.0**30
+ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of the sums part of the program
 SUMS = 8  # of a row: three channels and paths, and those of every second path
 NOISIER = 1.1  # than wished is good enough
 ROUNDS = 3  # of paths at most
@@ -62,6 +63,13 @@ class GrainGrid:
     max_slope: float
     branches: int = 1
 
+    def __post_init__(self) -> None:
+        # no literals: one program for all grids; made here, for within a loop nothing can be
+        whole = (self.margin, self.columns, self.rows, self.slabs)
+        scale = self.slabs / max(self.z_high - self.z_low, 1e-12)
+        kept = [dr.opaque(mi.Int, n) for n in whole], [dr.opaque(mi.Float, x) for x in (self.z_low, scale)]
+        object.__setattr__(self, "_kept", kept)
+
     @property
     def columns(self) -> int:
         """Pixels along x, margins included."""
@@ -74,11 +82,11 @@ class GrainGrid:
 
     def cell(self, column: mi.Int, row: mi.Int, z: mi.Float, branch: mi.UInt32) -> tuple[mi.UInt32, mi.Bool]:
         """Number of the column, slab and branch of a grain, and whether it lies on the grid (Dr.Jit types)."""
-        column, row = column + self.margin, row + self.margin
-        inside = (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
-        scale = self.slabs / max(self.z_high - self.z_low, 1e-12)
-        slab = dr.clip(mi.Int((z - self.z_low) * scale), 0, self.slabs - 1) + mi.Int(branch) * self.slabs
-        return mi.UInt32((slab * self.rows + row) * self.columns + column), inside
+        (margin, columns, rows, slabs), (z_low, scale) = self._kept
+        column, row = column + margin, row + margin
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        slab = dr.clip(mi.Int((z - z_low) * scale), 0, slabs - 1) + mi.Int(branch) * slabs
+        return mi.UInt32((slab * rows + row) * columns + column), inside
 
     def bin_place(self, slope: mi.Float) -> mi.Float:
         """Where a slope lies along one axis of the pupil, in bins from the centre of the first."""
@@ -194,7 +202,7 @@ def measure_grains(
     occupied = dr.zeros(mi.UInt32, pixels * grid.slabs * grid.branches)
     for grains, part in _chunks(scene, rays, optics, grid, passes, seed):
         kind = dr.select(grains.binned, mi.UInt32(grid.bins**2), 1)
-        dr.scatter_reduce(dr.ReduceOp.Max, occupied, kind, grains.cell, grains.inside)
+        dr.scatter_reduce(dr.ReduceOp.Max, occupied, kind, grains.cell, grains.inside, mode=ATOMIC)
         dr.eval(occupied)
         dr.sync_thread()
         progress(0.1 * part)
@@ -221,7 +229,7 @@ def measure_grains(
             half = dr.select((grains.number & 1) == 0, mi.Float(1), 0)
             for k, value in enumerate((*light, mi.Float(1), *(light * half), half)):
                 steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
-                dr.scatter_add(sums, steps, at + k, inside)
+                dr.scatter_add(sums, steps, at + k, inside, mode=ATOMIC)
             tiles.add(grains, inside & dr.any(light > 0))
             dr.eval(sums)
             dr.sync_thread()
@@ -264,17 +272,20 @@ class _Tiles:
 
     def __init__(self, grid, limit):
         self._shape, self._limit = tiles_of(grid.width, grid.height), limit
-        self._width, self._height = grid.width, grid.height
+        self._width, self._height, self._across = (
+            dr.opaque(mi.Int, number) for number in (grid.width, grid.height, self._shape[1])
+        )
         self._depth, self._chains = (dr.zeros(mi.UInt32, self._shape[0] * self._shape[1]) for _ in range(2))
 
     def add(self, grains, lit):
         """Grains, and which of them shine."""
         column, row = mi.Int(dr.round(grains.column)), mi.Int(dr.round(grains.row))
         inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
-        tile = mi.UInt32(row // TILE * self._shape[1] + column // TILE)
+        tile = mi.UInt32(row // TILE * self._across + column // TILE)
         part = 1 + mi.UInt32(dr.minimum(dr.abs(grains.dz) / self._limit, 1) * (DEPTHS - 1))
-        dr.scatter_reduce(dr.ReduceOp.Max, self._depth, part, tile, inside & lit)
-        dr.scatter_reduce(dr.ReduceOp.Max, self._chains, mi.UInt32(1), tile, inside & (grains.seen.hits > 0))
+        dr.scatter_reduce(dr.ReduceOp.Max, self._depth, part, tile, inside & lit, mode=ATOMIC)
+        chained = inside & (grains.seen.hits > 0)
+        dr.scatter_reduce(dr.ReduceOp.Max, self._chains, mi.UInt32(1), tile, chained, mode=ATOMIC)
         dr.eval(self._depth, self._chains)
 
     def look(self):
@@ -320,8 +331,9 @@ def _grains(scene, rays, optics, grid, first, count, passes, seed, before):
     number = index % each + dr.opaque(mi.UInt32, before)
     pixel = index // each + dr.opaque(mi.UInt32, first)
     jitter = sampler.next_2d()
-    column = mi.Float(pixel % grid.columns) - grid.margin + jitter.x - 0.5
-    row = mi.Float(pixel // grid.columns) - grid.margin + jitter.y - 0.5
+    columns, margin = dr.opaque(mi.UInt32, grid.columns), dr.opaque(mi.Float, grid.margin)
+    column = mi.Float(pixel % columns) - margin + jitter.x - 0.5
+    row = mi.Float(pixel // columns) - margin + jitter.y - 0.5
     # the R2 sequence spreads a pixel's passes over the pupil, from a start of its own
     turn = mi.Point2f(*(mi.Float(word) * 2.0**-32 for word in mi.sample_tea_32(pixel, seed)))
     u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)

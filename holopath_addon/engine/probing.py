@@ -207,8 +207,18 @@ class Pilot:
         index = dr.arange(mi.UInt32, self.size)
         pixel, number = index // DIRECTIONS, index % DIRECTIONS
         jitter = sampler.next_2d()
-        column = dr.minimum((pixel % columns + jitter.x) * stride, hologram.width) - 0.5
-        row = dr.minimum((pixel // columns + jitter.y) * stride, hologram.height) - 0.5
+        # no literals: one program for all displays
+        across, step, width, height = (
+            dr.opaque(kind, number)
+            for kind, number in (
+                (mi.UInt32, columns),
+                (mi.Float, stride),
+                (mi.Float, hologram.width),
+                (mi.Float, hologram.height),
+            )
+        )
+        column = dr.minimum((pixel % across + jitter.x) * step, width) - 0.5
+        row = dr.minimum((pixel // across + jitter.y) * step, height) - 0.5
         turn = sampler.next_2d()
         u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
         limit = max(hologram.max_slope(w) for w in hologram.wavelengths)
@@ -217,7 +227,7 @@ class Pilot:
         self.ray, self.depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
         self.sampler = sampler
         self._from = column, row, slope
-        self._rays = rays
+        self._rays, self._pitch = rays, hologram.pitch
 
     def nearest(self) -> float | None:
         """Depth of the nearest surface in metres, None if there is none."""
@@ -360,7 +370,7 @@ class Pilot:
             z,
             np.broadcast_to(chains, z.shape),
             self._mapping.z_far,
-            self._rays.pitch,
+            self._pitch,
         )
 
     def light(
@@ -397,9 +407,9 @@ class Pilot:
 
         grains = min(self.size, PILOT_GRAINS)
         index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
-        chosen = mi.UInt32(mi.Float(index) * (self.size / grains))
+        chosen = mi.UInt32(mi.Float(index) * dr.opaque(mi.Float, self.size / grains))
         column, row, slope = (dr.gather(type(values), values, chosen) for values in self._from)
-        branches, pitch = optics.branches, self._rays.pitch
+        branches, pitch = optics.branches, self._pitch
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(self.seed, grains * PILOT_PATHS)
         turn = sampler.next_2d()  # the surface of a grain differs from place to place, too

@@ -41,40 +41,60 @@ class Rays:
         limit: float = math.inf,
         span: tuple[float, float] = (-math.inf, math.inf),
     ) -> None:
-        self.plane, self.limit = plane, dr.opaque(mi.Float, limit)  # no literal: one kernel for all limits
         far, near = (z - mapping.z_far for z in span)
-        self.start = max(camera.clip_start, mapping.beta / near)
-        self.end = min(camera.clip_end, mapping.beta / far if far > 0 else math.inf)
-        self.width, self.height, self.pitch = hologram.width, hologram.height, hologram.pitch
-        self.mapping = mapping
-        self.to_far = mapping.z_far - plane
+        start = max(camera.clip_start, mapping.beta / near)
+        end = min(camera.clip_end, mapping.beta / far if far > 0 else math.inf)
+        # no literals: one program for all displays, depth ranges and scenes alike
+        (
+            self.plane,
+            self.limit,
+            self.start,
+            self.pitch,
+            self._to_far,
+            self._beta,
+            self._spread,
+            self._per_focal,
+        ) = (
+            dr.opaque(mi.Float, number)
+            for number in (
+                plane,
+                limit,
+                start,
+                hologram.pitch,
+                mapping.z_far - plane,
+                mapping.beta,
+                mapping.beta / mapping.focal,
+                1 / mapping.focal,
+            )
+        )
+        self._reach = dr.opaque(mi.Float, end - start) if math.isfinite(end) else None
+        self._middle = constant(mi.Point2f, (0.5 * (hologram.width - 1), 0.5 * (hologram.height - 1)))
+        self._centre = constant(mi.Point2f, (mapping.centre_x, mapping.centre_y))
         self.position = constant(mi.Point3f, camera.position)
         self.right, self.up, self.forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
 
     def place(self, column: mi.Float, row: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Hologram coordinates in metres of (fractional) pixel indices; row 0 is the top."""
-        return ((column - 0.5 * (self.width - 1)) * self.pitch, (0.5 * (self.height - 1) - row) * self.pitch)
+        return (column - self._middle.x) * self.pitch, (self._middle.y - row) * self.pitch
 
     def world(
         self, x: mi.Float, y: mi.Float, slope_x: mi.Float | float, slope_y: mi.Float | float
     ) -> tuple[mi.Ray3f, mi.Float]:
         """The world ray through (x, y) of the recording plane with the given slopes, and depth per distance."""
-        mapping = self.mapping
-        spread = mapping.beta / mapping.focal
-        tan_x = (x + slope_x * self.to_far) / mapping.focal + mapping.centre_x
-        tan_y = (y + slope_y * self.to_far) / mapping.focal + mapping.centre_y
+        tan_x = (x + slope_x * self._to_far) * self._per_focal + self._centre.x
+        tan_y = (y + slope_y * self._to_far) * self._per_focal + self._centre.y
         direction = self.forward + tan_x * self.right + tan_y * self.up
-        origin = self.position + (slope_x * spread) * self.right + (slope_y * spread) * self.up
+        origin = self.position + (slope_x * self._spread) * self.right + (slope_y * self._spread) * self.up
         depth_rate = dr.rsqrt(dr.squared_norm(direction))
         ray = mi.Ray3f(origin + self.start * direction, direction * depth_rate)
-        if math.isfinite(self.end):
-            ray.maxt = (self.end - self.start) / depth_rate
+        if self._reach is not None:
+            ray.maxt = self._reach / depth_rate
         return ray, depth_rate
 
     def height_over_plane(self, distance: mi.Float, depth_rate: mi.Float, hit: mi.Bool) -> mi.Float:
         """dz = z_Q - z_p of a hit after `distance` along the ray; the far end where nothing was hit."""
         depth = self.start + distance * depth_rate
-        return dr.clip(self.to_far + dr.select(hit, self.mapping.beta / depth, 0), -self.limit, self.limit)
+        return dr.clip(self._to_far + dr.select(hit, self._beta / depth, 0), -self.limit, self.limit)
 
 
 def intersect(

@@ -96,7 +96,8 @@ def trace_field(
     def trace_chunk(part, first, size, phasor_buffer, frames):
         rays, estimator, optics = part.rays, part.estimator, part.optics
         index = loaded(mi.UInt32, part.pixels[first : first + size])
-        column, row = mi.Int(index % width), mi.Int(index // width)
+        across = dr.opaque(mi.UInt32, width)
+        column, row = mi.Int(index % across), mi.Int(index // across)
         x, y = rays.place(mi.Float(column), mi.Float(row))
         random = estimator.random(first, size)
         sampler = radiance.sampler(seed * 9973 + first, size)
