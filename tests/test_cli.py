@@ -252,7 +252,7 @@ def test_folder_that_cannot_be_made(xml, tmp_path, capfd):
 def test_interrupt(number, method, at, tmp_path):
     pytest.importorskip("bpy")
     out = tmp_path / "out"
-    words = ["--resolution", "64x64", "--quality", "full", "--frames", "200", "--method", method]
+    words = ["--resolution", "192x192", "--quality", "full", "--frames", "200", "--method", method]
     process = start("render", "demo:planes", *words, "--no-cache", "--out", out)
     heard = ""
     while at not in heard:

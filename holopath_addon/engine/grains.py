@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -62,6 +62,7 @@ class GrainGrid:
     z_high: float
     max_slope: float
     branches: int = 1
+    _kept: tuple = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         # no literals: one program for all grids; made here, for within a loop nothing can be
