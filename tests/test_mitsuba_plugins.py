@@ -20,7 +20,6 @@ CASES = table.PLUGINS | table.NESTS
 REFUSED = [name for name, case in CASES.items() if case.refused]
 NOTED = [name for name, case in CASES.items() if case.noted]
 RENDERED = [name for name, case in CASES.items() if not case.refused]
-QUICK = ("principled",)
 
 
 @pytest.fixture(scope="module")
@@ -64,9 +63,8 @@ def test_noted(name, folder):
     assert any(re.search(CASES[name].noted, warning) for warning in unmodelled(scene))
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in RENDERED]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RENDERED)
 def test_renders(name, folder):
     """As bright as Mitsuba's path tracer through a thin lens, quarter by quarter; nothing is said that need not be."""
     case = CASES[name]

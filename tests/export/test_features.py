@@ -1,6 +1,7 @@
 """Every feature of the exporter against Cycles, and scenes of several at random: `benchmarks exporter`'s table."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -12,7 +13,18 @@ from benchmarks.features import EVERYWHERE, FEATURES, box, random_scene  # noqa:
 from benchmarks.stage import Stage  # noqa: E402
 
 
-@pytest.mark.parametrize("feature", FEATURES, ids=lambda feature: feature.name)
+def between():
+    """Names of features between two that differ from them by numbers alone, and are compared every day."""
+    alike = {}
+    for feature in FEATURES:
+        alike.setdefault(re.sub(r"[\d.]+", "#", feature.name), []).append(feature.name)
+    return {name for names in alike.values() for name in names[1:-1]}
+
+
+@pytest.mark.parametrize(
+    "feature",
+    [pytest.param(f, id=f.name, marks=pytest.mark.slow if f.name in between() else ()) for f in FEATURES],
+)
 def test_as_in_cycles(feature, request):
     if feature.group == "world" and not feature.name.endswith(", sun disc"):  # which needs the whole size
         request.getfixturevalue("small_worlds")

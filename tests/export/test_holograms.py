@@ -12,26 +12,29 @@ GREEN = 516.5e-9
 @pytest.mark.parametrize(
     ("node", "values"),
     [
-        (PRINCIPLED, {"Roughness": 0.0, "Metallic": 0.0}),
+        pytest.param(PRINCIPLED, {"Roughness": 0.0, "Metallic": 0.0}, marks=pytest.mark.slow),
         (PRINCIPLED, {"Roughness": 0.0, "Metallic": 0.5}),
-        (PRINCIPLED, {"Roughness": 0.0, "Metallic": 1.0}),
+        pytest.param(PRINCIPLED, {"Roughness": 0.0, "Metallic": 1.0}, marks=pytest.mark.slow),
         (PRINCIPLED, {"Roughness": 0.0, "Transmission_Weight": 1.0}),
-        (PRINCIPLED, {"Roughness": 0.0, "Transmission_Weight": 0.5}),
+        pytest.param(PRINCIPLED, {"Roughness": 0.0, "Transmission_Weight": 0.5}, marks=pytest.mark.slow),
         (PRINCIPLED, {"Roughness": 0.3, "Metallic": 1.0}),
-        (PRINCIPLED, {"Roughness": 0.5}),
+        pytest.param(PRINCIPLED, {"Roughness": 0.5}, marks=pytest.mark.slow),
         (PRINCIPLED, {"Roughness": 1.0, "Transmission_Weight": 0.5}),
-        (PRINCIPLED, {"Roughness": 0.4, "Coat_Weight": 1.0}),
-        (PRINCIPLED, {"Roughness": 0.0, "Alpha": 0.5}),
+        pytest.param(PRINCIPLED, {"Roughness": 0.4, "Coat_Weight": 1.0}, marks=pytest.mark.slow),
+        pytest.param(PRINCIPLED, {"Roughness": 0.0, "Alpha": 0.5}, marks=pytest.mark.slow),
         (PRINCIPLED, {"Roughness": 0.8, "Alpha": 0.5}),
-        ("ShaderNodeBsdfGlass", {"Roughness": 0.0}),
+        pytest.param("ShaderNodeBsdfGlass", {"Roughness": 0.0}, marks=pytest.mark.slow),
         ("ShaderNodeBsdfGlass", {"Roughness": 0.3}),
-        ("ShaderNodeBsdfAnisotropic", {"Roughness": 0.1}),
-        ("ShaderNodeBsdfDiffuse", {}),
-        ("ShaderNodeEmission", {"Strength": 0.7}),
+        pytest.param("ShaderNodeBsdfAnisotropic", {"Roughness": 0.1}, marks=pytest.mark.slow),
+        pytest.param("ShaderNodeBsdfDiffuse", {}, marks=pytest.mark.slow),
+        pytest.param("ShaderNodeEmission", {"Strength": 0.7}, marks=pytest.mark.slow),
     ],
 )
 def test_a_ball_of_each_material(stage, node, values):
-    """A ball before a wall with a bright panel behind the viewer: brightness, and finite everywhere."""
+    """A ball before a wall with a bright panel behind the viewer: brightness, and finite everywhere.
+
+    What the exporter makes of each material, test_features compares with Cycles.
+    """
     stage.sphere(0.35, stage.material(node, **values))
     stage.plane(6, stage.material("ShaderNodeBsdfDiffuse", Color=(0.4, 0.6, 0.5, 1)), "wall", (0, 0, -1.5))
     panel = stage.plane(2, stage.material("ShaderNodeEmission", Strength=4.0), "panel", (1.5, 1, 6))

@@ -153,7 +153,7 @@ METALLIC, REFRACTION = "ShaderNodeBsdfMetallic", "ShaderNodeBsdfRefraction"
         ("ShaderNodeBsdfTransparent", COLOUR, {}),
     ],
 )
-@pytest.mark.parametrize("lit_by", ["world", "panel"])
+@pytest.mark.parametrize("lit_by", [pytest.param("world", marks=pytest.mark.slow), "panel"])
 def test_ball_of_each_closure(stage, node, values, settings, lit_by):
     """The whole ball's brightness and, in blocks of 4 x 4 pixels, where it is: highlights too."""
     material = stage.material(node, **values)

@@ -28,6 +28,8 @@ SPECIAL = {
 # And what keeps the promise by default.
 SLOW = {
     "slope": "test_rendering: brightness over slope",
+    "infinity": "test_rendering: points refocus at their depth, the sky is at infinity",
+    "depth range": "rays for a depth range, and recording plane, here",
     "mirror through its focus": "test_images_go_through_infinity",
     "lens through its focus": "test_images_go_through_infinity",
     "grazing incidence": "test_shares_up_to_grazing",
