@@ -170,6 +170,7 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
     assert losses[0] > 2 * losses[1] > 4 * losses[2]
 
 
+@pytest.mark.slow
 def test_views_of_a_light_field(build, camera):
     """Each part of the pupil as bright as its share of it, nothing between them, and parallax as a lens has it."""
     from holopath_addon.engine.baselines.light_field import PART, parts_of_pupil

@@ -96,6 +96,7 @@ def views(scene, camera, hologram, focus, truth=None, spp=96, **settings):
     return [engine.psnr(p, t, BORDER) for p, t in zip(pictures, truth, strict=True)], ratios
 
 
+@pytest.mark.slow
 def test_flat_mirror(build, camera, small):
     """A plane 0.9 m beside a mirror at 0.6 m, turned by 45 degrees, appears at 1.5 m."""
     T = build.T
@@ -139,6 +140,7 @@ def test_glass_ball_in_front_of_a_wall(build, camera, small):
     assert ratios == pytest.approx([1, 1], abs=0.03)
 
 
+@pytest.mark.slow
 def test_pane_adds_reflection_and_view_without_interference(build, camera, small):
     """Both branches land on the same plane: their intensities add."""
     T = build.T
@@ -231,6 +233,7 @@ def test_flat_mirror_focuses_at_its_optical_distance(build, camera, small):
     assert abs(z[np.argmax(sharpness)] - truth) < half_focus_depth
 
 
+@pytest.mark.slow
 def test_plastic_shows_its_colour_and_its_mirror_image(build, camera, small):
     """The reflection focuses beyond the surface, what scatters on it."""
     plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.texture(64, 3, 0.1, 0.5)}

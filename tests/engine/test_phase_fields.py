@@ -114,6 +114,7 @@ def test_light_fills_the_pupil_evenly(frames):
             assert part == pytest.approx(whole, rel=0.03)
 
 
+@pytest.mark.slow
 def test_more_frames_than_the_largest_set_go_on_getting_better():
     values = [contrasts(designed_phasors(m), 5).mean() for m in (24, 48, 96)]
     assert values[1] == pytest.approx(values[0] / math.sqrt(2), rel=0.15)

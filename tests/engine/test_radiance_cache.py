@@ -159,7 +159,9 @@ def surfaces(build):
     )
 
 
-@pytest.mark.parametrize("depth", [pytest.param(2, marks=pytest.mark.slow), 3, 8])
+@pytest.mark.parametrize(
+    "depth", [pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow), 8]
+)
 def test_split_adds_up_on_diffuse_walls(build, camera, depth):
     """Nearly all light is indirect; each quarter of the view."""
     scene = build.closed_box()
@@ -248,7 +250,15 @@ def test_what_is_no_product_is_traced(build, camera):
     assert len(found) >= 6 and np.abs(found).max() < 0.05 and abs(np.mean(found)) < 0.02
 
 
-@pytest.mark.parametrize("kind", ["principled", "sphere", "metal", "lamp"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "principled",
+        "sphere",
+        pytest.param("metal", marks=pytest.mark.slow),
+        pytest.param("lamp", marks=pytest.mark.slow),
+    ],
+)
 def test_views_without_anything_to_bake(build, camera, kind):
     things = {
         "principled": {"thing": build.plane(1.0, {"bsdf": {"type": "principled"}}, 0.4)},
@@ -396,7 +406,7 @@ def test_surfaces_that_touch(build, camera, monkeypatch):
     assert found and all(np.isfinite(values).all() for values in found)
 
 
-@pytest.mark.parametrize("scale", [1e-5, 1e6])
+@pytest.mark.parametrize("scale", [1e-5, pytest.param(1e6, marks=pytest.mark.slow)])
 def test_scale_does_not_matter(build, scale):
     T, diffuse = build.T, build.diffuse
     floor = T().scale(scale) @ T().translate([0, -0.12, -0.6]).rotate([1, 0, 0], -90).scale([0.4, 0.5, 1])

@@ -111,7 +111,7 @@ def test_one_path_a_ray_is_biased_dark(build):
     ("mode", "fov", "depths"),
     [
         ("fit", 20, (0.4, 0.5, 1.0, math.inf)),
-        ("eyepiece", 4, (0.17, 0.21, 0.42, math.inf)),
+        pytest.param("eyepiece", 4, (0.17, 0.21, 0.42, math.inf), marks=pytest.mark.slow),
     ],
 )
 def test_points_refocus_at_their_depth(build, mode, fov, depths):
@@ -173,7 +173,7 @@ def test_each_wavelength_shows_its_channel(build, camera):
     np.testing.assert_array_equal(engine.to_rgb(picture, RGB), picture)
 
 
-@pytest.mark.parametrize("pupil_x", [-0.5, 0.5])
+@pytest.mark.parametrize("pupil_x", [pytest.param(-0.5, marks=pytest.mark.slow), 0.5])
 def test_parallax_through_an_offset_pupil(build, camera, small, pupil_x):
     scene = build.two_planes(build.emissive)
     mapping = DepthMapping.of(small, camera, 0.5)
@@ -247,7 +247,10 @@ def test_direct_method_is_the_paper_s_estimator_at_the_slm(build, camera):
     assert engine.psnr(*rows[0][1:]) >= 19
 
 
-@pytest.mark.parametrize("reflectance", [0.05, 0.5, 0.95])
+@pytest.mark.parametrize(
+    "reflectance",
+    [pytest.param(0.05, marks=pytest.mark.slow), 0.5, pytest.param(0.95, marks=pytest.mark.slow)],
+)
 def test_brightness_over_albedo_in_colour(build, camera, reflectance):
     hologram = engine.Hologram(128, 128, 8e-6, RGB, 0.3e-3, 2.8e-3)
     colour = {"type": "rgb", "value": [reflectance, 0.6 * reflectance, 0.3 * reflectance]}
@@ -262,7 +265,9 @@ def test_brightness_over_albedo_in_colour(build, camera, reflectance):
         assert brightness(picture, reference) == pytest.approx(1, abs=0.03), depth
 
 
-@pytest.mark.parametrize("slant", [0, 30, 60, 75])
+@pytest.mark.parametrize(
+    "slant", [pytest.param(0, marks=pytest.mark.slow), pytest.param(30, marks=pytest.mark.slow), 60, 75]
+)
 def test_brightness_over_slope(build, camera, small, slant):
     scene = build.scene(plane=build.plane(1.0, build.emissive(build.texture(128, 3)), 1.5, 0.4, slant=slant))
     _, rows = compare(scene, camera, small, engine.Settings(frames=24), [1.0], spp=64)

@@ -14,11 +14,18 @@ from benchmarks.stage import Stage  # noqa: E402
 
 
 def between():
-    """Names of features between two that differ from them by numbers alone, and are compared every day."""
+    """Names of features whose like are compared every day: between two that differ from them by numbers alone, or by
+    coordinates or the sensor's shape, of which one of each kind is enough.
+    """
     alike = {}
     for feature in FEATURES:
         alike.setdefault(re.sub(r"[\d.]+", "#", feature.name), []).append(feature.name)
-    return {name for names in alike.values() for name in names[1:-1]}
+    same = re.compile(
+        "(Voronoi|Checker|Brick|Wave) Texture, (Object|UV)|sensor fit (horizontal|vertical), square"
+    )
+    return {n for names in alike.values() for n in names[1:-1]} | {
+        f.name for f in FEATURES if same.fullmatch(f.name)
+    }
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,7 @@ GLOSSY, GLASS = "ShaderNodeBsdfAnisotropic", "ShaderNodeBsdfGlass"
 METALLIC, REFRACTION = "ShaderNodeBsdfMetallic", "ShaderNodeBsdfRefraction"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "node, values, settings",
     [

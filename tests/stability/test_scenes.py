@@ -35,6 +35,7 @@ SLOW = {
     "grazing incidence": "test_shares_up_to_grazing",
     "mirrors in a row": "test_planner: a chain that is too short is told of",
     "glass in a row": "test_chains: media that touch; total reflection, here",
+    "total reflection": "test_chains: total internal reflection in a prism",
     "scale": "distance from the origin, here, and test_radiance_cache: scale does not matter",
 }
 
