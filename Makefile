@@ -38,7 +38,7 @@ $(RUN): pyproject.toml install_llvm.sh | $(PY)
 	@touch $@
 
 # What tests, benchmarks and lint need besides.
-$(DEV): pyproject.toml install_monitors.sh | $(RUN)
+$(DEV): pyproject.toml Makefile install_monitors.sh | $(RUN)
 	$(PIP_INSTALL) -e '.[blender,test]'
 	$(PIP_INSTALL) --upgrade --no-deps --target $(VENV)/share/stubs $(BPY_STUBS)
 	./install_monitors.sh

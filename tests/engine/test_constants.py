@@ -1,5 +1,6 @@
 """What is kept between launches is no literal, which Dr.Jit 1.5 may widen (docs/theory.md, "A trap of Dr.Jit")."""
 
+import gc
 import math
 
 import numpy as np
@@ -110,3 +111,40 @@ def test_closures(backend, kind, more):
     import mitsuba as mi
 
     assert literals(mi.load_dict({"type": kind, **more})) == []
+
+
+def programs(work, least=1):
+    """Hashes of the programs of so many operations at least that some work launches."""
+    import drjit as dr
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        work()
+        return {k["hash"] for k in dr.kernel_history() if (k.get("operation_count") or 0) >= least}
+
+
+def test_one_program_for_all_displays_and_depths(build, camera):
+    """Another size, pitch, depth range and distance: what took a second to compile serves again."""
+    found = []
+    for size, pitch, near, depth in ((32, 8e-6, 1.5e-3, 1.0), (40, 6.4e-6, 1.2e-3, 1.4)):
+        scene = build.scene(wall=build.plane(depth, build.diffuse(build.grey(0.5))), sky={"type": "constant"})
+        hologram = Hologram(size, size, pitch, (GREEN,), 0.3e-3, near)
+        settings = engine.Settings(frames=2, method="full", fixed={"passes": 8, "slabs": 4 + size // 8})
+        found.append(programs(lambda h=hologram, s=scene, w=settings: engine.render(s, camera, h, w), 1000))
+        del scene
+        gc.collect()  # beside other scenes programs are others: they hold the numbers of objects
+    assert found[0] and found[1] <= found[0]
+
+
+def test_numpys_memory_is_no_part_of_a_program(build):
+    """Wherever it begins: at each multiple of four bytes within the widest vector."""
+    import drjit as dr
+
+    from holopath_addon.engine.buffers import loaded
+
+    numbers, found = np.arange(200, dtype=np.float32), set()
+    for start in range(16):
+        values = loaded(build.mi.Float, numbers[start : start + 100])
+        np.testing.assert_array_equal(values, numbers[start : start + 100])
+        found |= programs(lambda v=values: dr.eval(dr.sin(v) + v))
+    assert len(found) == 1
