@@ -244,6 +244,7 @@ def test_plastic_shows_its_colour_and_its_mirror_image(build, camera, small):
     assert ratios == pytest.approx([1, 1], abs=0.03)
 
 
+@pytest.mark.slow
 def test_plastic_ball_before_a_wall(build, camera, small):
     plastic = {"type": "plastic", "int_ior": 1.9, "diffuse_reflectance": build.grey(0.2)}
     scene = build.scene(
@@ -276,6 +277,7 @@ def test_blend_of_mirror_and_matt(build, camera, small):
     assert ratios == pytest.approx([1, 1], abs=0.03)
 
 
+@pytest.mark.slow
 def test_half_transparent_mask(build, camera, small):
     matt = {"type": "twosided", "matt": {"type": "diffuse", "reflectance": build.texture(64, 3, 0.1, 0.8)}}
     mask = {"type": "mask", "opacity": 0.5, "matt": matt}
