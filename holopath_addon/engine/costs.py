@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .probing import Light, Probe
 
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
-CELL_BYTES = 80  # of an occupied cell: eight sums of 8 bytes, and the amplitudes made of them
+CELL_BYTES = 112  # of an occupied cell: ten sums of 8 bytes, and the means made of them
 SURFACES = 2  # occupied slabs of a pixel column, roughly
 BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
 BAKED_SAMPLES = 20  # of each, roughly

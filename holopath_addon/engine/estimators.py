@@ -36,11 +36,10 @@ class LatticeEstimator:
         self.spacing = dr.opaque(mi.Float, lattice.spacing)
         self.level_scale = dr.opaque(mi.Float, lattice.levels / lattice.depth_limit)
         self.last = dr.opaque(mi.Float, lattice.levels - 1)
-        self.directions = packed(lattice.indices.astype(np.float32))
-        offsets = lattice.offsets(hologram.pitch)
-        self.indices = dr.opaque(mi.UInt32, offsets.shape[1])
-        self.side = dr.opaque(mi.UInt32, int(offsets.max()) + 1)
-        self.offsets = mi.Int(offsets.ravel())
+        ends = lattice.ends[np.abs(lattice.indices)]
+        self.directions = packed(np.concatenate([lattice.indices, ends[:, ::-1]], axis=1).astype(np.float32))
+        self.reach = dr.opaque(mi.UInt32, int(lattice.offsets(hologram.pitch).max()))
+        self.step = dr.opaque(mi.Float, lattice.spacing / hologram.pitch)
         self.table = packed(np.stack(tables, axis=-1).reshape(-1, self.colours).view(np.float32))
 
     def random(self, first: int, size: int) -> None:
@@ -48,25 +47,55 @@ class LatticeEstimator:
         return None
 
     def direction(self, step: mi.UInt32, random: None) -> tuple:
-        """s1: slopes of the direction number `step`."""
-        i, j = gather_row(self.directions, step, 2)
-        return i * self.spacing, j * self.spacing
+        """s1: slopes of the direction number `step`, and its place: i, j, and the last ones of its row and column."""
+        place = gather_row(self.directions, step, 4)
+        return place[0] * self.spacing, place[1] * self.spacing, place
 
-    def path(self, slope_x: mi.Float, slope_y: mi.Float, dz: mi.Float) -> tuple:
-        """s7: offset of the grain in pixels (right, up), and the kernel as real and imaginary parts.
+    def offset(self, place: list, dz: mi.Float) -> tuple[mi.Int, mi.Int]:
+        """s7: offset in pixels (right, up) of the grain that a surface point at a distance lies in."""
+        return tuple(mi.Int(dr.floor(dr.fma(index, dz * self.step, 0.5))) for index in place[:2])
 
-        The kernel of a surface on the SLM's side of the plane is the conjugate.
+    def kernel(
+        self, place: list, offset: tuple[mi.Int, mi.Int], dz: mi.Float, tilt: tuple[mi.Float, mi.Float]
+    ) -> list:
+        """s7: the kernel of a grain, real and imaginary parts of each wavelength.
+
+        That of a surface on the SLM's side of the plane is the conjugate. It is shared by the directions that meet in
+        the grain where the surface goes on as the plane with the slopes `tilt`, (dz/dx, dz/dy).
         """
-        i, j = dr.round(slope_x / self.spacing), dr.round(slope_y / self.spacing)
-        level = mi.UInt32(dr.minimum(dr.abs(dz) * self.level_scale, self.last))
-        over = dr.gather(mi.Int, self.offsets, level * self.indices + mi.UInt32(dr.abs(i)))
-        up = dr.gather(mi.Int, self.offsets, level * self.indices + mi.UInt32(dr.abs(j)))
-        entry = (level * self.side + mi.UInt32(up)) * self.side + mi.UInt32(over)
+        side = dr.select(
+            dz < 0, -1, mi.Float(1)
+        )  # with directions mirrored what lies behind is as what lies before
+        i, j = (side * index for index in place[:2])
+        over, up = (mi.Float(pixels) for pixels in offset)
+        tilt_x, tilt_y = (side * self.spacing * slope for slope in tilt)
+        height = dr.abs(dz)
+        ahead = height * self.step * (1 - i * tilt_x - j * tilt_y)
+        share = _together(over, 1 - j * tilt_y, ahead, tilt_x, place[2])
+        share = dr.rcp(share * _together(up, 1 - i * tilt_x, ahead, tilt_y, place[3]))
+        level = mi.UInt32(dr.minimum(height * self.level_scale, self.last))
+        column, row = (dr.minimum(mi.UInt32(dr.abs(pixels)), self.reach) for pixels in (over, up))
+        entry = (level * (self.reach + 1) + row) * (self.reach + 1) + column
         kernel = gather_row(self.table, entry, 2 * self.colours)
-        behind = dz < 0
-        for k in range(1, len(kernel), 2):
-            kernel[k] = dr.select(behind, -kernel[k], kernel[k])
-        return dr.select((i < 0) != behind, -over, over), dr.select((j < 0) != behind, -up, up), kernel
+        shares = share, side * share
+        return [part * shares[k % 2] for k, part in enumerate(kernel)]
+
+
+def _together(offset, turned, ahead, tilt, end):
+    """How many directions of a row meet in a grain `offset` pixels along it, on a plane.
+
+    Direction i of row j meets the plane X = i T / (1 - i t_x - j t_y) pixels along, where T, `ahead`, is the plane's
+    distance along the axis times the step of slopes, and t its slopes times that step. The plane's point X is met by
+    i = X (1 - j t_y) / (T + t_x X), in which `turned` is 1 - j t_y; where that has a pole the row's end decides.
+    """
+
+    def met(place, beyond):
+        below = dr.fma(tilt, place, ahead)
+        return dr.select(below * ahead > 0, place * turned / below, beyond)
+
+    first = dr.maximum(dr.ceil(met(offset - 0.5, -end)), -end)
+    after = dr.minimum(dr.ceil(met(offset + 0.5, end + 1)), end + 1)
+    return dr.maximum(after - first, 1)
 
 
 class RandomEstimator:
@@ -95,14 +124,20 @@ class RandomEstimator:
         return mi.PCG32(size, initstate=self.seed + 1, initseq=dr.opaque(mi.UInt64, first))
 
     def direction(self, step: mi.UInt32, random: Any) -> tuple:
-        """s1: slopes of a direction uniform in the disk of recordable slopes."""
+        """s1: slopes of a direction uniform in the disk of recordable slopes, twice."""
         u = mi.Point2f(random.next_float32(), random.next_float32())
         slope = self.cone * mi.warp.square_to_uniform_disk_concentric(u)
-        return slope.x, slope.y
+        return slope.x, slope.y, (slope.x, slope.y)
 
-    def path(self, slope_x: mi.Float, slope_y: mi.Float, dz: mi.Float) -> tuple:
-        """s7: as `LatticeEstimator.path`; zero outside a wavelength's own cone."""
-        squared = slope_x * slope_x + slope_y * slope_y
+    def offset(self, place: tuple, dz: mi.Float) -> tuple[mi.Int, mi.Int]:
+        """s7: as `LatticeEstimator.offset`."""
+        return tuple(mi.Int(dr.round(slope * dz / self.pitch)) for slope in place)
+
+    def kernel(
+        self, place: tuple, offset: tuple[mi.Int, mi.Int], dz: mi.Float, tilt: tuple[mi.Float, mi.Float]
+    ) -> list:
+        """s7: as `LatticeEstimator.kernel`; zero outside a wavelength's own cone, and the same on any slope."""
+        squared = place[0] * place[0] + place[1] * place[1]
         detour = dz * squared / (1 + dr.sqrt(1 + squared))
         kernel = []
         for wavelength, limit in zip(self.wavelengths, self.limits, strict=True):
@@ -110,5 +145,4 @@ class RandomEstimator:
             weight = dz * (math.pi * self.cone**2 / (wavelength * self.rays))
             weight = dr.select(squared <= limit**2, weight, 0)
             kernel += [weight * cosine, weight * sine]
-        over, up = dr.round(slope_x * dz / self.pitch), dr.round(slope_y * dz / self.pitch)
-        return mi.Int(over), mi.Int(up), kernel
+        return kernel

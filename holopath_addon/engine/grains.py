@@ -31,7 +31,8 @@ BINNED = 8 / (
 RADIANCE_STEPS = 2.0**26
 RADIANCE_LIMIT = 2.0**30
 ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of the sums part of the program
-SUMS = 8  # of a row: three channels and paths, and those of every second path
+SUMS = 10  # of a row: three channels and paths, those of every second path, and slopes along x and y
+TILT = 2  # slopes before the radiances in a row of means
 NOISIER = 1.1  # than wished is good enough
 ROUNDS = 3  # of paths at most
 
@@ -99,9 +100,9 @@ class RadianceMap:
     """Mean radiances of the grains in view.
 
     Only cells that hold a surface have values. `numbers` gives each cell of the grid twice its first row, 0 for
-    none, and 1 more where it has all pupil bins. `colours` is 1 where all wavelengths share one radiance. `passes`
-    paths a pixel left the relative standard error `error` of the wave field, see `_field_error`; `look` is what their
-    rays saw from each tile.
+    none, and 1 more where it has all pupil bins. A row of `radiances` holds the surface's mean `Rays.tilt`, and the
+    radiance of each wavelength; `colours` is 1 where all share one. `passes` paths a pixel left the relative standard
+    error `error` of the wave field, see `_field_error`; `look` is what their rays saw from each tile.
     """
 
     grid: GrainGrid
@@ -119,27 +120,29 @@ class RadianceMap:
     def amplitudes(
         self,
         scene: mi.Scene,
+        rays: Rays,
         sampler: None,
         seen: View,
         grain: tuple[mi.Int, mi.Int, mi.Float],
         slope: tuple[mi.Float, mi.Float],
         channels: Sequence[int],
-    ) -> list:
-        """Roots of each wavelength's radiance of the grain at a pixel column, row and depth, seen along a slope.
+    ) -> tuple[list, tuple[mi.Float, mi.Float]]:
+        """Roots of each wavelength's radiance of the grain at a pixel column, row and depth, seen along a slope, and
+        the mean `Rays.tilt` of the surface there.
 
         Between pupil bins radiance is interpolated, so that a highlight moves as the view does.
         """
         cell, inside = self.grid.cell(*grain, seen.branch)
         number = dr.gather(mi.UInt32, self.numbers, cell, inside)
-        first = number >> 1
+        first, values = number >> 1, TILT + self.colours
         if self.grid.bins == 1:
-            return self._roots(gather_row(self.radiances, first, self.colours), channels)
+            return self._roots(gather_row(self.radiances, first, values), channels)
         binned = (number & 1) == 1
         over, up = (self.grid.bin_place(s) for s in slope)
         i, j = mi.UInt32(over), mi.UInt32(up)
         i, j = dr.minimum(i, self.grid.bins - 2), dr.minimum(j, self.grid.bins - 2)
         over, up = over - i, up - j
-        total = [mi.Float(0)] * self.colours
+        total = [mi.Float(0)] * values
         for i_step, j_step, share in (
             (0, 0, (1 - over) * (1 - up)),
             (1, 0, over * (1 - up)),
@@ -147,13 +150,13 @@ class RadianceMap:
             (1, 1, over * up),
         ):
             at = first + dr.select(binned, (j + j_step) * self.grid.bins + i + i_step, 0)
-            values = gather_row(self.radiances, at, self.colours)
-            total = [sum_ + share * value for sum_, value in zip(total, values, strict=True)]
+            row = gather_row(self.radiances, at, values)
+            total = [sum_ + share * value for sum_, value in zip(total, row, strict=True)]
         return self._roots(total, channels)
 
-    def _roots(self, radiances, channels):
-        roots = [dr.sqrt(value) for value in radiances]
-        return roots if self.colours > 1 else roots * len(channels)
+    def _roots(self, row, channels):
+        roots = [dr.sqrt(value) for value in row[TILT:]]
+        return roots if self.colours > 1 else roots * len(channels), tuple(row[:TILT])
 
 
 def measure_grains(
@@ -231,6 +234,9 @@ def measure_grains(
             for k, value in enumerate((*light, mi.Float(1), *(light * half), half)):
                 steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
                 dr.scatter_add(sums, steps, at + k, inside, mode=ATOMIC)
+            for k, slope in enumerate(rays.tilt(seen)):  # of either sign: the sums wrap round
+                steps = mi.UInt64(mi.Int64(slope * RADIANCE_STEPS))
+                dr.scatter_add(sums, steps, at + SUMS - TILT + k, inside, mode=ATOMIC)
             tiles.add(grains, inside & dr.any(light > 0))
             dr.eval(sums)
             dr.sync_thread()
@@ -382,26 +388,31 @@ def _numbered(occupied, grid):
 
 
 def _means(sums, numbers, grid, wavelengths):
-    """Mean radiances; a pupil bin that no path came through takes the mean of its cell."""
-    rows, stride = dr.width(sums) // SUMS, row_stride(len(wavelengths))
-    radiances = dr.zeros(mi.Float, rows * stride)
+    """Mean slopes and radiances; a pupil bin that no path came through takes the mean of its cell."""
+    rows, stride = dr.width(sums) // SUMS, row_stride(TILT + len(wavelengths))
+    means = dr.zeros(mi.Float, rows * stride)
 
     def stored(row):
-        return mi.Vector4f(*(mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + k)) for k in range(4)))
+        light = [mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + k)) for k in range(4)]
+        tilt = [
+            mi.Float(mi.Int64(dr.gather(mi.UInt64, sums, SUMS * row + SUMS - TILT + k))) for k in range(TILT)
+        ]
+        return [*tilt, *light]
 
     def store(total, row, active=True):
-        for k, wavelength in enumerate(wavelengths):
-            mean = dr.select(total.w > 0, total[channel(wavelength)] / total.w, 0)
-            dr.scatter(radiances, mean, row * stride + k, active)
+        paths = total[-1]
+        values = total[:TILT] + [total[TILT + channel(wavelength)] for wavelength in wavelengths]
+        for k, value in enumerate(values):
+            dr.scatter(means, dr.select(paths > 0, value / paths, 0), row * stride + k, active)
 
     row = dr.arange(mi.UInt32, rows)
     store(stored(row), row)
     if grid.bins > 1:
         first = dr.gather(mi.UInt32, numbers, dr.compress((numbers & 1) == 1)) >> 1
         bins = [first + k for k in range(grid.bins**2)]
-        whole = sum(stored(row) for row in bins)
+        whole = [sum(values) for values in zip(*(stored(row) for row in bins), strict=True)]
         for row in bins:
-            store(whole, row, stored(row).w == 0)
-    dr.eval(radiances)
+            store(whole, row, stored(row)[-1] == 0)
+    dr.eval(means)
     dr.sync_thread()
-    return radiances
+    return means

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 TAILS = 1.6  # pixels beyond the geometric cone that kernels have at least: diffraction, which a factor cuts when narrow
 STEEPEST = 1.5  # recordable slopes that directions have at most for that, beside the plane
-# Directions along a radius that a lattice has at least: so many a pixel of the cone, within bounds. It counts on one
-# depth for all that meet in a grain, which slanted surfaces do not have, and errs less the more there are.
+# Directions along a radius that a lattice has at least: so many a pixel of the cone, within bounds. With few, most
+# grains are met by the cone's rim, where what a direction counts is right at the table's depths only.
 FINER, LEAST_DIRECTIONS = 8.0, (2.0, 4.2)
-LEVELS = (64, 768)  # fewest and most depths of a table
+LEVELS = (256, 768)  # fewest and most depths of a table
 # depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
 LEVELS_A_GRAIN = 16
 FIT_STEPS = 4  # more gain little
@@ -116,17 +116,57 @@ class Lattice:
         level = (np.arange(self.levels) + 0.5) / self.levels
         return np.floor(index[None, :] * (step * level[:, None]) + 0.5).astype(np.int32)
 
+    @property
+    def ends(self) -> np.ndarray:
+        """Largest index i of the directions in row j, for |j| from 0 on; int32."""
+        rows = np.abs(self.indices[:, 1])
+        ends = np.zeros(rows.max() + 1, np.int32)
+        np.maximum.at(ends, rows, self.indices[:, 0])
+        return ends
+
+    def shares(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the directions meet, and what share of their grain each is, of planes parallel to the recording plane.
+
+        A share is 1 over the directions of the same row that meet in the grain, times 1 over those of the same column,
+        as `LatticeEstimator.kernel` has it on planes of any slope.
+
+        Parameters
+        ----------
+        offsets : numpy.ndarray
+            Some rows of `offsets`.
+
+        Returns
+        -------
+        cell : numpy.ndarray, int32, shape (2, levels, rays)
+            |oy| and |ox|.
+        share : numpy.ndarray, float32, shape (levels, rays)
+        """
+        i, j = np.abs(self.indices).T
+        ends = self.ends
+        first = np.array(
+            [np.searchsorted(row, row) for row in offsets]
+        )  # of the directions in the same grain
+        last = np.array([np.searchsorted(row, row, "right") for row in offsets]) - 1
+
+        def together(index, end):
+            low, high = first[:, index], np.minimum(last[:, index], end)
+            return np.where(low == 0, 2 * high + 1, high - low + 1)  # the middle grain has both signs
+
+        share = 1.0 / (together(i, ends[j]) * together(j, ends[i]))
+        return np.stack([offsets[:, j], offsets[:, i]]), share.astype(np.float32)
+
 
 def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarray:
-    """W(dz, o) = K(dz, o) / count(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
+    """W(dz, o) = K(dz, o) / shares(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
 
     K is the carrier-free, band-limited kernel that takes the field of a grain at distance dz behind the
     plane (towards the viewer) back to the plane: the inverse DFT of exp(2 pi i dz / wavelength u / (1 +
-    sqrt(1 - u))), u = (wavelength f)^2, over the circular band; its conjugate serves -dz. count is how many
-    lattice directions share the grain, E the in-band energy of the kernel cut to the grains reached (pi/4
-    uncut). The cut kernel is fitted to the exact one's spectrum within the band by `FIT_STEPS` of Landweber's
-    iteration, for what lies outside the band is cut from the field anyway: it gains 1 to 5 dB where the kernel is
-    few grains wide. Each depth thereby becomes an exact discrete convolution at one ray a grain.
+    sqrt(1 - u))), u = (wavelength f)^2, over the circular band; its conjugate serves -dz. shares is the sum of
+    `Lattice.shares` over the directions that meet in the grain, 1 but at the rim of the cone and beside the plane. E is
+    the in-band energy of the kernel cut to the grains reached (pi/4 uncut). The cut kernel is fitted to the exact one's
+    spectrum within the band by `FIT_STEPS` of Landweber's iteration, for what lies outside the band is cut from the
+    field anyway: it gains 1 to 5 dB where the kernel is few grains wide. Each depth thereby becomes an exact discrete
+    convolution at one ray a grain.
 
     Beside the table memory is 16 bytes a bin for a handful of arrays of `MOST_BINS` at most, whatever the depth.
 
@@ -147,15 +187,15 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarra
         exact, within = grid.kernels(dz, side), grid.within(side)
         images = np.where(np.arange(side) == 0, 1.0, 2.0)
         images = np.outer(images, images)
-        y, x = (offsets[levels[:, None], index] for index in np.abs(lattice.indices).T[::-1])
-        cell = (np.arange(len(levels))[:, None] * side + y) * side + x
-        count = np.bincount(cell.ravel(), minlength=exact.size).reshape(exact.shape) / images
-        reached = count > 0
+        cell, share = lattice.shares(offsets[levels])
+        cell = (np.arange(len(levels))[:, None] * side + cell[0]) * side + cell[1]
+        shares = np.bincount(cell.ravel(), share.ravel(), exact.size).reshape(exact.shape) / images
+        reached = shares > 0
         kernel = exact * reached
         for _ in range(FIT_STEPS):
             kernel += (exact - within(kernel)) * reached
         energy = (images * (kernel.conj() * within(kernel)).real).sum((1, 2))
-        kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.maximum(count, 1)
+        kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.where(reached, shares, 1)
         table[levels, :side, :side] = kernel
         first = last
     return table

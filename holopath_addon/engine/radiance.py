@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from .chains import View
     from .radiance_cache import RadianceCache
+    from .rays import Rays
 
 
 class PathTracer:
@@ -250,13 +251,14 @@ class PathsPerRay:
     def amplitudes(
         self,
         scene: mi.Scene,
+        rays: Rays,
         sampler: mi.Sampler,
         seen: View,
         grain: tuple[mi.Int, mi.Int, mi.Float],
         slope: tuple[mi.Float, mi.Float],
         channels: Sequence[int],
-    ) -> list:
-        """Roots of the radiance in each of the channels along a ray."""
+    ) -> tuple[list, tuple[mi.Float, mi.Float]]:
+        """Roots of the radiance in each of the channels along a ray, and `Rays.tilt` of what it sees."""
 
         def body(number, total, sampler):
             light = self.tracer.radiance(
@@ -268,7 +270,7 @@ class PathsPerRay:
         paths = dr.opaque(mi.UInt32, self.paths)
         state = (mi.UInt32(0), mi.Color3f(0), sampler)
         _, total, _ = dr.while_loop(state, lambda number, *_: number < paths, body, label="paths of a ray")
-        return [dr.sqrt(dr.maximum(total[c], 0) / self.paths) for c in channels]
+        return [dr.sqrt(dr.maximum(total[c], 0) / self.paths) for c in channels], rays.tilt(seen)
 
 
 def _power(chosen, other):

@@ -12,8 +12,12 @@ from .buffers import constant
 
 if TYPE_CHECKING:
     from .camera import Camera
+    from .chains import View
     from .hologram import Hologram
     from .mapping import DepthMapping
+
+
+STEEPEST = 8.0  # slope in hologram space: planes that are seen from their edge
 
 
 class Rays:
@@ -95,6 +99,20 @@ class Rays:
         """dz = z_Q - z_p of a hit after `distance` along the ray; the far end where nothing was hit."""
         depth = self.start + distance * depth_rate
         return dr.clip(self._to_far + dr.select(hit, self._beta / depth, 0), -self.limit, self.limit)
+
+    def tilt(self, seen: View) -> tuple[mi.Float, mi.Float]:
+        """Slopes (dz/dx, dz/dy) in hologram space of the plane that a surface goes on as; 0 of images and the sky.
+
+        Planes n (P - position) = h stay planes: with P - position = D (x right + y up) / F + D forward, 1/D and with it
+        z = z_far + beta / D are linear in x and y.
+        """
+        direct = seen.hit & (seen.hits == 0)
+        point = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.Minimal, direct)
+        per_height = self._spread / dr.dot(point.n, point.p - self.position)
+        per_height = dr.select(direct & dr.isfinite(per_height), per_height, 0)
+        return tuple(
+            dr.clip(dr.dot(point.n, axis) * per_height, -STEEPEST, STEEPEST) for axis in (self.right, self.up)
+        )
 
 
 def intersect(

@@ -105,14 +105,17 @@ def trace_field(
 
         def body(step, field, random, sampler):
             branch = step % optics.branches
-            slope_x, slope_y = estimator.direction(step // optics.branches, random)  # s1
+            slope_x, slope_y, place = estimator.direction(step // optics.branches, random)  # s1
             ray, depth_rate = rays.world(x, y, slope_x, slope_y)  # s2
             seen = optics.view(scene, ray, branch)  # s3, s4
             dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)  # s6
-            over, up, kernel = estimator.path(slope_x, slope_y, dz)  # s7
+            over, up = offset = estimator.offset(place, dz)  # s7
             grain_column, grain_row = column + over, row - up
             grain = (grain_column, grain_row, rays.plane + dz)
-            amplitude = radiance.amplitudes(scene, sampler, seen, grain, (slope_x, slope_y), channels)  # s5
+            amplitude, tilt = radiance.amplitudes(
+                scene, rays, sampler, seen, grain, (slope_x, slope_y), channels
+            )  # s5
+            kernel = estimator.kernel(place, offset, dz, tilt)  # s7
             amplitude = [dr.select(seen.exists, a, 0) for a in amplitude]
             if seen.weight is not None:
                 shares = [seen.weight[c] for c in channels]

@@ -12,13 +12,14 @@ SLOPE = math.tan(math.asin(WAVELENGTH / (2 * PITCH)))
 
 
 def summed_kernel(lattice, level, table):
-    """What the lattice's rays add up to from one grain: W times count, on the signed offsets."""
+    """What the lattice's rays add up to from one grain: W times its shares, on the signed offsets."""
     offsets = lattice.offsets(PITCH)
     reach = int(offsets.max())
     total = np.zeros((2 * reach + 1, 2 * reach + 1), np.complex128)
-    for i, j in lattice.indices:
+    shares = lattice.shares(offsets[[level]])[1][0]
+    for (i, j), share in zip(lattice.indices, shares, strict=True):
         x, y = offsets[level, abs(i)] * (-1) ** (i < 0), offsets[level, abs(j)] * (-1) ** (j < 0)
-        total[reach + y, reach + x] += table[level, abs(y), abs(x)]
+        total[reach + y, reach + x] += share * table[level, abs(y), abs(x)]
     return total
 
 
