@@ -63,9 +63,8 @@ class LatticeEstimator:
         That of a surface on the SLM's side of the plane is the conjugate. It is shared by the directions that meet in
         the grain where the surface goes on as the plane with the slopes `tilt`, (dz/dx, dz/dy).
         """
-        side = dr.select(
-            dz < 0, -1, mi.Float(1)
-        )  # with directions mirrored what lies behind is as what lies before
+        # with directions mirrored what lies behind is as what lies before
+        side = dr.select(dz < 0, -1, mi.Float(1))
         i, j = (side * index for index in place[:2])
         over, up = (mi.Float(pixels) for pixels in offset)
         tilt_x, tilt_y = (side * self.spacing * slope for slope in tilt)

@@ -143,9 +143,8 @@ class Lattice:
         """
         i, j = np.abs(self.indices).T
         ends = self.ends
-        first = np.array(
-            [np.searchsorted(row, row) for row in offsets]
-        )  # of the directions in the same grain
+        # of the directions in the same grain
+        first = np.array([np.searchsorted(row, row) for row in offsets])
         last = np.array([np.searchsorted(row, row, "right") for row in offsets]) - 1
 
         def together(index, end):

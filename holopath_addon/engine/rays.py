@@ -109,9 +109,10 @@ class Rays:
         direct = seen.hit & (seen.hits == 0)
         point = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.Minimal, direct)
         per_height = self._spread / dr.dot(point.n, point.p - self.position)
-        per_height = dr.select(direct & dr.isfinite(per_height), per_height, 0)
+        slopes = [dr.dot(point.n, axis) * per_height for axis in (self.right, self.up)]
+        # triangles too small for single precision have no normal
         return tuple(
-            dr.clip(dr.dot(point.n, axis) * per_height, -STEEPEST, STEEPEST) for axis in (self.right, self.up)
+            dr.select(direct & dr.isfinite(slope), dr.clip(slope, -STEEPEST, STEEPEST), 0) for slope in slopes
         )
 
 
