@@ -64,7 +64,7 @@ def run(size=512, repeats=5):
     scene = Scenes().two_planes(Scenes().emissive)
     camera = engine.Camera(np.eye(4), FOV)
     hologram = engine.Hologram(size, size, 8e-6, (GREEN,), 1e-3, 6e-3)
-    plan = engine.plan(scene, camera, hologram)
+    plan = engine.plan(scene, camera, hologram, engine.Settings(planes=1))
     slope = hologram.max_slope(GREEN)
     (plane,) = plan.planes
     rays = Rays(hologram, camera, DepthMapping.of(hologram, camera, plan.near), plane.z)
@@ -78,7 +78,8 @@ def run(size=512, repeats=5):
     part = Part(np.arange(size * size, dtype=np.uint32), rays, estimator, optics)
 
     def trace(frames):
-        trace_field(scene, hologram, [part], radiance, phasors[:frames], 0, lambda done: None)
+        out = np.zeros((frames, 1, size, size), np.complex64)
+        trace_field(scene, hologram, [part], radiance, phasors[:frames], 0, lambda done: None, out)
 
     works = {
         "ray_intersect loop": lambda: bare_loop(scene, rays, lattice, hologram, full_hit),

@@ -133,6 +133,14 @@ def _wrp(text):
         raise engine.InvalidInput(f"'{text}' is neither auto nor a distance in millimetres") from None
 
 
+def _planes(text):
+    if text == "auto":
+        return text
+    if not text.isdigit():
+        raise engine.InvalidInput(f"'{text}' is neither auto nor a number of recording planes")
+    return int(text)
+
+
 def _parser(store):
     parser = _Parser(
         prog="holopath",
@@ -285,7 +293,12 @@ def _add_scene(parser, store):
     quality.add_argument("--quality", choices=choices.QUALITIES)
     quality.add_argument("--spp", type=int, metavar="N", help="most rays a pixel")
     add("--wrp", type=_argument(_wrp), metavar="auto|MM", help="recording plane's distance from the SLM")
-    add("--planes", type=int, metavar="J", help="most recording planes: fewer rays in all (default 1)")
+    add(
+        "--planes",
+        type=_argument(_planes),
+        metavar="auto|J",
+        help="most recording planes: more need fewer rays (default auto: as many as are worth their time)",
+    )
     add(
         "--depth-range",
         type=_numbers(2, "FAR,NEAR", "millimetres"),

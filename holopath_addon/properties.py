@@ -389,13 +389,18 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         max=1 << 16,
         soft_max=64,
     )
+    planes_auto: BoolProperty(
+        name="Automatic Number of Planes",
+        description="As many recording planes as are worth their time, by the depths, edges and mirrors in view",
+        default=True,
+    )
     planes: IntProperty(
         name="Recording Planes",
         description=(
-            "Most planes that rays start from, each near its part of the scene: more planes need fewer rays. Where "
-            "mirrors or clear glass are in view there is one"
+            "Most planes that rays start from, each near its part of the scene: more planes need fewer rays, and "
+            "keep the edges of near things free of dark rims"
         ),
-        default=1,
+        default=4,
         min=1,
         max=32,
         soft_max=8,
@@ -425,7 +430,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     wrp_auto: BoolProperty(
         name="Automatic Recording Plane",
-        description="Put the wave recording plane in the middle of the depths in view: fewest rays",
+        description="Put wave recording planes amid the depths in view, where they need the fewest rays",
         default=True,
     )
     wrp_mm: FloatProperty(
@@ -699,7 +704,7 @@ def settings_of(props):
         wrp="auto" if props.wrp_auto else _tidy(props.wrp_mm * 1e-3),
         max_depth=props.max_depth,
         paths=props.paths,
-        planes=props.planes,
+        planes="auto" if props.planes_auto else props.planes,
         most_hits=props.most_hits,
         virtual_image=props.virtual_image,
         seed=props.seed,

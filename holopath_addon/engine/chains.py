@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import drjit as dr
@@ -49,6 +50,8 @@ class View:
         How far glossy light is taken to come from its image, 1, rather than from the surface itself, 0.
     colour : mitsuba.Color3f
         Part of `weight` that P's radiance has too, and is to be divided by.
+    first : mitsuba.Float
+        Along the ray to the first surface, metres.
     hits : mitsuba.UInt32
         Mirrors and clear surfaces on the way.
     cut : mitsuba.Bool
@@ -68,6 +71,7 @@ class View:
     path: mi.Float
     image: mi.Float
     colour: mi.Color3f
+    first: mi.Float
     hits: mi.UInt32
     cut: mi.Bool
     parts: tuple[mi.Float, mi.Bool] | None = None
@@ -106,9 +110,51 @@ class FirstHits:
             surface.t,
             mi.Float(0),
             mi.Color3f(1),
+            surface.t,
             mi.UInt32(0),
             mi.Bool(False),
         )
+
+
+class OwnLight:
+    """Surfaces that rays meet straight on, as far as they show no images: the `View` of a chain that stays there.
+
+    Parameters
+    ----------
+    chains : SpecularChains
+    sky : bool
+        As of `FirstHits`.
+    """
+
+    branches = 1
+
+    def __init__(self, chains: SpecularChains, sky: bool) -> None:
+        self._chains = copy(chains)
+        self._chains.most_hits, self._chains.sky = dr.opaque(mi.UInt32, 1), sky
+
+    def view(self, scene: mi.Scene, ray: mi.Ray3f, branch: mi.UInt32, drawn: bool = False) -> View:
+        """The `View` along a ray."""
+        seen = self._chains.view(scene, ray, mi.UInt32(0), drawn)
+        seen.exists &= seen.hits == 0
+        return seen
+
+
+class Images:
+    """What rays see over mirrors and through clear surfaces, and nothing else.
+
+    Parameters
+    ----------
+    chains : SpecularChains
+    """
+
+    def __init__(self, chains: SpecularChains) -> None:
+        self._chains, self.branches = chains, chains.branches
+
+    def view(self, scene: mi.Scene, ray: mi.Ray3f, branch: mi.UInt32, drawn: bool = False) -> View:
+        """The `View` of a branch along a ray."""
+        seen = self._chains.view(scene, ray, branch, drawn)
+        seen.exists &= seen.hits > 0
+        return seen
 
 
 @dataclass
@@ -202,7 +248,8 @@ class SpecularChains:
 
     def view(self, scene: mi.Scene, ray: mi.Ray3f, branch: mi.UInt32, drawn: bool = False) -> View:
         """The `View` of a branch along a ray; of one `drawn` at random, bits that nothing divides by do not count."""
-        chain = self._follow(scene, ray, branch)
+        met = intersect(scene, ray, self.coherent)
+        chain = self._follow(scene, ray, met, branch)
         last, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves, rough = (
             chain
         )
@@ -242,6 +289,7 @@ class SpecularChains:
             path,
             image,
             colour,
+            met.t,
             hits,
             cut,
             parts,
@@ -253,14 +301,14 @@ class SpecularChains:
             return path
         return dr.select(hits > 0, crossing(moves, last, dr.select(hit, reach, FAR)), path)
 
-    def _follow(self, scene, ray, branch):
+    def _follow(self, scene, ray, met, branch):
         """The chain: last piece, what it meets, how far from the last surface it starts, the radiance's share, the
         optical length before and the index on it, hits, splits, whether P shows all its light, whether there is a
         P, whether the ray was never bent, and ray differentials.
         """
         state = (
             mi.Ray3f(ray),
-            intersect(scene, ray, self.coherent),
+            mi.PreliminaryIntersection3f(met),
             mi.Float(0),
             mi.Color3f(1),
             mi.Float(0),

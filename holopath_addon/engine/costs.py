@@ -31,7 +31,8 @@ TEXEL_BYTES = 48  # with what making them takes
 # Of the time that the probe's rays and paths take, which are alone in their kernels; measured over six scenes.
 RAY, CHAIN, PATH = 1.0, 1.0, 0.6
 SUM = 2.0e-9, 0.3e-9  # seconds of a ray, and of each of its frames and wavelengths
-START = 0.4  # seconds, for kernels and tables
+START, PLANE = 0.4, 0.05  # seconds, for kernels and tables, and those of each plane more
+MOVE = 0.03e-6  # seconds of a pixel's way to another plane, of each frame and wavelength
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,10 @@ class Work:
         Seconds for the radiance cache, where there is one.
     traversals : int
         Times that rays are traced: for all wavelengths together or for each.
+    planes : int
+        Recording planes.
+    images : bool
+        Whether some of these record images only, which are brought to the others.
     """
 
     columns: int
@@ -58,6 +63,8 @@ class Work:
     passes: int
     texture: float | None
     traversals: int
+    planes: int
+    images: bool
 
 
 def baking_seconds(
@@ -89,7 +96,7 @@ def seconds(hologram: Hologram, settings: Settings, seen: Probe, light: Light, w
         paths = path_seconds(light, work.columns * work.passes)
     total = START + work.traversals * (pixels * rays + (paths if work.texture is None else 0.0))
     total += work.texture or 0.0
-    total += pixels * frames * colours * 0.03e-6
+    total += pixels * frames * colours * MOVE * (2 * work.planes - 1) + PLANE * (work.planes - 1)
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
         total += pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second
@@ -113,7 +120,7 @@ def memory(
     `binned` is the share of the occupied cells that have all pupil bins.
     """
     pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
-    fields = pixels * frames * (colours + 1) * 8
+    fields = pixels * frames * (colours * (1 + work.images) + 1) * 8
     if settings.despeckle:
         # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
         fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4

@@ -13,6 +13,7 @@ import numpy as np
 from .buffers import gather_row, row_stride
 from .hologram import channel
 from .lobes import SHARP
+from .rays import OUTSIDE
 from .regions import DEPTHS, TILE, Look, tiles_of
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from .progress import PartProgress
     from .radiance import PathTracer
     from .rays import Rays
+    from .recording_planes import RecordingPlane
 
 CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
 BINNED = 8 / (
@@ -102,7 +104,8 @@ class RadianceMap:
     Only cells that hold a surface have values. `numbers` gives each cell of the grid twice its first row, 0 for
     none, and 1 more where it has all pupil bins. A row of `radiances` holds the surface's mean `Rays.tilt`, and the
     radiance of each wavelength; `colours` is 1 where all share one. `passes` paths a pixel left the relative standard
-    error `error` of the wave field, see `_field_error`; `look` is what their rays saw from each tile.
+    error `error` of the wave field, see `_field_error`; `looks` is what their rays saw from the tiles of each
+    recording plane.
     """
 
     grid: GrainGrid
@@ -111,7 +114,7 @@ class RadianceMap:
     colours: int
     passes: int
     error: float
-    look: Look
+    looks: tuple[Look, ...]
 
     def sampler(self, seed: int, size: int) -> None:
         """No random numbers are needed."""
@@ -172,6 +175,7 @@ def measure_grains(
     wanted: float = math.inf,
     most: int = 1,
     white: float = math.inf,
+    planes: Sequence[RecordingPlane] = (),
 ) -> RadianceMap:
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
@@ -197,6 +201,8 @@ def measure_grains(
         Paths through each pixel at most.
     white : float
         Radiance of the bright parts of the view.
+    planes : sequence of RecordingPlane
+        Whose tiles are looked at.
 
     Returns
     -------
@@ -214,7 +220,7 @@ def measure_grains(
     if not dr.any((numbers & 1) == 1):
         grid = replace(grid, bins=1)
 
-    sums, tiles = dr.zeros(mi.UInt64, SUMS * rows), _Tiles(grid, rays.limit)
+    sums, tiles = dr.zeros(mi.UInt64, SUMS * rows), _Tiles(grid, rays, planes)
     taken, error, done = 0, math.inf, 0.1
     for number in range(ROUNDS):
         # half of what is left, where another round may follow
@@ -248,7 +254,7 @@ def measure_grains(
             break
         passes = min(most - taken, math.ceil(taken * ((error / wanted) ** 2 - 1)))
     means = _means(sums, numbers, grid, wavelengths)
-    return RadianceMap(grid, numbers, means, len(wavelengths), taken, error, tiles.look())
+    return RadianceMap(grid, numbers, means, len(wavelengths), taken, error, tiles.looks())
 
 
 def _field_error(sums, white):
@@ -274,41 +280,72 @@ def _field_error(sums, white):
     return math.sqrt(wrong / whole) if whole > 0 else 0.0
 
 
-class _Tiles:
-    """Takes in what rays saw from the tiles of the recording plane."""
+def _ends(slab):
+    """The outer ends of a slab, finite."""
+    return np.clip((slab.far[0], slab.near[1]), -OUTSIDE, OUTSIDE)
 
-    def __init__(self, grid, limit):
-        self._shape, self._limit = tiles_of(grid.width, grid.height), limit
+
+class _Tiles:
+    """Takes in what rays saw from the tiles of recording planes."""
+
+    def __init__(self, grid, rays, planes):
+        self._shape, self._planes = tiles_of(grid.width, grid.height), planes
         self._width, self._height, self._across = (
             dr.opaque(mi.Int, number) for number in (grid.width, grid.height, self._shape[1])
         )
-        self._depth, self._chains = (dr.zeros(mi.UInt32, self._shape[0] * self._shape[1]) for _ in range(2))
+        self._pitch, self._from = rays.pitch, rays.plane
+        self._numbers = [
+            [
+                dr.opaque(mi.Float, float(number))
+                for number in (plane.z, plane.depth_limit, *_ends(plane.slab), *_ends(plane.images))
+            ]
+            for plane in planes
+        ]
+        count = len(planes) * self._shape[0] * self._shape[1]
+        self._depth, self._chains = (dr.zeros(mi.UInt32, max(1, count)) for _ in range(2))
 
     def add(self, grains, lit):
         """Grains, and which of them shine."""
-        column, row = mi.Int(dr.round(grains.column)), mi.Int(dr.round(grains.row))
-        inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
-        tile = mi.UInt32(row // TILE * self._across + column // TILE)
-        part = 1 + mi.UInt32(dr.minimum(dr.abs(grains.dz) / self._limit, 1) * (DEPTHS - 1))
-        dr.scatter_reduce(dr.ReduceOp.Max, self._depth, part, tile, inside & lit, mode=ATOMIC)
-        chained = inside & (grains.seen.hits > 0)
-        dr.scatter_reduce(dr.ReduceOp.Max, self._chains, mi.UInt32(1), tile, chained, mode=ATOMIC)
+        z, first = self._from + grains.dz, self._from + grains.first
+        for number, (plane, limit, far, near, images_far, images_near) in enumerate(self._numbers):
+            walk = (plane - self._from) / self._pitch
+            column = mi.Int(dr.round(grains.column + grains.slope.x * walk))
+            row = mi.Int(dr.round(grains.row - grains.slope.y * walk))
+            inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
+            inside &= (first > far) & (first < near)
+            recorded = inside & lit & (z > images_far) & (z < images_near)
+            if self._planes[number].sees != "all":
+                recorded &= (grains.seen.hits > 0) == (self._planes[number].sees == "images")
+            tile = (
+                mi.UInt32(row // TILE * self._across + column // TILE)
+                + number * self._shape[0] * self._shape[1]
+            )
+            part = 1 + mi.UInt32(dr.minimum(dr.abs(z - plane) / limit, 1) * (DEPTHS - 1))
+            dr.scatter_reduce(dr.ReduceOp.Max, self._depth, part, tile, recorded, mode=ATOMIC)
+            chained = inside & (grains.seen.hits > 0)
+            dr.scatter_reduce(dr.ReduceOp.Max, self._chains, mi.UInt32(1), tile, chained, mode=ATOMIC)
         dr.eval(self._depth, self._chains)
 
-    def look(self):
-        """The `Look`."""
-        depth, chains = (np.array(values).reshape(self._shape) for values in (self._depth, self._chains))
-        return Look(depth, chains > 0)
+    def looks(self):
+        """The `Look` of each plane."""
+        shape = (len(self._planes), *self._shape)
+        depth, chains = (
+            np.array(values)[: math.prod(shape)].reshape(shape) for values in (self._depth, self._chains)
+        )
+        images = [plane.sees != "surfaces" for plane in self._planes]
+        return tuple(Look(*look) for look in zip(depth, chains > 0, images, strict=True))
 
 
 @dataclass
 class _Grains:
-    """Grains that rays saw (Dr.Jit types): the sampler after them, number of the path and of the pixel's place
+    """Grains that rays saw (Dr.Jit types): the sampler after them, the first surface's
+    distance from the plane, number of the path and of the pixel's place
     on the plane, slope, the `View`, distance from the plane, cell, whether it is on the grid and shows anything, and
     whether its surface looks different across the pupil.
     """
 
     sampler: mi.Sampler
+    first: mi.Float
     number: mi.UInt32
     column: mi.Float
     row: mi.Float
@@ -348,7 +385,8 @@ def _grains(scene, rays, optics, grid, first, count, passes, seed, before):
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
     branch = mi.UInt32(sampler.next_1d() * optics.branches) if optics.branches > 1 else mi.UInt32(0)
     seen = optics.view(scene, ray, branch, drawn=True)
-    dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)
+    first = rays.height_over_plane(seen.first, depth_rate, dr.isfinite(seen.first))
+    dz = rays.within(rays.height_over_plane(seen.distance, depth_rate, seen.hit))
     over = mi.Int(dr.round(column + slope.x * dz / rays.pitch))
     down = mi.Int(dr.round(row - slope.y * dz / rays.pitch))
     cell, inside = grid.cell(over, down, rays.plane + dz, seen.branch)
@@ -356,7 +394,7 @@ def _grains(scene, rays, optics, grid, first, count, passes, seed, before):
     if grid.bins > 1:
         flags = seen.surface.shape.bsdf().flags()
         binned = mi.has_flag(flags, mi.BSDFFlags.Glossy) | (seen.whole & ((flags & SHARP) != 0))
-    return _Grains(sampler, number, column, row, slope, seen, dz, cell, inside & seen.exists, binned)
+    return _Grains(sampler, first, number, column, row, slope, seen, dz, cell, inside & seen.exists, binned)
 
 
 def _numbered(occupied, grid):

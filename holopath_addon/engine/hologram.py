@@ -139,9 +139,9 @@ class Settings:
         Most rays a pixel.
     wrp : 'auto' or float
         Distance of the wave recording plane from the SLM, metres.
-    planes : int
-        Most recording planes. More need fewer rays, and each shades what lies behind it as a wave; where mirrors,
-        clear glass or sharp gloss are in view there is one.
+    planes : 'auto' or int
+        Most recording planes; by itself the plan takes what is worth its time. More need fewer rays, and each shades
+        what lies behind it as a wave.
     max_depth : int
         Vertices of a radiance path, as Mitsuba counts them: 1 emission only, 2 direct light.
     virtual_image : {'curvature', 'opl'}
@@ -172,7 +172,7 @@ class Settings:
     quality: str = "balanced"
     spp: int | None = None
     wrp: str | float = "auto"
-    planes: int = 1
+    planes: int | str = "auto"
     max_depth: int = 8
     virtual_image: str = "curvature"
     most_hits: int = 8
@@ -204,8 +204,8 @@ class Settings:
             raise InvalidInput(
                 "The recording plane must be 'auto' or a distance from the SLM in millimetres."
             )
-        if not 1 <= self.planes <= 32:
-            raise InvalidInput(f"Recording planes must be 1 to 32, not {self.planes}.")
+        if self.planes != "auto" and not (isinstance(self.planes, int) and 1 <= self.planes <= 32):
+            raise InvalidInput(f"Recording planes must be 'auto' or 1 to 32, not {self.planes}.")
         if not 1 <= self.paths <= 1 << 16:
             raise InvalidInput(f"Radiance paths a ray must be 1 to {1 << 16}, not {self.paths}.")
         if self.max_depth < 1:

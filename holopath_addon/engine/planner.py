@@ -19,12 +19,17 @@ from .probing import LEAST_SHARE, Pilot, near_end, vergence_range
 from .propagation import grid_bytes, padded_shape
 from .recording_planes import (
     CONE,
-    best_place,
+    MOST_PLANES,
+    Part,
+    Scenery,
+    by_region,
+    chosen,
     depth_of_focus,
+    gathered_on,
     max_slope,
-    plane_at,
-    slab_planes,
+    middle_of,
 )
+from .slabs import EVERYWHERE
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -46,6 +51,7 @@ PASSES = {
     "balanced": (16, 256),
     "full": (32, 1024),
 }  # fewest and most radiance paths a pixel
+LEAST_SHADOWS = 1e-4  # of the light: less is not told of
 FIREFLY = 1.0  # times the bright parts of the view: most that one indirect path may add to a grain's mean
 SLAB = 0.15  # of the depth of focus
 MOST_SLABS = 48
@@ -205,6 +211,16 @@ class Plan:
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
 
+    @property
+    def z_gathered(self) -> float:
+        """Where the field of all planes is brought together: on the nearest to the viewer that has no images only."""
+        return gathered_on(self.planes).z
+
+    @property
+    def z_middle(self) -> float:
+        """Middle of the recording planes, from which the radiance map is seen."""
+        return middle_of(self.planes)
+
     def to_dict(self) -> dict:
         """JSON-able form; null for what is unlimited."""
         return _finite(asdict(self))
@@ -302,14 +318,16 @@ def plan(
             else f"{hologram.depth_mapping} mapping",
         ),
     )
-    depths = np.clip(mapping.z_far + mapping.beta * np.array([low, *seen.vergence, high]), z_low, z_high)
+    places = replace(seen.places, z=np.clip(seen.places.z, z_low, z_high))
     gloss = mapping.z_far + mapping.beta * seen.gloss if seen.turn > GLOSSY_TURN else np.empty(0)
     bent = np.clip(mapping.z_far + mapping.beta * seen.images, z_low, z_high)
-    planes, regions = _planes(
-        hologram, settings, z_low, z_high, depths, gloss, bent, chain, seen.places, decisions, warnings
+    edges = pilot.edges(optics, slab_of(hologram))
+    scenery = Scenery(
+        hologram, settings, places, (z_low, z_high), edges, gloss, bent, 1 << splits if chain else 0
     )
+    planes = _planes(scenery, decisions, warnings)
     rays = sum(plane.rays for plane in planes)
-    middle = 0.5 * (planes[0].z + planes[-1].z)
+    middle = middle_of(planes)
     reach = 1.02 * CONE[settings.quality] * max_slope(hologram) * max(z_high - middle, middle - z_low)
     margin = math.ceil(reach / hologram.pitch) + 3
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
@@ -324,7 +342,7 @@ def plan(
     chunk = fixed.get("chunk") or min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
     reason = "as asked" if "chunk" in fixed else "an eighth of what is free at most"
     decisions.append(Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason))
-    farthest = abs(planes[-1].z)
+    farthest = abs(gathered_on(planes).z)
     padded = padded_shape(
         (hologram.height, hologram.width), hologram.pitch, max(hologram.wavelengths), farthest
     )
@@ -351,8 +369,10 @@ def plan(
             f"Only {captured:.0%} of the light fits through the SLM's aperture at {z_high * 1e3:.0f} mm: edges darken; "
             f"bring the depth range nearer to the SLM or use more pixels."
         )
-    plain, chained = (sum(getattr(plane, kind) for plane in planes) for kind in ("plain", "chained"))
-    work = costs.Work(columns, plain, chained * (1 << splits) if chain else 0.0, passes, texture, traversals)
+    plain = sum(plane.plain for plane in planes)
+    chained = sum(plane.chained * (1 if plane.sees == "surfaces" else 1 << splits) for plane in planes)
+    images = any(plane.sees == "images" for plane in planes)
+    work = costs.Work(columns, plain, chained, passes, texture, traversals, len(planes), images)
     seconds = costs.seconds(hologram, settings, seen, light, work)
     memory = costs.memory(hologram, settings, work, margin, slabs, bins, _binned(seen), splits)
     size, farthest = (hologram.height, hologram.width), max(abs(z_low), abs(z_high))
@@ -373,7 +393,7 @@ def plan(
         margin=margin,
         slabs=slabs,
         bins=bins,
-        regions=regions,
+        regions=by_region(settings),
         cached=texture is not None,
         texel_noise=texel_noise(settings),
         texel_samples=PASSES[settings.quality][1],
@@ -478,52 +498,63 @@ def _chains(scene, camera, settings, pilot, seen, decisions, warnings):
     return seen, optics_of(chain, splits), chain, splits, image, pupil
 
 
-def _planes(hologram, settings, z_low, z_high, depths, gloss, bent, chain, places, decisions, warnings):
-    """The recording planes, and whether their tiles are traced by what each needs."""
-    several = settings.planes > 1 and not chain and not len(gloss)
-    placed = settings.method != "direct" and settings.wrp == "auto"
-    if placed and several:
-        planes = slab_planes(hologram, settings, depths, warnings)
-        where = ", ".join(f"{plane.z * 1e3:.2f}" for plane in planes)
-        decisions.append(
-            Decision("recording planes", f"{where} mm from the SLM", "fitted to the depths in view")
-        )
-        decisions.append(_ray_decision(settings, planes))
-        return planes, False
-    able = settings.radiance == "grain" and settings.estimator == "lattice"
-    regions = able and bool(settings.fixed.get("regions", 1))
-    if settings.method == "direct":
-        z, reason = 0.0, "the SLM itself: method direct"
-    elif not placed:
-        z, reason = float(settings.wrp), "as asked"
+def _planes(scenery, decisions, warnings):
+    """The recording planes."""
+    hologram, settings = scenery.hologram, scenery.settings
+    if settings.method == "direct" or settings.wrp != "auto":
+        z = 0.0 if settings.method == "direct" else float(settings.wrp)
+        reason = "the SLM itself: method direct" if settings.method == "direct" else "as asked"
+        low, high = scenery.ends
+        whole = Part("all", EVERYWHERE, EVERYWHERE, low, high, z, reason)
+        planes = (scenery.plane(z, whole, (low, high), low, 1, warnings),)
     else:
-        # images in mirrors and glass lose where the plane is far from them: only without them it may leave the middle
-        z, reason = best_place(hologram, settings, z_low, z_high, gloss, bent, places, regions and not chain)
-        if settings.planes > 1:
-            reason += "; one only, since "
-            reason += (
-                "silhouettes do not hold for images in mirrors" if chain else "gloss needs it beside itself"
-            )
-    plane = plane_at(hologram, settings, z, z_low, z_high, chain, places, regions, warnings)
-    far = max(abs(hologram.depth_near - hologram.depth_far), 1e-9)
-    saving = ""
-    if settings.estimator == "lattice" and plane.depth_limit < 0.9 * far:
-        saving = (
-            f"{1 - (plane.depth_limit / far) ** 2:.0%} of the rays that a plane at the volume's end needs"
+        layouts = scenery.layouts(MOST_PLANES if settings.planes == "auto" else settings.planes)
+        # none that needs more rays than one plane, which all pixels have the same of where tiles are not told apart
+        one, able = layouts[0], by_region(settings) or settings.planes != "auto"
+        layouts = [layout for layout in layouts if layout is one or (able and layout.rays <= one.rays)]
+        if settings.planes != "auto":
+            count = max(len(layout.parts) for layout in layouts)
+            layouts = [layout for layout in layouts if len(layout.parts) == count]
+        noise = speckle_contrast(settings.phase_field, settings.frames) ** 2
+        layout = chosen(layouts, noise, settings.frames * len(hologram.wavelengths))
+        planes, reason = scenery.planes(layout, warnings), _reason(layout, one)
+    decisions.append(Decision("recording planes", _names(planes), reason))
+    decisions.append(_ray_decision(settings, planes))
+    if by_region(settings):
+        rays, plain, chained = (
+            sum(getattr(plane, kind) for plane in planes) for kind in ("rays", "plain", "chained")
         )
-    decisions.append(Decision("recording plane", f"{z * 1e3:.3f} mm from the SLM", reason, saving))
-    decisions.append(_ray_decision(settings, [plane]))
-    if regions:
-        mean, chained = plane.plain + plane.chained, plane.chained / max(plane.plain + plane.chained, 1e-9)
-        value = f"{mean:.0f} of {plane.rays} rays a pixel on average"
-        if chain:
-            value += f", {chained:.0%} of them followed over mirrors"
-        share = 1 - mean / plane.rays
+        value = f"{plain + chained:.0f} of {rays} rays a pixel on average"
+        if scenery.branches:
+            value += f", {chained / max(plain + chained, 1e-9):.0%} of them followed over mirrors"
+        share = 1 - (plain + chained) / rays
         reason = "tiles that see no light have none, others one a grain at their own farthest surface"
-        decisions.append(
-            Decision("regions", value, reason, f"{share:.0%} of the rays" if share > 0.005 else "", 0.0)
-        )
-    return (plane,), regions
+        saving = f"{share:.0%} of the rays" if share > 0.005 else ""
+        decisions.append(Decision("regions", value, reason, saving, 0.0))
+    return planes
+
+
+def _names(planes):
+    """Where planes are, in words."""
+    where = {"all": "", "surfaces": "", "images": "images in mirrors and glass at "}
+    parts = []
+    for sees in where:
+        places = ", ".join(f"{plane.z * 1e3:.2f}" for plane in planes if plane.sees == sees)
+        if places:
+            parts.append(where[sees] + places)
+    return f"{'; '.join(parts)} mm from the SLM"
+
+
+def _reason(layout, one):
+    """Why a layout was chosen, in words."""
+    reasons = list(dict.fromkeys(part.reason for part in layout.parts))
+    if len(layout.parts) > 1:
+        reasons.append(f"{len(layout.parts)} planes need {layout.rays / one.rays:.0%} of the rays of one")
+        if one.shadows > LEAST_SHADOWS:
+            reasons.append(
+                f"light on the wrong side of edges falls from {one.shadows:.2%} to {layout.shadows:.2%}"
+            )
+    return "; ".join(reasons)
 
 
 def _ray_decision(settings, planes):

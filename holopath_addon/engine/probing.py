@@ -110,6 +110,8 @@ class Places:
         To the right and up.
     z : numpy.ndarray
         Depth of what is seen, metres from the SLM; NaN where there is nothing.
+    first : numpy.ndarray
+        Depth of the first surface.
     chains : numpy.ndarray of bool
         Whether it is seen through mirrors or clear surfaces.
     z_far, pitch : float
@@ -121,23 +123,52 @@ class Places:
     slope_x: np.ndarray
     slope_y: np.ndarray
     z: np.ndarray
+    first: np.ndarray
     chains: np.ndarray
     z_far: float
     pitch: float
 
-    def look(self, plane: float, limit: float, width: int, height: int, cell: int) -> Look:
-        """The `Look` from the tiles, `cell` pixels wide, of a plane of so many pixels, at a distance from the SLM."""
+    def look(
+        self, plane: float, limit: float, width: int, height: int, cell: int, where: np.ndarray, images: bool
+    ) -> Look:
+        """The `Look` from the tiles, `cell` pixels wide, of a plane of so many pixels, at a distance from the SLM, at
+        the places `where`, with `images` in mirrors or without.
+        """
         walk = (plane - self.z_far) / self.pitch
         column = np.floor((self.column + self.slope_x * walk + 0.5) / cell).astype(int)
         row = np.floor((self.row - self.slope_y * walk + 0.5) / cell).astype(int)
         shape = -(-height // cell), -(-width // cell)
-        inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0]) & np.isfinite(self.z)
-        tile = (row * shape[1] + column)[inside]
+        on_plane = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
+        inside, tiles = on_plane & where, row * shape[1] + column
+        tile = tiles[inside]
         part = np.minimum(np.abs(self.z[inside] - plane) / limit, 1.0)
         depth, chains = np.zeros(shape[0] * shape[1], np.uint32), np.zeros(shape[0] * shape[1], bool)
         np.maximum.at(depth, tile, 1 + (part * (DEPTHS - 1)).astype(np.uint32))
-        chains[tile[self.chains[inside]]] = True
-        return Look(depth.reshape(shape), chains.reshape(shape))
+        chains[tiles[on_plane & self.chains]] = True
+        return Look(depth.reshape(shape), chains.reshape(shape), images)
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Edges of near things, as seen along the axis.
+
+    Attributes
+    ----------
+    front, behind : numpy.ndarray
+        Depths of what is in front and of the surface behind, metres from the SLM.
+    seen : numpy.ndarray
+        Depth of what is seen there: of the surface behind, or of the image that it shows.
+    images : numpy.ndarray of bool
+        Whether it shows one.
+    length : float
+        Of each piece, pixels.
+    """
+
+    front: np.ndarray
+    behind: np.ndarray
+    seen: np.ndarray
+    images: np.ndarray
+    length: float
 
 
 @dataclass(frozen=True)
@@ -228,6 +259,7 @@ class Pilot:
         self.sampler = sampler
         self._from = column, row, slope
         self._rays, self._pitch = rays, hologram.pitch
+        self._size = hologram.width, hologram.height
 
     def nearest(self) -> float | None:
         """Depth of the nearest surface in metres, None if there is none."""
@@ -235,6 +267,38 @@ class Pilot:
         depth = np.asarray(self.camera.clip_start + hit.t * self.depth_rate)
         nearest = depth.min(where=np.asarray(hit.is_valid()), initial=math.inf)
         return float(nearest) if math.isfinite(nearest) else None
+
+    def edges(self, optics: FirstHits | SpecularChains, least: float) -> Edges:
+        """The `Edges` where depths differ by more than `least` metres, and more than the surfaces beside them go on."""
+        import drjit as dr
+        import mitsuba as mi
+
+        width, height = self._size
+        side = max(1, math.ceil(math.sqrt(width * height / NEAREST_PIXELS)))
+        columns, rows = width // side, height // side
+        across, step = dr.opaque(mi.UInt32, columns), dr.opaque(mi.Float, side)
+        index = dr.arange(mi.UInt32, columns * rows)
+        place = self._rays.place(mi.Float(index % across) * step, mi.Float(index // across) * step)
+        ray, depth_rate = self._rays.world(*place, mi.Float(0), mi.Float(0))
+        branch = mi.UInt32(self._chance(columns * rows) * optics.branches)
+        view = optics.view(self.scene, ray, branch, drawn=True)
+        first, seen = (
+            np.array(self._rays.height_over_plane(distance, depth_rate, dr.isfinite(distance)))
+            + self._mapping.z_far
+            for distance in (view.first, view.distance)
+        )
+        kinds = first, seen, np.broadcast_to(np.asarray(view.hits) > 0, first.shape)
+        kinds = [values.reshape(rows, columns) for values in kinds]
+        found = []
+        for first, *what in (kinds, [values.T for values in kinds]):
+            steps = np.diff(first, axis=1)
+            goes_on = 2 * np.maximum(abs(np.roll(steps, 1, 1)), abs(np.roll(steps, -1, 1)))
+            row, column = np.nonzero(abs(steps) > least + goes_on)
+            nearer = column + (steps[row, column] > 0)
+            behind = row, 2 * column + 1 - nearer
+            found.append([first[row, nearer], first[behind], *(values[behind] for values in what)])
+        front, behind, seen, images = (np.concatenate(values) for values in zip(*found, strict=True))
+        return Edges(front, behind, seen, images, float(side))
 
     def first_hits(self) -> Probe:
         """The `Probe` of first surfaces."""
@@ -312,7 +376,7 @@ class Pilot:
         gloss = np.asarray(1 / depth)[exists & np.asarray(glossy)]
         beyond = dr.select(view.cut & ~view.exists, dr.mean(view.weight), 0)
         hit = np.asarray(view.hit)
-        places = self.places(depth, hit, exists & (hit | sky), np.asarray(view.hits) > 0)
+        places = self.places(depth, hit, exists & (hit | sky), np.asarray(view.hits) > 0, probe.places.first)
         return replace(
             probe,
             vergence=vergence,
@@ -357,8 +421,15 @@ class Pilot:
                 return hits, max(lost, 0.0)
         return most, 0.0
 
-    def places(self, depth: ArrayLike, hit: np.ndarray, exists: np.ndarray, chains: ArrayLike) -> Places:
-        """The `Places` that rays saw, of world depths in metres."""
+    def places(
+        self,
+        depth: ArrayLike,
+        hit: np.ndarray,
+        exists: np.ndarray,
+        chains: ArrayLike,
+        first: np.ndarray | None = None,
+    ) -> Places:
+        """The `Places` that rays saw, of world depths in metres; `first` as of `Places`, where it is not the same."""
         column, row, slope = self._from
         vergence = np.where(hit, 1 / np.asarray(depth), 0)
         z = np.where(exists, self._mapping.z_far + self._mapping.beta * vergence, np.nan)
@@ -368,6 +439,7 @@ class Pilot:
             np.asarray(slope.x),
             np.asarray(slope.y),
             z,
+            z if first is None else first,
             np.broadcast_to(chains, z.shape),
             self._mapping.z_far,
             self._pitch,

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .buffers import constant
+from .slabs import EVERYWHERE, Slab
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from .mapping import DepthMapping
 
 
+OUTSIDE, LEAST_RAMP = 1e6, 1e-9  # metres: stand for infinity and for nothing
 STEEPEST = 8.0  # slope in hologram space: planes that are seen from their edge
 
 
@@ -32,8 +35,10 @@ class Rays:
         z of the recording plane, metres.
     limit : float
         Image points farther from the plane than this, metres, are taken to be at this distance.
-    span : (float, float)
-        Depths z between which surfaces are seen, metres; the near end is the camera's at most.
+    slab : Slab
+        First surfaces that are seen.
+    images : Slab
+        What is recorded of what they show.
     """
 
     def __init__(
@@ -43,9 +48,10 @@ class Rays:
         mapping: DepthMapping,
         plane: float,
         limit: float = math.inf,
-        span: tuple[float, float] = (-math.inf, math.inf),
+        slab: Slab = EVERYWHERE,
+        images: Slab = EVERYWHERE,
     ) -> None:
-        far, near = (z - mapping.z_far for z in span)
+        far, near = (z - mapping.z_far for z in (slab.far[0], slab.near[1]))
         start = max(camera.clip_start, mapping.beta / near)
         end = min(camera.clip_end, mapping.beta / far if far > 0 else math.inf)
         # no literals: one program for all displays, depth ranges and scenes alike
@@ -72,6 +78,7 @@ class Rays:
             )
         )
         self._reach = dr.opaque(mi.Float, end - start) if math.isfinite(end) else None
+        self._ramps = [_ramps(which, plane) for which in (slab, images)]
         self._middle = constant(mi.Point2f, (0.5 * (hologram.width - 1), 0.5 * (hologram.height - 1)))
         self._centre = constant(mi.Point2f, (mapping.centre_x, mapping.centre_y))
         self.position = constant(mi.Point3f, camera.position)
@@ -98,7 +105,18 @@ class Rays:
     def height_over_plane(self, distance: mi.Float, depth_rate: mi.Float, hit: mi.Bool) -> mi.Float:
         """dz = z_Q - z_p of a hit after `distance` along the ray; the far end where nothing was hit."""
         depth = self.start + distance * depth_rate
-        return dr.clip(self._to_far + dr.select(hit, self._beta / depth, 0), -self.limit, self.limit)
+        return self._to_far + dr.select(hit, self._beta / depth, 0)
+
+    def within(self, dz: mi.Float) -> mi.Float:
+        """The distance from the plane up to which its directions tell grains apart."""
+        return dr.clip(dz, -self.limit, self.limit)
+
+    def share(self, first: mi.Float, dz: mi.Float) -> mi.Float | None:
+        """Share that this plane has of the amplitude of what lies at dz, behind a surface at `first`, both from the
+        plane, see `Slab`; None for all of it.
+        """
+        shares = [_within(ramps, at) for ramps, at in zip(self._ramps, (first, dz), strict=True) if ramps]
+        return math.prod(shares[1:], start=shares[0]) if shares else None
 
     def tilt(self, seen: View) -> tuple[mi.Float, mi.Float]:
         """Slopes (dz/dx, dz/dy) in hologram space of the plane that a surface goes on as; 0 of images and the sky.
@@ -114,6 +132,29 @@ class Rays:
         return tuple(
             dr.select(direct & dr.isfinite(slope), dr.clip(slope, -STEEPEST, STEEPEST), 0) for slope in slopes
         )
+
+
+def _ramps(slab, plane):
+    """Begin and steepness of a slab's two ramps, from the plane; None where it has no ends."""
+    if not slab.bounded:
+        return None
+    ends = (np.clip(ramp, -OUTSIDE, OUTSIDE) for ramp in (slab.far, slab.near))
+    return [
+        [dr.opaque(mi.Float, number) for number in (first - plane, 1 / max(last - first, LEAST_RAMP))]
+        for first, last in ends
+    ]
+
+
+def _within(ramps, dz):
+    """Share of a slab at a distance from its plane."""
+    (far, far_scale), (near, near_scale) = ramps
+    return _smooth((dz - far) * far_scale) * (1 - _smooth((dz - near) * near_scale))
+
+
+def _smooth(x):
+    """From 0 at 0 to 1 at 1."""
+    x = dr.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
 
 
 def intersect(

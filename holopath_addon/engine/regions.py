@@ -53,17 +53,20 @@ class Look:
         Distance from the plane of the farthest surface, in `DEPTHS` parts of the limit; 0 where there is nothing.
     chains : numpy.ndarray of bool
         Whether a ray met a mirror or a clear surface.
+    images : bool
+        Whether what is seen over these is recorded.
     """
 
     depth: np.ndarray
     chains: np.ndarray
+    images: bool = True
 
     def steps(self, reach: float) -> np.ndarray:
         """Step of the depth limit for each tile, from 0, the whole limit, at which a lattice reaches so many pixels; -1
         where no rays are needed.
         """
         most = np.where(
-            self.chains,
+            self.chains & self.images,
             *(max(0, 2 * math.log2(reach / least)) for least in (IMAGE_REACH, LEAST_DIRECTIONS[0])),
         )
         # a surface between the rays may lie a little farther

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from . import backend, baselines, despeckle, planner
 from .hologram import Settings
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
     from .radiance import PathsPerRay
     from .radiance_cache import RadianceCache
     from .recording_planes import RecordingPlane
+
+SIDE = 4  # rays across a pixel that a silhouette's edge is found by
 
 
 def render(
@@ -154,7 +158,7 @@ def _error_of(errors, plan, baked):
 
 def _field_at_slm(recording, phasors, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
-    hologram, planes = recording.hologram, recording.plan.planes
+    hologram = recording.hologram
     steps = recording.settings.despeckle
     # shares of the time, roughly
     lit, traced, moved = (0.2, 0.4, 0.97) if steps else (0.5, 0.97, 0.97)
@@ -168,38 +172,55 @@ def _field_at_slm(recording, phasors, progress):
             recording, radiance, field, lambda done, what: progress(traced + (moved - traced) * done, what)
         )
     with recording.clock("propagation"):
-        for k, m, wave in _moved(field, hologram, -planes[-1].z):
+        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered):
             field[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             progress(moved + (1 - moved) * step, "To the SLM")
-    return field
+    beyond = recording.beyond
+    return field[..., beyond : beyond + hologram.height, beyond : beyond + hologram.width]
 
 
 def _field_in_scene(recording, radiance, phasors, progress):
-    """The wave field on the plane nearest to the viewer, of all that lies before and behind it.
+    """The wave field at `Plan.z_gathered`, of all that lies before and behind it.
 
-    Its scale makes a plane of radiance L refocus to intensity L.
+    Its scale makes a plane of radiance L refocus to intensity L. Between planes the carrier is left out, for then the
+    shares of a surface that two planes record add up, whatever the wavelength.
     """
     hologram, planes = recording.hologram, recording.plan.planes
-    field, share = None, 1 / len(planes)
+    shape = len(phasors), len(hologram.wavelengths), *recording.canvas
+    field, z, share = np.zeros(shape, np.complex64), planes[0].z, 1 / len(planes)
+
+    def moved(waves, distance, number):
+        for k, m, wave in _moved(waves, hologram, distance, carried=False):
+            progress(share * number, "Between planes")
+            yield m, k, wave
+
+    def record(plane, number, out):
+        def told(part):
+            progress(share * (number + part), "Wave tracing")
+
+        recording.record(plane, radiance, phasors, told, out)
+        return out
+
     for number, plane in enumerate(planes):
-        recorded = recording.field(
-            plane,
-            radiance,
-            phasors,
-            lambda part, number=number: progress(share * (number + part), "Wave tracing"),
-        )
-        if field is None:
-            field = recorded
+        if plane.sees == "images":
+            # straight rays tell which of them are seen
+            images = record(plane, number, np.zeros_like(field))
+            with recording.clock("propagation"):
+                for m, k, wave in moved(images, z - plane.z, number + 1):
+                    field[m, k] += wave
             continue
-        # what lies behind passes the surfaces of this slab as a wave, there where they begin
-        clear = 1 - recording.silhouette(plane)
-        with recording.clock("propagation"):
-            for k, m, wave in _moved(field, hologram, plane.low - planes[number - 1].z):
-                field[m, k] = wave * clear
-            for k, m, wave in _moved(field, hologram, plane.z - plane.low):
-                field[m, k] = wave + recorded[m, k]
-                progress(share * (number + 1), "Between planes")
+        if number:
+            # what lies behind passes the surfaces of this slab as a wave, there where they begin
+            with recording.clock("silhouettes"):
+                clear = np.sqrt(1 - recording.silhouette(plane))
+            with recording.clock("propagation"):
+                for m, k, wave in moved(field, plane.low - z, number):
+                    field[m, k] = wave * clear
+                for m, k, wave in moved(field, plane.z - plane.low, number):
+                    field[m, k] = wave
+        z = plane.z
+        record(plane, number, field)
     with recording.clock("phase fields"):
         recordable = recordable_fraction(phasors)
     if recording.settings.estimator == "paper":
@@ -211,7 +232,7 @@ def _field_in_scene(recording, radiance, phasors, progress):
 def _despeckle(recording, radiance, field, progress):
     """Take speckle out of the field on the plane nearest to the viewer, in place; the same paths, more frames."""
     hologram, plan, settings = recording.hologram, recording.plan, recording.settings
-    low, high = (z - plan.planes[-1].z for z in (plan.z_low, plan.z_high))
+    low, high = (z - plan.z_gathered for z in (plan.z_low, plan.z_high))
     targets = [
         despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed)
         for wavelength in hologram.wavelengths
@@ -281,17 +302,13 @@ class Recording:
         self.settings, self.plan, self.clock = settings, plan, clock
         self.mapping = DepthMapping.of(hologram, camera, plan.near)
         self.max_slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
+        walk = self.max_slope * np.ptp([plane.z for plane in plan.planes]) / hologram.pitch
+        self.beyond = math.ceil(walk)  # pixels
         self.tracer = PathTracer(plan.max_depth, plan.radiance_limit, cache)
         self.rays_traced, self._parts, self._estimators = {}, {}, {}
         self.error: float | None = None
         self.passes: int | None = None
         self.optics = optics_of(scene, camera, plan)
-
-    def _rays(self, plane):
-        from .rays import Rays
-
-        span = (plane.far, plane.near)
-        return Rays(self.hologram, self.camera, self.mapping, plane.z, plane.depth_limit, span)
 
     def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
         """Where the radiance of rays comes from: a map of grains, or paths of their own."""
@@ -313,7 +330,7 @@ class Recording:
             plan.cone * self.max_slope,
             self.optics.branches,
         )
-        middle = 0.5 * (plan.planes[0].z + plan.planes[-1].z)
+        middle = plan.z_middle
         ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
@@ -332,6 +349,7 @@ class Recording:
                 plan.wanted_error,
                 plan.most_passes,
                 plan.white,
+                plan.planes if plan.regions else (),
             )
         self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
         self.error, self.passes = radiance.error, radiance.passes
@@ -353,14 +371,20 @@ class Recording:
         noise = pilot.light(lambda _: self.tracer, self.optics, most, most, slab, firefly).noise
         return min(planner.passes_for(settings, noise, planner.CACHED_PASSES), self.plan.passes)
 
-    def field(
+    @property
+    def canvas(self) -> tuple[int, int]:
+        """Rows and columns of fields on recording planes, with a margin for waves that come back from beyond."""
+        return self.hologram.height + 2 * self.beyond, self.hologram.width + 2 * self.beyond
+
+    def record(
         self,
         plane: RecordingPlane,
         radiance: RadianceMap | PathsPerRay,
         phasors: np.ndarray,
         progress: PartProgress,
-    ) -> np.ndarray:
-        """The wave field on a recording plane, as `tracer.trace_field`."""
+        out: np.ndarray,
+    ) -> None:
+        """Add the wave field on a recording plane, as `tracer.trace_field`."""
         from .tracer import trace_field
 
         with self.clock("kernel tables"):
@@ -370,7 +394,7 @@ class Recording:
         count = sum(len(part.pixels) * part.rays_per_pixel for part in parts)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
         with self.clock("wave tracing"):
-            return trace_field(
+            trace_field(
                 self.scene,
                 self.hologram,
                 parts,
@@ -378,29 +402,44 @@ class Recording:
                 phasors,
                 self.settings.seed,
                 progress,
+                out,
                 self.plan.chunk,
             )
 
     def _parts_of(self, plane, radiance):
         """The `Part` of each region of a plane."""
-        from .chains import FirstHits
+        from .chains import FirstHits, Images, OwnLight
         from .rays import Rays
         from .regions import Region, regions_of
         from .tracer import Part
 
         hologram, plan = self.hologram, self.plan
-        behind = plane.far > self.mapping.z_far
+        behind = plane.slab.far[0] > self.mapping.z_far
         if plan.regions:
             reach = directions_of(self.max_slope, plane.depth_limit, hologram.pitch, plan.cone)
-            regions = regions_of(radiance.look, hologram.width, hologram.height, plane.depth_limit, reach)
+            look = radiance.looks[plan.planes.index(plane)]
+            regions = regions_of(look, hologram.width, hologram.height, plane.depth_limit, reach)
         else:
             pixels = np.arange(hologram.width * hologram.height, dtype=np.uint32)
             regions = [Region(pixels, plane.depth_limit, True)]
-        parts, span = [], (plane.far, plane.near)
-        first_hits = FirstHits(plan.coherent, self.camera.sees_sky and not behind)
+        parts = []
+        sky = self.camera.sees_sky and not behind
+        first_hits, chained = FirstHits(plan.coherent, sky), self.optics
+        if plane.sees == "images":
+            chained = Images(self.optics)
+        elif plan.chain and plane.sees == "surfaces":
+            chained = OwnLight(self.optics, sky)
         for region in regions:
-            rays = Rays(hologram, self.camera, self.mapping, plane.z, region.depth_limit, span)
-            optics = self.optics if region.chains and not behind else first_hits
+            rays = Rays(
+                hologram,
+                self.camera,
+                self.mapping,
+                plane.z,
+                region.depth_limit,
+                plane.slab,
+                plane.images,
+            )
+            optics = chained if region.chains else first_hits
             parts.append(Part(region.pixels, rays, self._estimator(region.depth_limit, plane.rays), optics))
         return parts
 
@@ -417,22 +456,49 @@ class Recording:
         return self._estimators[depth_limit]
 
     def silhouette(self, plane: RecordingPlane) -> np.ndarray:
-        """Where the surfaces of a plane's slab block what lies behind: 1 or 0 for each pixel.
+        """What share of each pixel of the canvas a slab's surfaces cover, beyond what farther planes see, from 0 to 1.
 
-        The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces at one depth.
+        The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces at one depth. At edges a pixel
+        is as much covered as the slab's own field has light there: its rays meet a pixel of a surface at places that
+        are spread as far as they walk from the plane, up to the whole pixel.
         """
         import drjit as dr
         import mitsuba as mi
 
-        from .rays import intersect
+        from .rays import Rays, intersect
 
-        hologram = self.hologram
-        rays = self._rays(plane)
-        index = dr.arange(mi.UInt32, hologram.width * hologram.height)
-        place = rays.place(mi.Float(index % hologram.width), mi.Float(index // hologram.width))
-        ray, _ = rays.world(*place, mi.Float(0), mi.Float(0))
-        blocked = np.asarray(intersect(self.scene, ray, self.plan.coherent).is_valid())
-        return blocked.reshape(hologram.height, hologram.width).astype(np.float32)
+        hologram, (height, width) = self.hologram, self.canvas
+        slab = replace(plane.slab, far=(plane.slab.far[1],) * 2)
+        rays = Rays(hologram, self.camera, self.mapping, plane.z, plane.depth_limit, slab)
+        across, beyond = dr.opaque(mi.UInt32, width), dr.opaque(mi.Float, self.beyond)
+        walk = dr.opaque(mi.Float, 2 * self.max_slope / hologram.pitch)
+
+        def met(column, row):
+            ray, depth_rate = rays.world(*rays.place(column, row), mi.Float(0), mi.Float(0))
+            hit = intersect(self.scene, ray, self.plan.coherent)
+            return hit.is_valid(), rays.height_over_plane(hit.t, depth_rate, hit.is_valid())
+
+        def covered(pixel):
+            column, row = mi.Float(pixel % across) - beyond, mi.Float(pixel // across) - beyond
+            return column, row, met(column, row)
+
+        *_, (whole, _) = covered(dr.arange(mi.UInt32, width * height))
+        cover = np.array(whole).reshape(height, width).astype(np.float32)
+        edge = maximum_filter(cover, 3) != minimum_filter(cover, 3)
+        if not edge.any():
+            return cover
+        pixels = mi.UInt32(np.flatnonzero(edge).astype(np.uint32))
+        column, row, (within, height) = covered(pixels)
+        share = mi.Float(0)
+        for j, i in np.ndindex(SIDE, SIDE):
+            over, up = ((n + 0.5) / SIDE - 0.5 for n in (i, j))
+            hit, dz = met(column + over, row + up)
+            spread = dr.minimum(walk * dr.abs(dr.select(within, height, dz)), 1)
+            share += dr.select(
+                (within | hit) & met(column + over * spread, row + up * spread)[0], 1 / SIDE**2, 0
+            )
+        cover[edge] = np.asarray(share)
+        return cover
 
 
 def optics_of(scene: mi.Scene, camera: Camera, plan: Plan) -> FirstHits | SpecularChains:
@@ -492,13 +558,13 @@ def baked_picture(
     return cache.picture(most), done
 
 
-def _moved(field, hologram, distance):
-    """Wavelength number, frame number and the field moved by a distance, for each of a stack of fields."""
+def _moved(field, hologram, distance, carried=True):
+    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack."""
     shape = field.shape[-2:]
     for k, wavelength in enumerate(hologram.wavelengths):
         padded = padded_shape(shape, hologram.pitch, wavelength, distance)
-        transfer = transfer_function(padded, hologram.pitch, wavelength, distance) * carrier(
-            wavelength, distance
-        )
+        transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
+        if carried:
+            transfer = transfer * carrier(wavelength, distance)
         for m in range(len(field)):
             yield k, m, field_of(spectrum(field[m, k], padded) * transfer, shape)

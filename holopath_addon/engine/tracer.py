@@ -64,9 +64,10 @@ def trace_field(
     phasors: np.ndarray,
     seed: int,
     progress: PartProgress,
+    out: np.ndarray,
     chunk: int = 1 << 27,
-) -> np.ndarray:
-    """The wave field on the recording plane: all frames and wavelengths from one traversal.
+) -> None:
+    """Add the wave field on the recording plane: all frames and wavelengths from one traversal.
 
     Parameters
     ----------
@@ -81,13 +82,11 @@ def trace_field(
         Of the radiance paths.
     progress : callable
         ``progress(done)``, may raise.
+    out : numpy.ndarray, complex64, shape (frames, wavelengths, height, width)
+        To which the field is added, with a margin around the hologram's pixels or without. It is unfiltered: energy
+        outside the circular band is junk, which `propagation` cuts.
     chunk : int
         Bytes of the sums of pixels that are traced at once.
-
-    Returns
-    -------
-    numpy.ndarray, complex64, shape (frames, wavelengths, height, width)
-        Unfiltered: energy outside the circular band is junk, which `propagation` cuts.
     """
     width, height, colours = hologram.width, hologram.height, len(hologram.wavelengths)
     channels = [channel(w) for w in hologram.wavelengths]
@@ -109,6 +108,8 @@ def trace_field(
             ray, depth_rate = rays.world(x, y, slope_x, slope_y)  # s2
             seen = optics.view(scene, ray, branch)  # s3, s4
             dz = rays.height_over_plane(seen.distance, depth_rate, seen.hit)  # s6
+            first = rays.height_over_plane(seen.first, depth_rate, dr.isfinite(seen.first))
+            share, dz = rays.share(first, dz), rays.within(dz)
             over, up = offset = estimator.offset(place, dz)  # s7
             grain_column, grain_row = column + over, row - up
             grain = (grain_column, grain_row, rays.plane + dz)
@@ -117,6 +118,8 @@ def trace_field(
             )  # s5
             kernel = estimator.kernel(place, offset, dz, tilt)  # s7
             amplitude = [dr.select(seen.exists, a, 0) for a in amplitude]
+            if share is not None:
+                amplitude = [a * share for a in amplitude]
             if seen.weight is not None:
                 shares = [seen.weight[c] for c in channels]
                 amplitude = [
@@ -142,7 +145,9 @@ def trace_field(
         dr.eval(field)
         return field
 
-    out = np.zeros((len(phasors), colours, height * width), np.complex64)
+    across = out.shape[-1]
+    begin = (out.shape[-2] - height) // 2 * across + (across - width) // 2
+    flat = out.reshape(len(phasors), colours, -1)
     work = len(phasors) * sum(len(part.pixels) * part.rays_per_pixel for part in parts)
     done = 0
     for start in range(0, len(phasors), FRAMES_TOGETHER):
@@ -153,13 +158,12 @@ def trace_field(
             for first in range(0, len(part.pixels), max(1, together)):
                 pixels = part.pixels[first : first + max(1, together)]
                 field = trace_chunk(part, first, len(pixels), phasor_buffer, len(group))
+                places = begin + pixels // width * across + pixels % width
                 for k, m in np.ndindex(colours, len(group)):
                     real, imaginary = (np.asarray(field[2 * (k * len(group) + m) + n]) for n in (0, 1))
-                    out[start + m, k, pixels] = real + 1j * imaginary
+                    flat[start + m, k, places] += (real + 1j * imaginary) * np.float32(1 / PHASOR_SCALE)
                 done += len(pixels) * part.rays_per_pixel * len(group)
                 progress(done / work)
-    out /= PHASOR_SCALE
-    return out.reshape(len(phasors), colours, height, width)
 
 
 def _wrapped(index, size):

@@ -131,10 +131,13 @@ def advanced(layout: UILayout, context: Context) -> None:
     layout.prop(props, "most_hits")
     if props.most_hits > 0:
         layout.prop(props, "virtual_image")
-    row = layout.row(heading="Recording Plane")
+    row = layout.row(heading="Recording Planes")
     row.prop(props, "wrp_auto", text="Automatic")
     if props.wrp_auto:
-        layout.prop(props, "planes", text="Planes")
+        row = layout.row(heading="Number")
+        row.prop(props, "planes_auto", text="Automatic")
+        if not props.planes_auto:
+            row.prop(props, "planes", text="")
     else:
         layout.prop(props, "wrp_mm", text="Plane (mm)")
     layout.prop(props, "fixed")

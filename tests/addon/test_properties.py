@@ -41,7 +41,7 @@ def test_all_settings(settings):
     settings.estimator, settings.radiance, settings.quality = "paper", "ray", "full"
     settings.frames, settings.seed, settings.max_depth = 3, 7, 2
     settings.virtual_image, settings.most_hits = "opl", 3
-    settings.planes, settings.paths = 4, 5
+    settings.planes_auto, settings.planes, settings.paths = False, 4, 5
     settings.phase_field, settings.despeckle, settings.method = "random", 40, "fast"
     hologram = properties.hologram_of(settings, (20, 10))
     assert hologram == engine.Hologram(

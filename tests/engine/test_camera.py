@@ -85,7 +85,8 @@ def test_an_unseen_sky_lights_the_scene(build, camera, display):
     for picture in (found, truth):
         assert picture[:, 50:].mean() < 0.01
         assert picture[:, :30].mean() == pytest.approx(0.4, rel=0.03)
-    with_sky, without = (engine.plan(scene, c, display) for c in (camera, unseen))
+    one = engine.Settings(planes=1)
+    with_sky, without = (engine.plan(scene, c, display, one) for c in (camera, unseen))
     far = DepthMapping.of(display, camera, with_sky.near).z_far
     assert with_sky.z_low == pytest.approx(far)
     assert without.z_low == pytest.approx(without.z_high, abs=1e-5)

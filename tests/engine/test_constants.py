@@ -77,7 +77,8 @@ def test_what_a_recording_keeps(build, level, hologram):
     recording = Recording(
         scene, level, hologram, settings, engine.plan(scene, level, hologram, settings), Clock()
     )
-    (plane,) = recording.plan.planes
+    plane, other = recording.plan.planes
+    assert plane.slab.bounded and other.slab.bounded
     radiance = recording.radiance(lambda done: None)
     (part, *_) = recording._parts_of(plane, radiance)
     owners = recording.tracer, radiance, part.rays, part.estimator

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.recording_planes import depth_slabs
+from holopath_addon.engine.slabs import depth_slabs
 
 
 def test_slabs_close_up_around_gaps():
@@ -51,13 +51,34 @@ def test_a_floor_without_gaps(build, camera, small):
         assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.05)
 
 
-def test_images_in_mirrors_need_one_plane(build, camera, small):
-    mirror = {"bsdf": {"type": "conductor"}}
-    behind = {"type": "rectangle", "to_world": build.T().translate([0, 0, 1]).rotate([0, 1, 0], 180)}
-    scene = build.scene(mirror=build.plane(1.0, mirror), lamp=behind | build.emissive(build.grey(1.0)))
-    plan = engine.plan(scene, camera, small, engine.Settings(planes=4))
-    assert len(plan.planes) == 1
-    assert any("mirrors" in decision.reason for decision in plan.decisions)
+def test_images_in_mirrors_have_planes_of_their_own(build, camera):
+    """A lamp behind the viewer in a mirror beside a near and a far plane: nearer than one plane has it, with less."""
+    display, edge = engine.Hologram(128, 128, 8e-6, (516.5e-9,), 1e-3, 6e-3), 20
+    behind = {
+        "type": "rectangle",
+        "to_world": build.T().translate([0, 0, 1]).rotate([0, 1, 0], 180).scale(1.5),
+    }
+    scene = build.scene(
+        mirror=build.plane(1.0, {"bsdf": {"type": "conductor", "material": "none"}}, 0.1, 0.4, x=0.08),
+        lamp=behind | build.emissive(build.texture(128, 4, contrast=4)),
+        far=build.plane(1.4, build.emissive(build.texture(128, 1, contrast=4))),
+        near=build.plane(0.5, build.emissive(build.texture(128, 2, contrast=4)), 0.03, 0.04, x=-0.02),
+    )
+    focus, values, rays = [0.5, 1.4, 3.0], {}, {}
+    truth = engine.reference(scene, camera, display, focus, spp=64, near=0.5)
+    for planes in (1, "auto"):
+        field = engine.render(scene, camera, display, engine.Settings(frames=24, planes=planes))
+        pictures = engine.reconstruct(field, focus)
+        values[planes] = [engine.psnr(p, t, edge) for p, t in zip(pictures, truth, strict=True)]
+        rays[planes] = field.report["rays"]["wave rays"]
+        inner = slice(edge, -edge)
+        ratios = [
+            p[inner, inner].mean() / t[inner, inner].mean() for p, t in zip(pictures, truth, strict=True)
+        ]
+        assert ratios == pytest.approx([1, 1, 1], abs=0.03)
+    assert {plane["sees"] for plane in field.plan["planes"]} == {"surfaces", "images"}
+    assert rays["auto"] < rays[1] / 2
+    assert min(np.subtract(values["auto"], values[1])) > -0.1 and values["auto"][0] > values[1][0] + 1
 
 
 def test_most_rays_are_shared_by_the_planes(build, camera, small):

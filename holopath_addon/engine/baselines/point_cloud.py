@@ -29,7 +29,8 @@ import scipy.ndimage
 from ..buffers import PHASOR_SCALE, gather_phasors, gather_row, loaded, packed, packed_phasors
 from ..kernel_table import LEVELS, LEVELS_A_GRAIN
 from ..propagation import field_of, padded_shape, spectrum, transfer_function
-from ..recording_planes import depth_slabs, max_slope
+from ..recording_planes import max_slope
+from ..slabs import depth_slabs
 from ..tracer import FRAMES_TOGETHER
 from .layers import GAIN, random_phasor
 from .shots import picture_with_depth
