@@ -274,8 +274,8 @@ def frames_random(frames):
 
 
 def frames_designed(frames):
-    """Two planes: the more frames, the nearer to the truth."""
-    field = engine.render(planes(), camera(), display(), replace(SETTINGS, frames=frames))
+    """Two planes: the more frames, the nearer to the truth; on one recording plane for both."""
+    field = engine.render(planes(), camera(), display(), replace(SETTINGS, frames=frames, planes=1))
     pictures, edge = engine.reconstruct(field, FOCUS), border(display(), 6e-3)
     psnr = [engine.psnr(p, t, edge) for p, t in zip(pictures, frames_truth(), strict=True)]
     inner = slice(edge, -edge)
@@ -288,7 +288,7 @@ def frames_designed(frames):
 
 def rays(spp):
     """The lattice, coarser than the depth range needs or as fine."""
-    figures = compared(planes(), display(), replace(SETTINGS, spp=spp))
+    figures = compared(planes(), display(), replace(SETTINGS, spp=spp, planes=1))
     if "warned" in figures:  # no such picture was promised
         figures |= {f"{name} of few": figures.pop(name) for name in LIMITS}
     return figures

@@ -369,8 +369,7 @@ def plan(
             f"Only {captured:.0%} of the light fits through the SLM's aperture at {z_high * 1e3:.0f} mm: edges darken; "
             f"bring the depth range nearer to the SLM or use more pixels."
         )
-    plain = sum(plane.plain for plane in planes)
-    chained = sum(plane.chained * (1 if plane.sees == "surfaces" else 1 << splits) for plane in planes)
+    plain, chained = scenery.mean_rays(planes, "plain"), scenery.mean_rays(planes, "chained")
     images = any(plane.sees == "images" for plane in planes)
     work = costs.Work(columns, plain, chained, passes, texture, traversals, len(planes), images)
     seconds = costs.seconds(hologram, settings, seen, light, work)
@@ -517,7 +516,7 @@ def _planes(scenery, decisions, warnings):
             layouts = [layout for layout in layouts if len(layout.parts) == count]
         noise = speckle_contrast(settings.phase_field, settings.frames) ** 2
         layout = chosen(layouts, noise, settings.frames * len(hologram.wavelengths))
-        planes, reason = scenery.planes(layout, warnings), _reason(layout, one)
+        planes, reason = scenery.planes(layout, warnings), _reason(scenery, layout, one)
     decisions.append(Decision("recording planes", _names(planes), reason))
     decisions.append(_ray_decision(settings, planes))
     if by_region(settings):
@@ -545,11 +544,12 @@ def _names(planes):
     return f"{'; '.join(parts)} mm from the SLM"
 
 
-def _reason(layout, one):
+def _reason(scenery, layout, one):
     """Why a layout was chosen, in words."""
     reasons = list(dict.fromkeys(part.reason for part in layout.parts))
     if len(layout.parts) > 1:
-        reasons.append(f"{len(layout.parts)} planes need {layout.rays / one.rays:.0%} of the rays of one")
+        many, few = (scenery.mean_rays(scenery.planes(each, [])) for each in (one, layout))
+        reasons.append(f"{len(layout.parts)} planes need {few / max(many, 1e-9):.0%} of the rays of one")
         if one.shadows > LEAST_SHADOWS:
             reasons.append(
                 f"light on the wrong side of edges falls from {one.shadows:.2%} to {layout.shadows:.2%}"

@@ -30,6 +30,7 @@ MOST_DEPTHS = 400  # of gloss, and of images, that are looked at
 MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
 BESIDE = 0.75  # depths of focus that a plane is put beside images in curved mirrors and lenses...
 BENT_NEAR = 0.1  # ... where they would fill more of the view nearer to it
+COMPACT = 1.5  # depths of focus: images over more have their plane in their middle
 BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus, at 90 % of their places
 LOOKS = 64  # probe rays in a tile
 
@@ -233,6 +234,15 @@ class Scenery:
             )
         return tuple(planes)
 
+    def mean_rays(self, planes: Sequence[RecordingPlane], *kinds: str) -> float:
+        """Rays a pixel, a mean, of all planes: 'plain' ones, or 'chained', or both; branches of rays count."""
+        branches = {"plain": 1, "chained": max(self.branches, 1)}
+        return sum(
+            getattr(plane, kind) * (1 if plane.sees == "surfaces" else branches[kind])
+            for plane in planes
+            for kind in kinds or branches
+        )
+
     def _held(self, part):
         """The places of what a plane records."""
         held = self._kinds[part.sees] & part.slab.holds(self.places.first)
@@ -284,12 +294,13 @@ class Scenery:
         after = np.minimum.accumulate(np.where(held, index, bins)[::-1], axis=0)[::-1]
         before = np.maximum.accumulate(np.where(held, index, -1), axis=0)
         lows, highs = np.append(first, np.inf)[after], last[before]
+        mirror = float(np.median(places.first[where]))
         cost, place, why = np.full((bins, bins), np.inf), np.zeros((bins, bins)), {}
         for i in range(bins):
             there, thickness = after[i] <= index[i:], last[i:] - first[i]
             z = first[i] + 0.5 * thickness
             for k, high in enumerate(last[i:]):
-                beside = self._beside(first[i], high, sees)
+                beside = self._beside(first[i], high, sees, mirror)
                 if beside is not None:
                     z[k], why[i, i + k] = beside
             limit = np.maximum(highs[i:] - z[:, None], z[:, None] - lows[i]) + RAMP * thickness[:, None]
@@ -324,8 +335,12 @@ class Scenery:
         reach = directions_of(self._slope, limit, self.hologram.pitch, self._cone)
         return math.pi * np.where(chained, np.maximum(reach, IMAGE_REACH), reach) ** 2
 
-    def _beside(self, low, high, sees):
-        """Where a plane is put beside gloss or images in a slab, and why; None where the middle serves."""
+    def _beside(self, low, high, sees, mirror):
+        """Where a plane is put beside gloss or images in a slab, and why; None where the middle serves.
+
+        A mirror's outline cuts what is seen in it, at the mirror's depth: what a part of the pupil sees must not lie in
+        the plane, see `_shadows`.
+        """
         middle, depth = 0.5 * (low + high), depth_of_focus(self.hologram)
         gloss = self.gloss[(self.gloss >= low) & (self.gloss <= high)]
         if len(gloss):
@@ -333,6 +348,9 @@ class Scenery:
             return _beside(low, high, gloss, depth, 0.01 * len(gloss)), reason
         if sees == "surfaces":
             return None
+        if sees == "images" and high - low < COMPACT * depth:
+            reason = "beside what is seen in mirrors and glass, towards their outlines"
+            return float(np.clip(mirror, low - depth, high + depth)), reason
         bent = self.bent[(self.bent >= low) & (self.bent <= high)]
         spread = np.ptp(np.quantile(bent, (0.05, 0.95))) if len(bent) else 0.0
         if spread <= BENT_SPREAD * depth or (abs(bent - middle) < BESIDE * depth).sum() <= self._few:

@@ -1,10 +1,13 @@
-"""Several recording planes: fewer rays, and far things shaded by near ones as waves."""
+"""Several recording planes: fewer rays, far things shaded by near ones as waves, mirrors with planes of their own."""
+
+import math
 
 import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.slabs import depth_slabs
+from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.slabs import depth_slabs, overlapping
 
 
 def test_slabs_close_up_around_gaps():
@@ -79,6 +82,87 @@ def test_images_in_mirrors_have_planes_of_their_own(build, camera):
     assert {plane["sees"] for plane in field.plan["planes"]} == {"surfaces", "images"}
     assert rays["auto"] < rays[1] / 2
     assert min(np.subtract(values["auto"], values[1])) > -0.1 and values["auto"][0] > values[1][0] + 1
+
+
+def test_slabs_overlap_and_share_all(backend):
+    """Whatever the depth, the slabs' shares of an amplitude add up to 1, and no more than two have any."""
+    import mitsuba as mi
+
+    from holopath_addon.engine.rays import Rays
+
+    slabs = overlapping([(0.0, 1e-3), (1e-3, 1.4e-3), (2e-3, 5e-3)])
+    z = np.linspace(-1e-3, 6e-3, 1001, dtype=np.float32)
+    hologram, camera = engine.Hologram(8, 8, 8e-6, (516.5e-9,), 0.0, 5e-3), engine.Camera(np.eye(4), 0.3)
+    mapping, shares = DepthMapping.of(hologram, camera, 0.5), []
+    for slab in slabs:
+        rays = Rays(hologram, camera, mapping, 2e-3, slab=slab)
+        share = np.asarray(rays.share(mi.Float(z - 2e-3), mi.Float(0)))
+        assert not share[~slab.holds(z)].any()
+        shares.append(share)
+    np.testing.assert_allclose(np.sum(shares, axis=0), 1, atol=1e-5)
+    assert (np.array(shares) > 0).sum(0).max() == 2
+    assert Rays(hologram, camera, mapping, 2e-3).share(mi.Float(z), mi.Float(0)) is None
+
+
+def even_plane(build, slant):
+    return build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)), 4.0, 4.0, slant=slant))
+
+
+@pytest.mark.parametrize(
+    ("slant", "planes"),
+    [(66, 3)]
+    + [pytest.param(66, j, marks=pytest.mark.slow) for j in (2, 4, 5, 6, 7, 8)]
+    + [pytest.param(78, j, marks=pytest.mark.slow) for j in range(2, 9)],
+)
+def test_a_surface_goes_on_from_slab_to_slab(build, camera, slant, planes):
+    """As bright as on one plane, without dark or bright columns at the slabs' ends."""
+    display, scene, edge = (
+        engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3),
+        even_plane(build, slant),
+        24,
+    )
+    settings = [engine.Settings(frames=24, max_depth=1, planes=j) for j in (1, planes)]
+    fields = [engine.render(scene, camera, display, each) for each in settings]
+    assert len(fields[1].plan["planes"]) == planes
+    one, several = (
+        np.mean(engine.reconstruct(field, [0.8, 1.0, 1.3]), axis=0)[edge:-edge, edge:-edge, 0]
+        for field in fields
+    )
+    assert several.mean() == pytest.approx(one.mean(), rel=0.01)
+    columns = several.mean(0) / several.mean()
+    assert columns == pytest.approx(1, abs=0.08) and columns.std() < 0.02
+
+
+def test_several_planes_never_need_more_rays(build, camera):
+    """A gently slanted plane is near any plane: what many would have at least is more than one has."""
+    display, scene = engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3), even_plane(build, 40)
+    rays = {}
+    for planes in (1, 8, "auto"):
+        plan = engine.plan(scene, camera, display, engine.Settings(planes=planes, max_depth=1))
+        rays[planes] = sum(plane.plain for plane in plan.planes)
+    assert max(rays[8], rays["auto"]) < 1.05 * rays[1]
+
+
+@pytest.mark.slow
+def test_three_shining_planes_by_default(build, camera):
+    display, edge = engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3), 24
+    near, middle = (depth * math.tan(math.radians(10)) for depth in (0.4, 0.9))
+
+    def surface(cells, seed):
+        return build.emissive(build.texture(cells, seed, contrast=4))
+
+    scene, focus = (
+        build.scene(
+            far=build.plane(3.0, surface(256, 1)),
+            middle=build.plane(0.9, surface(256, 3), 0.3 * middle, 0.35 * middle, x=0.025 * middle),
+            near=build.plane(0.4, surface(128, 2), 0.5 * near, 0.6 * near, x=-0.55 * near),
+        ),
+        [0.4, 0.9, 3.0],
+    )
+    field = engine.render(scene, camera, display, engine.Settings(frames=24))
+    truth = engine.reference(scene, camera, display, focus, spp=256, near=field.near)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        assert engine.psnr(picture, reference, edge) > 27.5
 
 
 def test_most_rays_are_shared_by_the_planes(build, camera, small):
