@@ -532,7 +532,10 @@ def _remarks(report):
     for row in report.get("comparison", []):
         depth = row["focus_m"]
         where = "infinity" if math.isinf(depth) else f"{lengths.format_distance(depth)} m"
-        lines.append(f"focus {where}: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}")
+        lines.append(
+            f"focus {where}: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}; "
+            f"a perfect hologram of this pitch: {row['psnr_ceiling_db']:.1f} dB"
+        )
     return lines
 
 

@@ -16,6 +16,8 @@ from . import engine, output, pipeline
 if TYPE_CHECKING:
     import mitsuba as mi
 
+NOISY = 0.2  # dB of uncertainty that a user is warned of
+
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
 _VIEW = {"focus_asked", "pupil_m", "compared", "encoded", "encoding_bits"}
 _NAMES = {
@@ -175,10 +177,12 @@ def write(
             near=result.field.near,
             max_depth=still.settings.max_depth,
             progress=pipeline.stage(progress, end, 0.97),
+            halves=True,
         )
-        truth_rgb = engine.to_rgb(truth, wavelengths)
+        truth_rgb = engine.to_rgb(truth.mean(1), wavelengths)
         output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
-        report["comparison"] = _compare(result, truth)
+        report["comparison"] = _compare(result, truth, still.pupil)
+        report["warnings"] += _noise_notes(report["comparison"])
     report["seconds"] = {
         "export": export_seconds,
         **result.field.report.get("seconds", {}),
@@ -199,20 +203,42 @@ def _encode(still, field, progress, stoppable):
         return error.kept, ["The encoding was stopped: the phases are those of its last step."]
 
 
-def _compare(result, truth):
-    """PSNR and SSIM of every picture, leaving out the border that light from outside the view reaches."""
-    hologram, plan = result.field.hologram, result.plan
+def _noise_notes(rows):
+    """What a user must know of comparisons that the reference's noise makes uncertain."""
+    worst = max(row["psnr_deviation_db"] for row in rows)
+    if worst <= NOISY:
+        return []
+    return [
+        f"The reference is noisy: a PSNR of this comparison is uncertain by {worst:.2g} dB. Brighter or larger lamps "
+        "make less noise."
+        if math.isfinite(worst)
+        else "The reference is too noisy to tell the PSNR of this comparison."
+    ]
+
+
+def _compare(result, truth, pupil):
+    """PSNR and SSIM of every picture, leaving out the border that light from outside the view reaches.
+
+    The truth comes in halves. PSNR also against what light through the pupil shows at best, see `engine.diffracted`.
+    """
+    hologram, plan, mapping = result.field.hologram, result.plan, result.field.mapping
+    radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
+    openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
     slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
     rows = []
-    for depth, image, reference in zip(result.focus, result.images, truth, strict=True):
-        z = float(result.field.mapping.depth_to_z(depth))
+    for depth, image, halves in zip(result.focus, result.images, truth, strict=True):
+        z = float(mapping.depth_to_z(depth))
         border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / hologram.pitch)
         border = min(border, (min(hologram.width, hologram.height) - 12) // 2)
+        perfect = engine.diffracted(halves, hologram, openings)
         rows.append(
             {
                 "focus_m": depth,
-                "psnr_db": engine.psnr(image, reference, border),
-                "ssim": engine.ssim(image, reference, border),
+                "psnr_db": engine.psnr(image, halves, border),
+                "psnr_deviation_db": engine.psnr_deviation(image, halves, border),
+                "psnr_of_diffracted_db": engine.psnr(image, perfect, border),
+                "psnr_ceiling_db": engine.psnr(perfect.mean(0), halves, border),
+                "ssim": engine.ssim(image, halves, border),
                 "border_pixels": border,
             }
         )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.metrics import display_values
+from holopath_addon.engine.metrics import squared_error
 
 from .looks import HEADLINE, PUPILS, border_of
 
@@ -41,7 +41,7 @@ def figures(pictures, truth, hologram):
         "ssim_worst": min(ssim),
         "pictures": each,
         "psnr_defocus": _defocus(pictures, truth, border),
-        "speckle": speckle(pictures[middle], truth["pictures"][middle], border),
+        "speckle": speckle(pictures[middle], truth["pictures"][middle].mean(0), border),
     }
 
 
@@ -51,10 +51,10 @@ def _defocus(pictures, truth, border):
     squares = []
     for name, blurred in zip(("front", "middle", "back"), truth["blurred"], strict=True):
         number = HEADLINE.index(name)
-        a, b, _ = display_values(pictures[number], truth["pictures"][number], border)
-        squares.append(((a - b) ** 2)[blurred[inner, inner]].ravel())
+        errors = squared_error(pictures[number], truth["pictures"][number], border)
+        squares.append(errors[blurred[inner, inner]].ravel())
     squares = np.concatenate(squares)
-    return float(-10 * np.log10(squares.mean())) if squares.size else None
+    return float(-10 * np.log10(max(squares.mean(), 1e-12))) if squares.size else None
 
 
 def speckle(picture, truth, border):

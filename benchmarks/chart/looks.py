@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
@@ -111,7 +110,7 @@ def truth_of(scene, camera, hologram, foci, spp, progress=None):
     Returns
     -------
     dict of str to numpy.ndarray
-        ``pictures`` [look, y, x, wavelength], ``ceiling`` [look], PSNR in dB that their noise allows, ``blurred``
+        ``pictures`` [look, half, y, x, wavelength], ``ceiling`` [look], PSNR in dB that their noise allows, ``blurred``
         [3, y, x], what is out of focus in front, middle and back, and ``near``, metres.
     """
     progress = progress or (lambda done, message: None)
@@ -120,14 +119,11 @@ def truth_of(scene, camera, hologram, foci, spp, progress=None):
     looks, border = looks_of(foci, hologram), border_of(hologram)
     pictures, ceiling = [], []
     for number, look in enumerate(looks):
-        halves = [
-            engine.reference(
-                scene, camera, hologram, [look.depth], pupil_of(look, hologram, mapping), max(1, spp // 2), near,
-                seed=1000 + seed,
-            )[0]
-            for seed in range(2)
-        ]  # fmt: skip
-        pictures.append(0.5 * (halves[0] + halves[1]))
+        part = pupil_of(look, hologram, mapping)
+        (halves,) = engine.reference(
+            scene, camera, hologram, [look.depth], part, spp, near, seed=500, halves=True
+        )
+        pictures.append(halves)
         # their difference has four times the squared noise of their mean
         ceiling.append(engine.psnr(halves[0], halves[1], border) + 20 * math.log10(2))
         progress((number + 1) / len(looks), f"reference {look.name}")
@@ -143,20 +139,14 @@ def truth_of(scene, camera, hologram, foci, spp, progress=None):
 
 
 def diffracted(pictures, foci, hologram):
-    """Pictures of `truth_of` blurred by what is open of the pupil: no light through it shows more, Mitsuba's rays do.
-
-    The incoherent image, the picture * |h|^2, h the transform of the opening (Goodman, Introduction to Fourier Optics,
-    section 6.3).
-    """
-    rows, columns = pictures.shape[1:3]
-    f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
-    out = np.empty_like(pictures)
-    for number, look in enumerate(looks_of(foci, hologram)):
-        for k, radius in enumerate(openings_of(look, hologram)):
-            kernel = np.abs(scipy.fft.ifft2(f <= radius)) ** 2
-            transfer = scipy.fft.fft2(kernel / kernel.sum())
-            out[number, ..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[number, ..., k]) * transfer).real
-    return np.maximum(out, 0)
+    """Pictures of `truth_of` as light through what is open of the pupil shows them at best, see `engine.diffracted`."""
+    looks = looks_of(foci, hologram)
+    return np.stack(
+        [
+            engine.diffracted(p, hologram, openings_of(look, hologram))
+            for p, look in zip(pictures, looks, strict=True)
+        ]
+    )
 
 
 def seen(field, foci):

@@ -299,8 +299,9 @@ def shown(pictures, truth, border):
     out = {}
     for name in SHOWN:
         number = looks.HEADLINE.index(name)
-        _, wanted, scale = display_values(pictures[number], truth["pictures"][number], border)
-        root = np.sqrt(truth["pictures"][number][inner, inner])
+        mean = truth["pictures"][number].mean(0)
+        _, wanted, scale = display_values(pictures[number], mean, border)
+        root = np.sqrt(mean[inner, inner])
         white = np.percentile(root, 95)
         values = np.sqrt(np.maximum(scale * pictures[number][inner, inner], 0)) / white
         out[name] = np.clip(255 * values, 0, 255).astype(np.uint8)

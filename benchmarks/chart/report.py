@@ -172,7 +172,7 @@ def _ceilings(chart, records):
         path = measure.truth_path(chart.task(scene, "reference", []))
         if path.exists():
             with np.load(path) as truth:
-                noise, wanted = truth["ceiling"][: len(HEADLINE)], truth["pictures"]
+                noise, wanted = truth["ceiling"][: len(HEADLINE)], truth["pictures"].mean(1)
             blurred = looks.diffracted(wanted, SCENES[scene].foci, chart.hologram)
             border = looks.border_of(chart.hologram)
             waves = np.array(

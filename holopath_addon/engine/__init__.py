@@ -10,12 +10,12 @@ from .displays import DISPLAYS, Display
 from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram, Settings
-from .metrics import psnr, ssim
+from .metrics import psnr, psnr_deviation, ssim
 from .modulator import Modulator
 from .planner import FIXABLE, Decision, Plan, parse_fixed, plan
 from .preview import Preview
 from .reconstruction import Pupil, Refocuser, reconstruct, to_rgb
-from .reference import reference
+from .reference import diffracted, reference
 from .rendering import render
 from .wavefield import WaveField
 
@@ -39,10 +39,12 @@ __all__ = [
     "Settings",
     "WaveField",
     "depth_map",
+    "diffracted",
     "encode",
     "parse_fixed",
     "plan",
     "psnr",
+    "psnr_deviation",
     "reconstruct",
     "reference",
     "render",

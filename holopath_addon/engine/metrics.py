@@ -31,34 +31,100 @@ def display_values(
     image = np.asarray(image, np.float64)[inner, inner]
     reference = np.asarray(reference, np.float64)[inner, inner]
     root = np.sqrt(np.maximum(reference, 0))
-    white = np.percentile(root, 95)
-    if white <= 0:
-        raise ValueError("The reference is black: there is nothing to compare.")
+    white = _white(reference, 0)
     unclipped = root <= white
     square = (image[unclipped] ** 2).sum()
     scale = (image * reference)[unclipped].sum() / square if square > 0 else 0.0
     return np.minimum(np.sqrt(scale * image), white) / white, np.minimum(root, white) / white, scale
 
 
+def _white(reference, border):
+    """Root of the bright parts' intensity, which counts as white."""
+    inner = slice(border, -border or None)
+    white = np.percentile(np.sqrt(np.maximum(reference[inner, inner], 0)), 95)
+    if white <= 0:
+        raise ValueError("The reference is black: there is nothing to compare.")
+    return white
+
+
+def squared_error(image: np.ndarray, reference: np.ndarray, border: int = 0) -> np.ndarray:
+    """Squared error of each pixel on the scale of `display_values`, to which the reference's noise adds nothing.
+
+    By halves A and B of independent noise, with x the image: x^2 - 2 x r + r^2, r the root of the truth. Its square is
+    linear in A and B; the root of a noisy mean is dark, and r = 2 sqrt((A + B) / 2) - (sqrt A + sqrt B) / 2 is not, to
+    first order in the variance (the jackknife; Quenouille, Biometrika 43, 353, 1956).
+
+    Parameters
+    ----------
+    image : numpy.ndarray, shape (y, x, channel)
+    reference : numpy.ndarray, shape (y, x, channel) or (2, y, x, channel)
+        A picture, taken as the truth, or two halves.
+    border : int
+        Pixels left out on each side.
+
+    Returns
+    -------
+    numpy.ndarray, shape (y, x, channel)
+        Without the border. Single values may be negative where there are halves; their mean counts.
+    """
+    if np.ndim(reference) == 3:
+        a, b, _ = display_values(image, reference, border)
+        return (a - b) ** 2
+    whole = np.mean(np.asarray(reference, np.float64), axis=0)
+    shown, mean, _ = display_values(image, whole, border)
+    white = _white(whole, border)
+    inner = slice(border, -border or None)
+    own = [np.minimum(np.sqrt(np.maximum(half[inner, inner], 0)), white) / white for half in reference]
+    root = 2 * mean - 0.5 * (own[0] + own[1])
+    square = 2 * mean**2 - 0.5 * (own[0] ** 2 + own[1] ** 2)
+    return shown**2 - 2 * shown * root + square
+
+
 def psnr(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
-    """Peak signal-to-noise ratio in dB of `display_values`."""
-    a, b, _ = display_values(image, reference, border)
-    return float(-10 * np.log10(np.mean((a - b) ** 2)))
+    """Peak signal-to-noise ratio in dB of `display_values`; parameters as of `squared_error`.
+
+    Infinite where noise leaves nothing of the error.
+    """
+    error = float(squared_error(image, reference, border).mean())
+    return float(-10 * np.log10(error)) if error > 0 else float("inf")
+
+
+def psnr_deviation(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
+    """Standard error in dB that the noise of two halves leaves in `psnr`; parameters as of `squared_error`.
+
+    With v the squared difference of the halves over 2, x the image and m the mean, all of one pixel, the variance of
+    its (x - a)(x - b) is twice the mean of (x - m)^2 v, for Gaussian noise.
+    """
+    whole = np.mean(np.asarray(reference, np.float64), axis=0)
+    shown, mean, _ = display_values(image, whole, border)
+    white, inner = _white(whole, border), slice(border, -border or None)
+    own = [np.minimum(np.sqrt(np.maximum(half[inner, inner], 0)), white) / white for half in reference]
+    variance = 0.5 * (own[0] - own[1]) ** 2
+    deviation = np.sqrt((2 * (shown - mean) ** 2 * variance).sum()) / shown.size
+    error = float(squared_error(image, reference, border).mean())
+    return float(10 / np.log(10) * deviation / error) if error > 0 else float("inf")
 
 
 def ssim(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
     """Structural similarity of `display_values`, averaged over channels.
 
-    Wang et al., IEEE TIP 13, 600 (2004): Gaussian window of sigma 1.5, K1 = 0.01, K2 = 0.03.
+    Wang et al., IEEE TIP 13, 600 (2004): Gaussian window of sigma 1.5, K1 = 0.01, K2 = 0.03. By two halves the
+    reference's variance is their covariance, to which independent noise adds nothing. Parameters as of `squared_error`.
     """
-    a, b, _ = display_values(image, reference, border)
+    halves = np.asarray(reference, np.float64)
+    halves = halves if halves.ndim == 4 else np.stack([halves, halves])
+    whole = halves.mean(0)
+    a, b, _ = display_values(image, whole, border)
+    white, inner = _white(whole, border), slice(border, -border or None)
+    own = [np.minimum(np.sqrt(np.maximum(half[inner, inner], 0)), white) / white for half in halves]
 
     def blur(x):
         return scipy.ndimage.gaussian_filter(x, sigma=(1.5, 1.5, 0), truncate=3.5, mode="reflect")
 
     mean_a, mean_b = blur(a), blur(b)
-    var_a, var_b = blur(a * a) - mean_a**2, blur(b * b) - mean_b**2
+    var_a, var_b = blur(a * a) - mean_a**2, blur(own[0] * own[1]) - blur(own[0]) * blur(own[1])
     covariance = blur(a * b) - mean_a * mean_b
+    var_b = np.maximum(var_b, covariance**2 / np.maximum(var_a, 1e-12))  # as of all variances (Cauchy and Schwarz)
     c1, c2 = 0.01**2, 0.03**2
     similarity = (
         (2 * mean_a * mean_b + c1)

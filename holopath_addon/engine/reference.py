@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.fft
 
 from . import backend
 from .hologram import channel
@@ -35,6 +36,7 @@ def reference(
     max_depth: int = 8,
     progress: Progress | None = None,
     seed: int = 0,
+    halves: bool = False,
 ) -> np.ndarray:
     """Incoherent pictures through a thin lens, the limit of a perfect hologram of infinitely many frames.
 
@@ -59,15 +61,28 @@ def reference(
         ``progress(done, message)``, may raise `Cancelled`.
     seed : int
         Pictures of different seeds have independent noise.
+    halves : bool
+        Give two pictures of half the paths instead, whose noise is independent: with both, `psnr` and `ssim` do not
+        count it.
 
     Returns
     -------
-    numpy.ndarray, float32, shape (focus, y, x, wavelength)
+    numpy.ndarray, float32, shape (focus, y, x, wavelength) or (focus, half, y, x, wavelength)
 
     Raises
     ------
     InvalidInput, BackendUnavailable, Cancelled
     """
+    if halves:
+        told, asked = progress or (lambda done, message: None), max(1, -(-spp // 2))
+        pictures = [
+            reference(
+                scene, camera, hologram, focus, pupil, asked, near, max_depth,
+                lambda done, message, half=half: told((half + done) / 2, message), 2 * seed + half,
+            )
+            for half in range(2)
+        ]  # fmt: skip
+        return np.stack(pictures, axis=1)
     backend.activate()
     from .dispersion import tuned
 
@@ -98,9 +113,15 @@ def reference(
 
 
 def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth, seed):
-    """Mitsuba's `thinlens` sensor; it looks along +z with x to the left, the camera along -z."""
+    """Mitsuba's `thinlens` sensor; it looks along +z with x to the left, the camera along -z.
+
+    Paths are stratified in each pixel (Kensler, Pixar technical memo 13-01, 2013), in as many strata as there are
+    paths or a few more.
+    """
     import mitsuba as mi
 
+    across = math.isqrt(spp)
+    spp = across * -(-spp // across)  # what Mitsuba would round to, with a warning
     flip = np.diag([-1.0, 1.0, -1.0, 1.0])
     sensor = mi.load_dict(
         {
@@ -120,8 +141,36 @@ def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth, seed):
                 "pixel_format": "rgb",
                 "component_format": "float32",
             },
-            "sampler": {"type": "independent"},
+            "sampler": {"type": "multijitter", "sample_count": spp},
         }
     )
     integrator = path_tracer(scene, camera.sees_sky, max_depth)
     return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed))
+
+
+def diffracted(pictures: np.ndarray, hologram: Hologram, openings: Sequence[float] | None = None) -> np.ndarray:
+    """Pictures as light through the pupil shows them at best: blurred by what is open of it.
+
+    The incoherent image is the picture * abs(h)^2, with h the transform of the opening (Goodman, Introduction to
+    Fourier Optics, section 6.3). The rays of `reference` know nothing of it.
+
+    Parameters
+    ----------
+    pictures : numpy.ndarray, shape (..., y, x, wavelength)
+    hologram : Hologram
+    openings : sequence of float, optional
+        Radius of what is open in each wavelength's own cone, cycles a pixel; the whole cone, 0.5, when not given.
+
+    Returns
+    -------
+    numpy.ndarray, float32, of the same shape
+    """
+    openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
+    rows, columns = pictures.shape[-3:-1]
+    f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
+    out = np.empty(pictures.shape, np.float32)
+    for k, radius in enumerate(openings):
+        kernel = np.abs(scipy.fft.ifft2(f <= radius)) ** 2
+        transfer = scipy.fft.fft2(kernel / kernel.sum())
+        out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real
+    return np.maximum(out, 0)
