@@ -237,7 +237,7 @@ def _compare(result, truth, pupil):
                 "psnr_db": engine.psnr(image, halves, border),
                 "psnr_deviation_db": engine.psnr_deviation(image, halves, border),
                 "psnr_of_diffracted_db": engine.psnr(image, perfect, border),
-                "psnr_ceiling_db": engine.psnr(perfect.mean(0), halves, border),
+                "psnr_ceiling_db": engine.psnr_of_halves(perfect, halves, border),
                 "ssim": engine.ssim(image, halves, border),
                 "border_pixels": border,
             }

@@ -172,11 +172,13 @@ def _ceilings(chart, records):
         path = measure.truth_path(chart.task(scene, "reference", []))
         if path.exists():
             with np.load(path) as truth:
-                noise, wanted = truth["ceiling"][: len(HEADLINE)], truth["pictures"].mean(1)
+                noise, wanted = truth["ceiling"][: len(HEADLINE)], truth["pictures"]
             blurred = looks.diffracted(wanted, SCENES[scene].foci, chart.hologram)
             border = looks.border_of(chart.hologram)
             waves = np.array(
-                [engine.psnr(*pair, border) for pair in zip(blurred, wanted, strict=True)][: len(HEADLINE)]
+                [engine.psnr_of_halves(*pair, border) for pair in zip(blurred, wanted, strict=True)][
+                    : len(HEADLINE)
+                ]
             )
             out[scene] = {
                 "spp": chart.spp,

@@ -10,7 +10,7 @@ from .displays import DISPLAYS, Display
 from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram, Settings
-from .metrics import psnr, psnr_deviation, ssim
+from .metrics import psnr, psnr_deviation, psnr_of_halves, ssim
 from .modulator import Modulator
 from .planner import FIXABLE, Decision, Plan, parse_fixed, plan
 from .preview import Preview
@@ -45,6 +45,7 @@ __all__ = [
     "plan",
     "psnr",
     "psnr_deviation",
+    "psnr_of_halves",
     "reconstruct",
     "reference",
     "render",

@@ -376,11 +376,14 @@ class Atlas:
         self._row, self._copy, self._copies = mi.UInt32(self.rows), mi.UInt32(copy.ravel()), packed(table)
 
     def _covered(self, base, height):
-        """Row of the triangle at each texel of the first copies, NONE where there is none, one texel of margin."""
-        row = dr.full(mi.UInt32, NONE, self.width * height)
-        count = self.triangles.count
-        # the second overwrites what the first has put beyond edges
-        for margin in (1.0, 0.0) if count else ():
+        """Row of the triangle at each texel of the first copies, NONE where there is none, one texel of margin.
+
+        Where several meet, the first: what is baked once must find the same texels ever after.
+        """
+        count, covers = self.triangles.count, []
+        for margin in (0.0, 1.0) if count else ():
+            row = dr.full(mi.UInt32, NONE, self.width * height)
+            dr.make_opaque(row)
             number = dr.arange(mi.UInt32, count)
             u, v, *edges = gather_row(self._corners, number, 6)
             x, y, w, h = gather_row(base, number, 4)
@@ -403,7 +406,19 @@ class Atlas:
             slack = [margin * side / dr.maximum(dr.abs(area), 1e-9) for side in sides]
 
             def body(
-                column, line, x=x, x0=x0, x1=x1, u=u, v=v, a=a, b=b, area=area, slack=slack, point=point
+                column,
+                line,
+                x=x,
+                x0=x0,
+                x1=x1,
+                u=u,
+                v=v,
+                a=a,
+                b=b,
+                area=area,
+                slack=slack,
+                point=point,
+                row=row,
             ):
                 p = mi.Vector2f(column + 0.5 - u, line + 0.5 - v)
                 c = (a.x * p.y - a.y * p.x) / area
@@ -411,13 +426,18 @@ class Atlas:
                 inside = (s >= -slack[1]) & (c >= -slack[0]) & (1 - s - c >= -slack[2])
                 inside &= (column >= 0) & (column < self.width) & (line >= 0) & (line < height)
                 at = mi.UInt32(line) * self.width + mi.UInt32(column)
-                dr.scatter(row, dr.arange(mi.UInt32, count), at, (inside | point) & (x >= 0))
+                number = dr.arange(mi.UInt32, count)
+                dr.scatter_reduce(dr.ReduceOp.Min, row, number, at, (inside | point) & (x >= 0))
                 last = column >= x1
                 return dr.select(last, x0, column + 1), dr.select(last, line + 1, line)
 
             dr.while_loop((x0, y0), lambda column, line, y1=y1: line <= y1, body, label="texels of triangles")
             dr.eval(row)
-        return np.array(row).reshape(height, self.width)
+            covers.append(np.array(row).reshape(height, self.width))
+        if not covers:
+            return np.full((height, self.width), NONE, np.uint32)
+        within, beyond = covers
+        return np.where(within != NONE, within, beyond)
 
     def texel(
         self,

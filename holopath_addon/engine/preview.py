@@ -1,4 +1,4 @@
-"""A picture of the scene by Mitsuba's path tracer that refines: through a pinhole, a thin lens or a part of one."""
+"""A picture of the scene by Mitsuba's path tracer that refines: through a pinhole or a thin lens."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from .camera import Camera
     from .progress import Progress
-    from .reconstruction import Pupil
 
 CHUNK_PATHS = 1 << 18  # between two looks at progress and cancel; a fraction of a second on two cores
 FARTHEST = 1e30  # metres; single precision stays finite
@@ -39,8 +38,6 @@ class Preview:
     max_depth : int
         As `Settings.max_depth`.
     seed : int
-    pupil : Pupil, optional
-        The part of the lens that is open; its diameter counts, where the lens is not smaller.
 
     Attributes
     ----------
@@ -62,12 +59,11 @@ class Preview:
         aperture: float = 0.0,
         max_depth: int = 8,
         seed: int = 0,
-        pupil: Pupil | None = None,
     ) -> None:
         backend.activate()
         self._scene, self._max_depth, self._seed = scene, max_depth, seed
         self._integrators = {}
-        self.look(camera, width, height, focus, aperture, pupil)
+        self.look(camera, width, height, focus, aperture)
 
     def look(
         self,
@@ -76,22 +72,23 @@ class Preview:
         height: int,
         focus: float | None = None,
         aperture: float = 0.0,
-        pupil: Pupil | None = None,
     ) -> None:
         """Start anew with another view of the scene; parameters as above."""
+        import drjit as dr
+        import mitsuba as mi
+
         if width < 1 or height < 1:
             raise InvalidInput(f"A picture of {width} x {height} pixels is empty: give it at least one.")
         if focus is not None and not focus > 0:
             raise InvalidInput(
                 "A focus distance must be in front of the camera: give a positive number of metres, or inf."
             )
-        self._lens = _Lens(camera, width, height, focus or math.inf, aperture, pupil)
+        self._lens, self._aperture = Lens(camera, width, height, focus or math.inf), number(aperture)
         if camera.sees_sky not in self._integrators:
             self._integrators[camera.sees_sky] = path_tracer(self._scene, camera.sees_sky, self._max_depth)
         self._integrator = self._integrators[camera.sees_sky]
-        self._size = height, width
+        self._size, self._width = (height, width), dr.opaque(mi.UInt32, width)
         self._light = np.zeros((height * width, 3), np.float32)
-        self._weight = np.zeros((height * width, 1), np.float32)
         self._launches = 0
         self.spp = 0
 
@@ -115,19 +112,18 @@ class Preview:
         Cancelled
         """
         progress = progress or (lambda done, message: None)
-        light, weight = np.empty_like(self._light), np.empty_like(self._weight)
+        light = np.empty_like(self._light)
         at_once = max(1, CHUNK_PATHS // spp)
         for first in range(0, len(light), at_once):
             progress(first / len(light), "Preview")
             part = slice(first, min(first + at_once, len(light)))
-            light[part], weight[part] = self._trace(first, part.stop - first, spp)
+            light[part] = self._trace(first, part.stop - first, spp)
         self._light += light
-        self._weight += weight
         self.spp += spp
-        return (self._light / np.maximum(self._weight, 1)).reshape(*self._size, 3)
+        return (self._light / self.spp).reshape(*self._size, 3)
 
     def _trace(self, first, pixels, spp):
-        """Sums over new paths of some pixels: their light, and how many went through the lens."""
+        """Sums over new paths of some pixels."""
         import drjit as dr
         import mitsuba as mi
 
@@ -135,61 +131,67 @@ class Preview:
         sampler.seed(dr.opaque(mi.UInt32, (self._seed * 9973 + self._launches) & 0xFFFFFFFF), pixels)
         self._launches += 1
         index = dr.arange(mi.UInt32, pixels) + dr.opaque(mi.UInt32, first)
+        row = index // self._width
+        corner = mi.Point2f(index - row * self._width, row)
         paths = dr.opaque(mi.UInt32, spp)
 
-        def body(number, light, weight, sampler):
-            ray, inside = self._lens.ray(index, sampler)
-            found, _, _ = self._integrator.sample(self._scene, sampler, ray, None, inside)
-            light += dr.select(inside & dr.isfinite(found), found, 0)
-            return number + 1, light, weight + dr.select(inside, mi.Float(1), 0), sampler
+        def body(count, light, sampler):
+            place, point = corner + sampler.next_2d(), sampler.next_2d()
+            point = self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
+            found, _, _ = self._integrator.sample(self._scene, sampler, self._lens.ray(place, point))
+            return count + 1, light + dr.select(dr.isfinite(found), found, 0), sampler
 
-        state = (mi.UInt32(0), mi.Color3f(0), mi.Float(0), sampler)
-        _, light, weight, _ = dr.while_loop(state, lambda n, *_: n < paths, body, label="preview")
-        dr.eval(light, weight)
-        return np.stack([np.asarray(c) for c in light], axis=-1), np.asarray(weight)[:, None]
+        state = (mi.UInt32(0), mi.Color3f(0), sampler)
+        _, light, _ = dr.while_loop(state, lambda n, *_: n < paths, body, label="preview")
+        dr.eval(light)
+        return np.stack([np.asarray(c) for c in light], axis=-1)
 
 
-class _Lens:
-    """Rays from points of a lens through the pixels of the plane in focus, parameters as of `Preview`."""
+class Lens:
+    """Rays from points of a lens through a picture in the plane in focus; parameters as of `Preview`."""
 
-    def __init__(self, camera, width, height, focus, aperture, pupil):
-        import drjit as dr
+    def __init__(self, camera: Camera, width: int, height: int, focus: float) -> None:
         import mitsuba as mi
 
         from .buffers import constant
 
-        def number(value):
-            """Data, which a compiled program may be run with again, not a part of it."""
-            return dr.opaque(mi.Float, float(value))
-
         size = 2 * math.tan(camera.fov_x / 2)  # of the picture at unit depth
-        self._width, self._pitch = dr.opaque(mi.UInt32, width), number(size / width)
+        self._pitch = number(size / width)
         self._left = number(size * (camera.shift_x - 0.5))
         self._top = number(size * (camera.shift_y + 0.5 * height / width))
         self._position = constant(mi.Point3f, camera.position)
         self._right, self._up, self._forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
         self._start, self._end = number(camera.clip_start), number(min(camera.clip_end, FARTHEST))
-        self._aperture, self._curvature = number(aperture), number(1 / focus)
-        x, y, diameter = (pupil.x, pupil.y, pupil.diameter) if pupil else (0.0, 0.0, 2 * aperture)
-        self._open, self._centre = number(diameter / 2), constant(mi.Point2f, (x, y))
+        self._curvature = number(1 / focus)
 
-    def ray(self, index, sampler):
-        """A ray to a random point of each pixel, and whether the point of the lens that it comes from is open."""
+    def ray(self, place: mi.Point2f, point: mi.Point2f) -> mi.RayDifferential3f:
+        """Rays to places in the picture.
+
+        Parameters
+        ----------
+        place : mitsuba.Point2f
+            Pixels from the picture's upper left corner, to the right and down.
+        point : mitsuba.Point2f
+            Of the lens, metres to the right and up from its middle.
+        """
         import drjit as dr
         import mitsuba as mi
 
-        jitter, point = sampler.next_2d(), sampler.next_2d()
-        row = index // self._width
-        column = index - row * self._width
-        lens = self._open * mi.warp.square_to_uniform_disk_concentric(point) + self._centre
-        inside = dr.squared_norm(lens) <= self._aperture**2
-        tan_x = self._left + (mi.Float(column) + jitter.x) * self._pitch - lens.x * self._curvature
-        tan_y = self._top - (mi.Float(row) + jitter.y) * self._pitch - lens.y * self._curvature
+        tan_x = self._left + place.x * self._pitch - point.x * self._curvature
+        tan_y = self._top - place.y * self._pitch - point.y * self._curvature
         direction = self._forward + tan_x * self._right + tan_y * self._up
-        origin = self._position + lens.x * self._right + lens.y * self._up + self._start * direction
+        origin = self._position + point.x * self._right + point.y * self._up + self._start * direction
         ray = mi.RayDifferential3f(origin, dr.normalize(direction))
         ray.maxt = (self._end - self._start) * dr.norm(direction)
-        return ray, inside
+        return ray
+
+
+def number(value: float) -> mi.Float:
+    """Data, which a compiled program may be run with again, not a part of it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return dr.opaque(mi.Float, float(value))
 
 
 def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingIntegrator:

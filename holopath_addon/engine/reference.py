@@ -1,4 +1,4 @@
-"""The truth to compare with: Mitsuba's thin-lens camera with the hologram's pupil, one a wavelength."""
+"""The truth to compare with: Mitsuba's path tracer through the hologram's pupil, one a wavelength."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import scipy.fft
 from . import backend
 from .hologram import channel
 from .mapping import DepthMapping
-from .preview import FARTHEST, Preview, path_tracer
+from .preview import Lens, number, path_tracer
 from .probing import near_end
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from .hologram import Hologram
     from .progress import Progress
     from .reconstruction import Pupil
+
+CHUNK_PATHS = 1 << 24  # between two looks at progress and cancel; some seconds on two cores
 
 
 def reference(
@@ -41,8 +43,7 @@ def reference(
     """Incoherent pictures through a thin lens, the limit of a perfect hologram of infinitely many frames.
 
     A cone of slope s_max fills a pupil of radius s_max beta / F; a picture focused at depth D is that of a
-    thin lens of this radius focused at D. Without lens shift and with the whole pupil Mitsuba's own
-    `thinlens` sensor is used; otherwise `Preview` on rays from the part of the pupil asked for.
+    thin lens of this radius focused at D. Wavelengths that see the same scene share their paths, see `_Pupils`.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def reference(
         World depths, metres; `math.inf` allowed.
     pupil : Pupil, optional
     spp : int
-        Paths a pixel.
+        Paths a pixel and wavelength, stratified; a few more where strata ask for it.
     near : float, optional
         World depth of the volume's near end; found as in `plan` when not given.
     max_depth : int
@@ -84,71 +85,156 @@ def reference(
         ]  # fmt: skip
         return np.stack(pictures, axis=1)
     backend.activate()
-    from .dispersion import tuned
+    from .dispersion import tuned, wavelength_groups
 
     progress = progress or (lambda done, message: None)
     near = near or near_end(scene, camera, hologram)
     mapping = DepthMapping.of(hologram, camera, near)
     mapping.depth_to_z(list(focus))  # refuses what is behind the camera
     images = np.empty((len(focus), hologram.height, hologram.width, len(hologram.wavelengths)), np.float32)
-    centred = pupil is None and camera.shift_x == 0 and camera.shift_y == 0
+    groups = [part for group in wavelength_groups(scene, hologram.wavelengths) for part in _apart(group)]
+    integrator = path_tracer(scene, camera.sees_sky, max_depth)
     for f, depth in enumerate(focus):
-        for k, wavelength in enumerate(hologram.wavelengths):
-            radius = mapping.pupil_radius(hologram.max_slope(wavelength))
-            depth, number = min(depth, 1e5), seed * len(hologram.wavelengths) + k
-            with tuned(scene, (wavelength,)):
-                if centred:
-                    picture = _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth, number)
-                else:
-                    size = hologram.width, hologram.height
-                    picture = Preview(scene, camera, *size, depth, radius, max_depth, number, pupil).refine(
-                        spp
-                    )
-            images[f, :, :, k] = picture[:, :, channel(wavelength)]
-            progress(
-                (f * len(hologram.wavelengths) + k + 1) / (len(focus) * len(hologram.wavelengths)),
-                "Reference",
-            )
+        lens = Lens(camera, hologram.width, hologram.height, min(depth, 1e5))
+        for g, group in enumerate(groups):
+            radii = {channel(w): mapping.pupil_radius(hologram.max_slope(w)) for w in group}
+            done = f * len(groups) + g
+
+            def told(part, done=done):
+                progress((done + part) / (len(focus) * len(groups)), "Reference")
+
+            with tuned(scene, group):
+                picture = _picture(
+                    scene, integrator, lens, _Pupils(radii, pupil), hologram, spp * len(group),
+                    seed * len(groups) + g, told,
+                )  # fmt: skip
+            for k, w in enumerate(hologram.wavelengths):
+                if w in group:
+                    images[f, :, :, k] = picture[:, :, channel(w)]
     return images
 
 
-def _thin_lens(scene, camera, hologram, radius, depth, spp, max_depth, seed):
-    """Mitsuba's `thinlens` sensor; it looks along +z with x to the left, the camera along -z.
+def _apart(wavelengths):
+    """Groups of wavelengths of which no two show the same of the scene's channels."""
+    groups = []
+    for w in wavelengths:
+        for group in groups:
+            if channel(w) not in map(channel, group):
+                group.append(w)
+                break
+        else:
+            groups.append([w])
+    return groups
 
-    Paths are stratified in each pixel (Kensler, Pixar technical memo 13-01, 2013), in as many strata as there are
-    paths or a few more.
+
+class _Pupils:
+    """Points of the open pupils of some wavelengths, which share them.
+
+    Without a part of the pupil given, points come from each wavelength's own disc equally often, and count for every
+    wavelength whose disc they lie in by its density over that of all (the balance heuristic; Veach and Guibas,
+    SIGGRAPH 1995). The discs lie in each other, and 2.2 of three paths or more count for each of red, green and blue.
+    Of a part of the pupil, points count for the wavelengths whose pupil they lie in.
+
+    Parameters
+    ----------
+    radii : dict of int to float
+        Metres, by the channel that a wavelength shows.
+    pupil : Pupil or None
     """
+
+    def __init__(self, radii, pupil):
+        import mitsuba as mi
+
+        from .buffers import constant
+
+        self._centre = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
+        discs = [pupil.diameter / 2] if pupil else sorted(radii.values())
+        away = math.hypot(pupil.x, pupil.y) if pupil else 0.0
+        open_area = {c: _overlap(r, discs[0], away) if pupil else math.pi * r**2 for c, r in radii.items()}
+        self._squares = [number(r**2) for r in discs]
+        self._densities = [number(1 / (len(discs) * math.pi * r**2)) for r in discs]
+        self._own = {
+            c: (number(radii[c] ** 2), number(1 / area if area > 0 else 0.0)) for c, area in open_area.items()
+        }
+
+    def sample(self, uniform):
+        """Points in metres, to the right and up, and their weight for each channel, of mean 1 or 0."""
+        import drjit as dr
+        import mitsuba as mi
+
+        # of the squared radius, whose density falls by a step where a disc ends
+        square, taken, start = mi.Float(0), mi.Float(0), mi.Float(0)
+        for k, end in enumerate(self._squares):
+            slope = math.pi * sum(self._densities[k:])
+            square = dr.select(uniform.x >= taken, start + (uniform.x - taken) / slope, square)
+            taken, start = taken + slope * (end - start), end
+        square = dr.minimum(square, self._squares[-1])
+        pairs = zip(self._squares, self._densities, strict=True)
+        density = sum(dr.select(square <= end, share, 0) for end, share in pairs)
+        sine, cosine = dr.sincos(2 * dr.pi * uniform.y)
+        point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._centre
+        weight = mi.Color3f(0)
+        for c, (end, share) in self._own.items():
+            weight[c] = dr.select(dr.squared_norm(point) <= end, share / density, 0)
+        return point, weight
+
+
+def _overlap(a, b, away):
+    """Area that two discs of radii a and b share, their centres `away` from each other."""
+    if away >= a + b:
+        return 0.0
+    if away <= abs(a - b):
+        return math.pi * min(a, b) ** 2
+    x = (away**2 + a**2 - b**2) / (2 * away)  # of the line through both crossings
+    return sum(
+        r**2 * math.acos(max(-1.0, min(1.0, d / r))) - d * math.sqrt(max(r**2 - d**2, 0.0))
+        for r, d in ((a, x), (b, away - x))
+    )
+
+
+def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
+    """Mean over paths, shape (y, x, 3), by strips of the picture.
+
+    Paths are stratified in each pixel (Kensler, Pixar technical memo 13-01, 2013).
+    """
+    import drjit as dr
     import mitsuba as mi
 
     across = math.isqrt(spp)
     spp = across * -(-spp // across)  # what Mitsuba would round to, with a warning
-    flip = np.diag([-1.0, 1.0, -1.0, 1.0])
-    sensor = mi.load_dict(
+    count = min(hologram.height, -(-hologram.width * hologram.height * spp // CHUNK_PATHS))
+    rows = -(-hologram.height // count)
+
+    class Strip(mi.Sensor):
+        """Some rows of the picture, from row `first` on."""
+
+        def sample_ray_differential(self, time, wavelength, position, aperture, active=True):
+            point, weight = pupils.sample(aperture)
+            place = mi.Point2f(position.x * hologram.width, position.y * rows + self.first)
+            return lens.ray(place, point), weight
+
+    properties = mi.Properties()
+    properties["film"] = mi.load_dict(
         {
-            "type": "thinlens",
-            "to_world": mi.ScalarTransform4f(camera.to_world @ flip),
-            "fov": math.degrees(camera.fov_x),
-            "fov_axis": "x",
-            "aperture_radius": radius,
-            "focus_distance": depth,
-            "near_clip": max(camera.clip_start, min(1e-4, 1e-3 * depth)),
-            "far_clip": min(camera.clip_end, FARTHEST),
-            "film": {
-                "type": "hdrfilm",
-                "width": hologram.width,
-                "height": hologram.height,
-                "rfilter": {"type": "box"},
-                "pixel_format": "rgb",
-                "component_format": "float32",
-            },
-            "sampler": {"type": "multijitter", "sample_count": spp},
+            "type": "hdrfilm", "width": hologram.width, "height": rows, "rfilter": {"type": "box"},
+            "pixel_format": "rgb", "component_format": "float32",
         }
-    )
-    integrator = path_tracer(scene, camera.sees_sky, max_depth)
-    return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed))
+    )  # fmt: skip
+    properties["sampler"] = mi.load_dict({"type": "multijitter", "sample_count": spp})
+    sensor = Strip(properties)
+    picture = np.empty((hologram.height, hologram.width, 3), np.float32)
+    for strip, first in enumerate(range(0, hologram.height, rows)):
+        first = min(first, hologram.height - rows)  # strips of one size are one program; the last may overlap
+        sensor.first = dr.opaque(mi.Float, first)
+        part = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed * count + strip)
+        picture[first : first + rows] = np.asarray(part)
+        progress((strip + 1) / count)
+    return picture
 
 
-def diffracted(pictures: np.ndarray, hologram: Hologram, openings: Sequence[float] | None = None) -> np.ndarray:
+def diffracted(
+    pictures: np.ndarray, hologram: Hologram, openings: Sequence[float] | None = None
+) -> np.ndarray:
     """Pictures as light through the pupil shows them at best: blurred by what is open of it.
 
     The incoherent image is the picture * abs(h)^2, with h the transform of the opening (Goodman, Introduction to

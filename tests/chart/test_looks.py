@@ -62,7 +62,7 @@ def test_figures_of_pictures_with_known_errors(hologram):
     root = rng.uniform(0.2, 0.8, (len(looks), 96, 96, 3))
     blurred = np.zeros((3, 96, 96), bool)
     blurred[:, :, 48:] = True
-    truth = {"pictures": (root**2).astype(np.float32), "blurred": blurred}
+    truth = {"pictures": np.stack([root**2] * 2, 1).astype(np.float32), "blurred": blurred}
     error = rng.choice([-1.0, 1.0], root.shape) * 0.02
     error[:, :, :48] *= 0.5
     error[HEADLINE.index("up")] *= 4

@@ -1,6 +1,7 @@
 """The picture that refines, against Mitsuba's own lens, and what a view may ask of it."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,8 @@ from holopath_addon import engine
 from holopath_addon.engine import preview
 from holopath_addon.engine.mapping import DepthMapping
 
-GREEN = 516.5e-9
+RGB = (640e-9, 516.5e-9, 455.4e-9)
+GREEN = RGB[1]
 SIZE = 80, 64
 
 
@@ -19,17 +21,67 @@ def display():
     return engine.Hologram(*SIZE, 8e-6, (GREEN,), 0.3e-3, 1.8e-3)
 
 
-def test_as_mitsubas_thin_lens(build, camera, display):
-    """Lamps, shadows and two depths of which one is sharp."""
+def thin_lens(scene, camera, radius, focus):
+    """Mitsuba's own sensor; it looks along +z with x to the left, the camera along -z."""
+    import mitsuba as mi
+
+    sensor = mi.load_dict(
+        {
+            "type": "thinlens",
+            "to_world": mi.ScalarTransform4f(camera.to_world @ np.diag([-1.0, 1.0, -1.0, 1.0])),
+            "fov": math.degrees(camera.fov_x),
+            "aperture_radius": radius,
+            "focus_distance": min(focus, 1e5),
+            "film": {"type": "hdrfilm", "width": SIZE[0], "height": SIZE[1], "rfilter": {"type": "box"}},
+        }
+    )
+    integrator = mi.load_dict({"type": "path", "max_depth": 8})
+    return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=1024, seed=3))[..., :3]
+
+
+def test_as_mitsubas_thin_lens(build, camera, display, monkeypatch):
+    """Lamps, shadows and two depths of which one is sharp: previews, and references with colors that share paths."""
+    # strips of rows, the last of which overlaps another
+    monkeypatch.setattr(sys.modules["holopath_addon.engine.reference"], "CHUNK_PATHS", 500_000)
     scene = build.two_planes(build.diffuse)
-    radius = DepthMapping.of(display, camera, 0.5).pupil_radius(display.max_slope(GREEN))
+    display = replace(display, wavelengths=RGB)
+    mapping = DepthMapping.of(display, camera, 0.5)
+    radii = [mapping.pupil_radius(display.max_slope(w)) for w in RGB]
     for focus in (0.5, math.inf):
-        (truth,) = engine.reference(scene, camera, display, [focus], spp=256, near=0.5)
-        found = engine.Preview(scene, camera, *SIZE, focus, radius).refine(256)[:, :, 1:2]
-        assert engine.psnr(found, truth) > 38
-        assert found.mean() == pytest.approx(truth.mean(), rel=0.01)
-    sharp = engine.Preview(scene, camera, *SIZE, 0.5, radius).refine(64)[:, :, 1:2]
-    assert engine.psnr(sharp, truth) < 30  # it is not the focus that they agree in
+        truth = np.stack([thin_lens(scene, camera, r, focus)[..., k] for k, r in enumerate(radii)], -1)
+        found = engine.Preview(scene, camera, *SIZE, focus, radii[1]).refine(256)[..., 1:2]
+        (shared,) = engine.reference(scene, camera, display, [focus], spp=256, near=0.5)
+        assert engine.psnr(found, truth[..., 1:2]) > 38
+        assert found.mean() == pytest.approx(truth[..., 1].mean(), rel=0.01)
+        for k in range(3):
+            assert engine.psnr(shared[..., k : k + 1], truth[..., k : k + 1]) > 40, k
+            assert shared[..., k].mean() == pytest.approx(truth[..., k].mean(), rel=0.005)
+    sharp = engine.Preview(scene, camera, *SIZE, 0.5, radii[1]).refine(64)[..., 1:2]
+    assert engine.psnr(sharp, truth[..., 1:2]) < 30  # it is not the focus that they agree in
+
+
+def test_halves_of_a_reference_are_independent(build, camera, display):
+    """Halves of the same number of paths differ by as much as their noise; their mean is the reference."""
+    scene = build.two_planes(build.diffuse)
+    (truth,) = engine.reference(scene, camera, display, [0.5], spp=1024, near=0.5, seed=9)
+    ((a, b),) = engine.reference(scene, camera, display, [0.5], spp=128, near=0.5, halves=True)
+    # with independent noise, the errors of both have no correlation
+    errors = [(np.sqrt(x) - np.sqrt(truth)).ravel() for x in (a, b)]
+    assert abs(np.corrcoef(errors)[0, 1]) < 0.1
+    assert (0.5 * (a + b)).mean() == pytest.approx(truth.mean(), rel=0.005)
+
+
+def test_parts_of_the_pupil_that_lie_beyond_it_are_dark(build, camera, display):
+    """Of a uniform wall every color is as bright where any of its pupil is open, black where none is."""
+    scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.7)), 5.0))
+    display = replace(display, wavelengths=RGB)
+    mapping = DepthMapping.of(display, camera, 0.5)
+    red, green, blue = (mapping.pupil_radius(display.max_slope(w)) for w in RGB)
+    across = engine.Pupil(0.5 * (red + green), 0.0, red - blue)
+    (picture,) = engine.reference(scene, camera, display, [1.0], across, 64, 0.5)
+    np.testing.assert_allclose(picture[..., :2].mean((0, 1)), 0.7, rtol=0.03)
+    outside = engine.Pupil(red + blue, 0.0, blue)
+    assert engine.reference(scene, camera, display, [1.0], outside, 8, 0.5).max() == 0
 
 
 def test_the_mean_of_all_paths(build, camera):
