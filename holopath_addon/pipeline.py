@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import engine
+from .engine.clock import Clock
 from .engine.hologram import channel
 from .engine.mapping import DepthMapping
 
@@ -33,12 +34,15 @@ class Result:
     focus : list of float
         World depths of the pictures, metres.
     images : numpy.ndarray, float32, shape (focus, y, x, wavelength)
+    seconds : dict of str to float
+        Of each stage.
     """
 
     plan: engine.Plan
     field: engine.WaveField
     focus: list
     images: np.ndarray = field(repr=False)
+    seconds: dict
 
 
 def default_depth_range(width, height, pitch):
@@ -190,9 +194,10 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, progress, of
     mapping = DepthMapping.of(hologram, camera, plan.near)
     aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
     channels = [channel(w) for w in hologram.wavelengths]
-    picture = engine.Preview(
-        scene, camera, hologram.width, hologram.height, focus, aperture, settings.max_depth, pupil=pupil
-    )
+    size, centre = (hologram.width, hologram.height), (0.0, 0.0)
+    if pupil is not None:
+        aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
+    picture = engine.Preview(scene, camera, *size, focus, aperture, settings.max_depth, centre=centre)
     # each picture has twice the paths of the last, and takes as long as all before
     while 2 * (time.monotonic() - start) < PREVIEW_SHARE * plan.seconds or not picture.spp:
         light = picture.refine(max(1, picture.spp), progress)
@@ -242,9 +247,10 @@ def compute(
     """
     progress = progress or (lambda done, message: None)
     settings = settings or engine.Settings()
-    started = time.monotonic()
+    started, clock = time.monotonic(), Clock()
     progress(0.0, "Planning")
-    plan = engine.plan(scene, camera, hologram, settings, store)
+    with clock("plan"):
+        plan = engine.plan(scene, camera, hologram, settings, store)
     asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
     if "centre" in asked:
         centre = centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]
@@ -255,11 +261,14 @@ def compute(
         begun = _begun(started, plan)
         if offer is not None:
             at = stage(progress, begun, begun)
-            _preview(scene, camera, hologram, settings, plan, depths[0], pupil, at, offer)
+            with clock("preview"):
+                _preview(scene, camera, hologram, settings, plan, depths[0], pupil, at, offer)
             begun = _begun(started, plan)
         field = engine.render(scene, camera, hologram, settings, plan, stage(progress, begun, 0.95), store)
-    images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.95, 1.0))
-    return Result(plan, field, depths, images)
+        clock.seconds.update(field.report["seconds"])
+    with clock("refocusing"):
+        images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.95, 1.0))
+    return Result(plan, field, depths, images, clock.seconds)
 
 
 def encode(field, method, progress, scene=None, settings=None, **options):
@@ -297,17 +306,13 @@ def encode(field, method, progress, scene=None, settings=None, **options):
         last[0] = done
         progress(done, message)
 
-    # the whole pupil as a part: Mitsuba's own lens compiles anew for each focus, and is not cancelled meanwhile
-    slope = max(field.hologram.max_slope(w) for w in field.hologram.wavelengths)
-    whole = engine.Pupil(0.0, 0.0, 2 * field.mapping.pupil_radius(slope))
-
     def references(focus, pupil):
         return engine.reference(
             scene,
             field.camera,
             field.hologram,
             [focus],
-            pupil or whole,
+            pupil,
             REFERENCE_PATHS,
             field.near,
             settings.max_depth,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import engine, output, pipeline
+from .engine.clock import Clock
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -134,7 +135,9 @@ def write(
     ------
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, OSError
     """
-    start, asked = time.perf_counter(), still.asked
+    start, clock = time.perf_counter(), Clock()
+    with clock("export"):
+        asked = still.asked
     encodes = still.encode not in ("none", "dpac")
     rendered_at = 0.4 if encodes else 0.7 if still.compare else 0.95
     end = 0.7 if still.compare else 0.95
@@ -143,15 +146,19 @@ def write(
     rgb = engine.to_rgb(result.images, wavelengths)
     white = output.exposure(rgb)
     progress(rendered_at, "Writing")
-    result.field.save(folder / "wavefield")
-    output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
+    with clock("files"):
+        result.field.save(folder / "wavefield")
+        output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
     phase, stopped = encoded, []
     if phase is None and still.encode != "none":
         at = pipeline.stage(progress, rendered_at, end)
-        phase, stopped = _encode(still, result.field, at, stoppable)
+        with clock("encoding"):
+            phase, stopped = _encode(still, result.field, at, stoppable)
     if phase is not None:
-        phase.save(folder / "hologram")
+        with clock("files"):
+            phase.save(folder / "hologram")
     bake = result.field.report.get("bake")
+    notes = [*result.plan.warnings, *pipeline.bake_notes(bake), *stopped]
     report = {
         "scene": still.name,
         **asked,
@@ -162,30 +169,19 @@ def write(
         "spp": result.plan.rays_per_pixel,
         "variant": result.field.report.get("variant"),
         "bake": bake,
-        "warnings": [*result.plan.warnings, *pipeline.bake_notes(bake), *stopped],
+        "warnings": notes,
         "export_notes": still.notes,
     }
     if phase is not None:
         report["encoding"] = {"method": phase.method, **phase.report}
     if still.compare and not stopped:
-        truth = engine.reference(
-            still.scene,
-            still.camera,
-            still.hologram,
-            result.focus,
-            still.pupil,
-            near=result.field.near,
-            max_depth=still.settings.max_depth,
-            progress=pipeline.stage(progress, end, 0.97),
-            halves=True,
-        )
-        truth_rgb = engine.to_rgb(truth.mean(1), wavelengths)
-        output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
-        report["comparison"] = _compare(result, truth, still.pupil)
-        report["warnings"] += _noise_notes(report["comparison"])
+        with clock("reference"):
+            rows = _compare(folder, still, result, pipeline.stage(progress, end, 0.97))
+        report |= {"comparison": rows, "warnings": [*notes, *_noise_notes(rows)]}
     report["seconds"] = {
-        "export": export_seconds,
-        **result.field.report.get("seconds", {}),
+        **result.seconds,
+        **clock.seconds,
+        "export": export_seconds + clock.seconds["export"],
         "total": export_seconds + time.perf_counter() - start,
     }
     output.write_report(folder, {**report, "versions": output.versions()})
@@ -216,12 +212,26 @@ def _noise_notes(rows):
     ]
 
 
-def _compare(result, truth, pupil):
-    """PSNR and SSIM of every picture, leaving out the border that light from outside the view reaches.
+def _compare(folder, still, result, progress):
+    """References of the pictures, into the folder, and rows of PSNR and SSIM by them.
 
-    The truth comes in halves. PSNR also against what light through the pupil shows at best, see `engine.diffracted`.
+    The border that light from outside the view reaches is left out. PSNR also against what light through the pupil
+    shows at best, see `engine.diffracted`.
     """
-    hologram, plan, mapping = result.field.hologram, result.plan, result.field.mapping
+    hologram, plan, mapping, pupil = result.field.hologram, result.plan, result.field.mapping, still.pupil
+    truth = engine.reference(
+        still.scene,
+        still.camera,
+        hologram,
+        result.focus,
+        pupil,
+        near=result.field.near,
+        max_depth=still.settings.max_depth,
+        progress=progress,
+        halves=True,
+    )
+    truth_rgb = engine.to_rgb(truth.mean(1), hologram.wavelengths)
+    output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
     slope = max(hologram.max_slope(w) for w in hologram.wavelengths)

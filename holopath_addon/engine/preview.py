@@ -35,6 +35,8 @@ class Preview:
         World depth that is sharp, metres; `math.inf`, the default, allowed.
     aperture : float
         Radius of the lens, metres; 0 is a pinhole, to which everything is sharp.
+    centre : (float, float)
+        Of the lens, metres to the right and up from the camera's axis.
     max_depth : int
         As `Settings.max_depth`.
     seed : int
@@ -59,11 +61,12 @@ class Preview:
         aperture: float = 0.0,
         max_depth: int = 8,
         seed: int = 0,
+        centre: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         backend.activate()
         self._scene, self._max_depth, self._seed = scene, max_depth, seed
         self._integrators = {}
-        self.look(camera, width, height, focus, aperture)
+        self.look(camera, width, height, focus, aperture, centre)
 
     def look(
         self,
@@ -72,10 +75,13 @@ class Preview:
         height: int,
         focus: float | None = None,
         aperture: float = 0.0,
+        centre: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """Start anew with another view of the scene; parameters as above."""
         import drjit as dr
         import mitsuba as mi
+
+        from .buffers import constant
 
         if width < 1 or height < 1:
             raise InvalidInput(f"A picture of {width} x {height} pixels is empty: give it at least one.")
@@ -83,7 +89,8 @@ class Preview:
             raise InvalidInput(
                 "A focus distance must be in front of the camera: give a positive number of metres, or inf."
             )
-        self._lens, self._aperture = Lens(camera, width, height, focus or math.inf), number(aperture)
+        self._lens = Lens(camera, width, height, focus or math.inf)
+        self._aperture, self._centre = number(aperture), constant(mi.Point2f, centre)
         if camera.sees_sky not in self._integrators:
             self._integrators[camera.sees_sky] = path_tracer(self._scene, camera.sees_sky, self._max_depth)
         self._integrator = self._integrators[camera.sees_sky]
@@ -137,7 +144,7 @@ class Preview:
 
         def body(count, light, sampler):
             place, point = corner + sampler.next_2d(), sampler.next_2d()
-            point = self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
+            point = self._centre + self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
             found, _, _ = self._integrator.sample(self._scene, sampler, self._lens.ray(place, point))
             return count + 1, light + dr.select(dr.isfinite(found), found, 0), sampler
 

@@ -208,6 +208,8 @@ def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
     class Strip(mi.Sensor):
         """Some rows of the picture, from row `first` on."""
 
+        first: mi.Float
+
         def sample_ray_differential(self, time, wavelength, position, aperture, active=True):
             point, weight = pupils.sample(aperture)
             place = mi.Point2f(position.x * hologram.width, position.y * rows + self.first)

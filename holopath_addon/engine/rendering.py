@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
-from contextlib import contextmanager
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +10,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from . import backend, baselines, despeckle, planner
+from .clock import Clock
 from .hologram import Settings
 from .kernel_table import Lattice, directions_of, kernel_table
 from .mapping import DepthMapping
@@ -20,8 +19,6 @@ from .propagation import carrier, field_of, padded_shape, spectrum, transfer_fun
 from .wavefield import WaveField
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import mitsuba as mi
 
     from .bake_store import BakeStore
@@ -79,8 +76,9 @@ def render(
     progress = progress or (lambda done, message: None)
     clock = Clock()
     progress(0.0, "Planning")
-    with clock("plan"):
-        plan = plan or planner.plan(scene, camera, hologram, settings, store)
+    if plan is None:
+        with clock("plan"):
+            plan = planner.plan(scene, camera, hologram, settings, store)
     if settings.method in baselines.BASELINES:
         job = baselines.Job(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
         with clock(settings.method):
@@ -120,7 +118,8 @@ def render(
             progress(start + (1 - start) * (number + done) / len(groups), message)
 
         with tuned(scene, group):
-            recording = Recording(scene, camera, part, settings, plan, clock, cache)
+            with clock("optics"):
+                recording = Recording(scene, camera, part, settings, plan, clock, cache)
             fields.append(_field_at_slm(recording, phasors, at))
             errors.append(recording.error)
             passes = recording.passes
@@ -136,7 +135,7 @@ def render(
         "foretold": {
             "seconds": {
                 "plan": plan.seconds,
-                "measured": sum(clock.seconds.values()) - clock.seconds["plan"],
+                "measured": sum(clock.seconds.values()) - clock.seconds.get("plan", 0.0),
             },
             "field_error": {"plan": plan.error, "measured": _error_of(errors, plan, baked)},
         },
@@ -256,20 +255,6 @@ def _despeckle(recording, radiance, field, progress):
                 settings.seed,
                 lambda done, k=k: progress(0.5 + 0.5 * (k + done) / len(targets), "Despeckling"),
             )
-
-
-class Clock:
-    """Seconds spent in each stage, summed over its visits."""
-
-    def __init__(self) -> None:
-        self.seconds = {}
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Count what is done inside towards a stage."""
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
 class Recording:

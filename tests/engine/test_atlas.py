@@ -164,6 +164,15 @@ def test_the_same_scene_is_laid_out_the_same(build, atlas):
     np.testing.assert_array_equal(again.rows, atlas.rows)
 
 
+def test_texels_where_triangles_meet_are_the_same_each_time(build):
+    """Baked light is found by them: 80,000 triangles, most of a texel or less, race for them."""
+    scene = build.scene(a=build.ball(0.3, [0, 0, -1], build.diffuse(build.grey(0.5)), 200))
+    atlas = laid_out(scene)
+    assert atlas.triangles.count > 50_000
+    for _ in range(3):
+        np.testing.assert_array_equal(Atlas(atlas.triangles, atlas.layout).rows, atlas.rows)
+
+
 def test_shapes_in_the_same_bounds_keep_their_rows(build):
     """Two crossing sheets in one bounding box, named in either order."""
 

@@ -142,6 +142,19 @@ def test_other_views_compile_nothing(build, camera):
     assert all(kernel["cache_hit"] for kernel in kernels)
 
 
+def test_other_references_compile_nothing(build, camera, display):
+    import drjit as dr
+
+    scene = build.two_planes(build.diffuse)
+    engine.reference(scene, camera, display, [0.5], spp=16, near=0.5)
+    dr.kernel_history_clear()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        shifted = replace(camera, shift_x=0.1)
+        engine.reference(scene, shifted, display, [0.7], engine.Pupil(1e-4, 0.0, 2e-4), 16, 0.5, seed=4)
+    kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+    assert kernels and all(kernel["cache_hit"] for kernel in kernels)
+
+
 def test_cancelling_leaves_the_picture(build, camera, monkeypatch):
     monkeypatch.setattr(preview, "CHUNK_PATHS", 1000)
     view = engine.Preview(build.two_planes(build.diffuse), camera, *SIZE)
