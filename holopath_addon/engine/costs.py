@@ -47,8 +47,8 @@ class Work:
         Rays a pixel of the hologram, and those that mirrors or clear surfaces are in view of, branches included.
     passes : int
         Radiance paths of a column.
-    texture : float or None
-        Seconds for the radiance cache, where there is one.
+    texture : dict or None
+        Seconds of the stages of the radiance cache, where there is one.
     traversals : int
         Times that rays are traced: for all wavelengths together or for each.
     planes : int
@@ -61,22 +61,22 @@ class Work:
     plain: float
     chained: float
     passes: int
-    texture: float | None
+    texture: dict[str, float] | None
     traversals: int
     planes: int
     images: bool
 
 
-def baking_seconds(
+def baking(
     hologram: Hologram, light: Light, columns: int, passes: int, baked: bool, triangles: int
-) -> float:
-    """Seconds of the radiance cache and of the few paths that are left with it."""
-    seconds = path_seconds(light, columns * passes)
+) -> dict[str, float]:
+    """Seconds of the radiance cache and of the few paths that are left with it, by stage."""
+    bake = 0.0
     if not baked:
         samples = hologram.width * hologram.height * BAKED_TEXELS * BAKED_SAMPLES
         samples += DENSE[0] * triangles * DENSE[1]
-        seconds += BAKE_START + samples / (BAKED_SPEED * light.paths_per_second)
-    return seconds
+        bake = BAKE_START + samples / (BAKED_SPEED * light.paths_per_second)
+    return {"bake": bake, "radiance": path_seconds(light, columns * passes)}
 
 
 def path_seconds(light: Light, paths: float) -> float:
@@ -84,25 +84,30 @@ def path_seconds(light: Light, paths: float) -> float:
     return PATH * paths / light.paths_per_second
 
 
-def seconds(hologram: Hologram, settings: Settings, seen: Probe, light: Light, work: Work) -> float:
-    """Estimated seconds of a render."""
+def stages(hologram: Hologram, settings: Settings, seen: Probe, light: Light, work: Work) -> dict[str, float]:
+    """Estimated seconds of each stage of a render, by the names that its report gives them."""
     pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
     own = SUM[0] + SUM[1] * frames * colours
     rays = work.plain * (RAY / seen.rays_per_second + own)
     rays += work.chained * (CHAIN / seen.chains_per_second + own)
+    out = {"wave tracing": START + work.traversals * pixels * rays}
     if settings.radiance == "ray":
-        paths = path_seconds(light, pixels * (work.plain + work.chained) * settings.paths)
+        paths = pixels * (work.plain + work.chained) * settings.paths
+        out["wave tracing"] += work.traversals * path_seconds(light, paths)
+    elif work.texture is None:
+        out["radiance"] = work.traversals * path_seconds(light, work.columns * work.passes)
     else:
-        paths = path_seconds(light, work.columns * work.passes)
-    total = START + work.traversals * (pixels * rays + (paths if work.texture is None else 0.0))
-    total += work.texture or 0.0
-    total += pixels * frames * colours * MOVE * (2 * work.planes - 1) + PLANE * (work.planes - 1)
+        out |= work.texture
+    moves = pixels * frames * colours * MOVE * (2 * work.planes - 1)
+    out["propagation"] = moves + PLANE * (work.planes - 1)
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
-        total += pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second
-        total += pixels * many * colours * ((work.plain + work.chained) * 0.3e-9 + 1e-6)
-        total += pixels * frames * colours * settings.despeckle * 25e-9
-    return total
+        out["despeckle"] = (
+            pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second
+            + pixels * many * colours * ((work.plain + work.chained) * 0.3e-9 + 1e-6)
+            + pixels * frames * colours * settings.despeckle * 25e-9
+        )
+    return out
 
 
 def memory(

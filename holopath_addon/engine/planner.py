@@ -168,8 +168,8 @@ class Plan:
         Half-angle of the lattice in recordable slopes.
     chunk : int
         Bytes of the sums of pixels that are traced at once.
-    seconds : float
-        Estimated time on this machine; 0 for baselines, of which nothing is foretold.
+    stages : dict of str to float
+        Estimated seconds of each stage on this machine; empty for baselines, of which nothing is foretold.
     error : float
         Estimated error of the wave field by the radiance's noise, relative to the field.
     memory_bytes : int
@@ -205,11 +205,16 @@ class Plan:
     coherent: bool
     cone: float
     chunk: int
-    seconds: float
+    stages: dict
     error: float
     memory_bytes: int
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
+
+    @property
+    def seconds(self) -> float:
+        """Estimated time on this machine; 0 for baselines."""
+        return sum(self.stages.values())
 
     @property
     def z_gathered(self) -> float:
@@ -223,7 +228,7 @@ class Plan:
 
     def to_dict(self) -> dict:
         """JSON-able form; null for what is unlimited."""
-        return _finite(asdict(self))
+        return _finite({**asdict(self), "seconds": self.seconds})
 
     def __str__(self) -> str:
         lines = [str(decision) for decision in self.decisions]
@@ -372,7 +377,7 @@ def plan(
     plain, chained = scenery.mean_rays(planes, "plain"), scenery.mean_rays(planes, "chained")
     images = any(plane.sees == "images" for plane in planes)
     work = costs.Work(columns, plain, chained, passes, texture, traversals, len(planes), images)
-    seconds = costs.seconds(hologram, settings, seen, light, work)
+    stages = costs.stages(hologram, settings, seen, light, work)
     memory = costs.memory(hologram, settings, work, margin, slabs, bins, _binned(seen), splits)
     size, farthest = (hologram.height, hologram.width), max(abs(z_low), abs(z_high))
     memory += max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
@@ -405,7 +410,7 @@ def plan(
         coherent=seen.coherent,
         cone=CONE[settings.quality],
         chunk=chunk,
-        seconds=seconds,
+        stages=stages,
         error=error,
         memory_bytes=memory,
         decisions=tuple(decisions),
@@ -419,7 +424,7 @@ def _of_baseline(plan, settings, warnings):
     own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
     frames = Decision("frames", str(settings.frames), "as asked")
     decisions = plan.decisions[0], own, frames
-    return replace(plan, decisions=decisions, seconds=0.0, error=0.0, warnings=tuple(warnings))
+    return replace(plan, decisions=decisions, stages={}, error=0.0, warnings=tuple(warnings))
 
 
 def parse_fixed(text: str) -> dict:
@@ -597,7 +602,7 @@ def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> i
 
 
 def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
-    """Seconds that the radiance cache will take, None where it is not used."""
+    """Seconds of the radiance cache by stage, None where it is not used."""
     if settings.method == "direct" or settings.max_depth < 2:
         return None
     if settings.method == "full":
@@ -612,12 +617,13 @@ def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
     most = PASSES[settings.quality][1]
     baked = store is not None and is_baked(scene, settings, texel_noise(settings), most, store)
     triangles = sum(shape.primitive_count() for shape in surfaces_of(scene) if shape.is_mesh())
-    seconds = costs.baking_seconds(hologram, light, columns, CACHED_PASSES, baked, triangles)
+    stages = costs.baking(hologram, light, columns, CACHED_PASSES, baked, triangles)
+    seconds = sum(stages.values())
     compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
     compared = f"light baked before, {compared}" if baked else f"to be baked, {compared}"
     if settings.method == "fast":
         decisions.append(Decision("diffuse light", "radiance cache", f"as asked; {compared}"))
-        return seconds
+        return stages
     if seen.diffuse < LEAST_DIFFUSE or settings.radiance == "ray":
         reason = (
             "as asked" if settings.radiance == "ray" else f"only {seen.diffuse:.0%} of the view is diffuse"
@@ -628,7 +634,7 @@ def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
     saving = f"about {abs(paths - seconds):.0f} s" if abs(paths - seconds) >= 1 else ""
     value = "radiance cache" if better else "paths of this view"
     decisions.append(Decision("diffuse light", value, compared, saving))
-    return seconds if better else None
+    return stages if better else None
 
 
 def _bounces(settings, light, most, texture, decisions):

@@ -137,6 +137,7 @@ def render(
                 "plan": plan.seconds,
                 "measured": sum(clock.seconds.values()) - clock.seconds.get("plan", 0.0),
             },
+            "stages": plan.stages,
             "field_error": {"plan": plan.error, "measured": _error_of(errors, plan, baked)},
         },
     }
