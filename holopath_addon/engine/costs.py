@@ -16,23 +16,26 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 CELL_BYTES = 112  # of an occupied cell: ten sums of 8 bytes, and the means made of them
 SURFACES = 2  # occupied slabs of a pixel column, roughly
-BAKED_TEXELS = 2.2  # groups of texels a pixel of the view, roughly
-BAKED_SAMPLES = 20  # of each, roughly
-DENSE = (
-    0.5,
-    300,
-)  # share of a scene's triangles that have groups of their own, and their samples, where there are many
-BAKED_SPEED = 4.0  # times that of paths, which follow every bounce
-BAKE_START = 3.0  # seconds, for kernels and for the light between surfaces
 ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
 MOST_TEXELS = 1 << 25
 TEXEL_BYTES = 48  # with what making them takes
 
-# Of the time that the probe's rays and paths take, which are alone in their kernels; measured over six scenes.
-RAY, CHAIN, PATH = 1.0, 1.0, 0.6
-SUM = 2.0e-9, 0.3e-9  # seconds of a ray, and of each of its frames and wavelengths
-START, PLANE = 0.4, 0.05  # seconds, for kernels and tables, and those of each plane more
-MOVE = 0.03e-6  # seconds of a pixel's way to another plane, of each frame and wavelength
+# Of the time that the probe's rays and paths take, alone in their kernels; over seven scenes (docs/measurements.md).
+RAY, CHAIN, PATH = 1.0, 1.0, 0.85
+
+# Seconds on the machine that `machine.slowness` compares with.
+SUM = 2.0e-9, 0.3e-9  # of a ray, and of each of its frames and wavelengths
+TRACING, PATHS = 0.05, 0.2  # to begin with rays, and with paths
+TABLES = 0.1, 0.11  # of kernel tables and regions, and of each plane's
+MOVE = 0.024e-6  # of a pixel's way to another plane, of each frame and wavelength
+LOOK, CHARTS, ROW = 0.5, 1.0, 1.1e-6  # of baking: to begin, of meshes with charts, and of each triangle
+LOAD, LOAD_ROWS, LOAD_ROW = 0.1, 0.3, 0.7e-6  # the same of what was baked before
+CHARTED = 2000  # triangles from which on charts take their whole time
+SAMPLE = 0.15e-6  # of a sample of a texel, besides its ray's
+
+# Samples of baked light: of each pixel of the view, of each triangle (of dense meshes), and for the light between
+# surfaces; and what one takes of a path, which has every bounce.
+BAKED_PIXEL, BAKED_TRIANGLE, BETWEEN, BOUNCE = 64, 30, 12e6, 0.25
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Work:
     plain, chained : float
         Rays a pixel of the hologram, and those that mirrors or clear surfaces are in view of, branches included.
     passes : int
-        Radiance paths of a column.
+        Radiance paths of a column that will be taken, roughly.
     texture : dict or None
         Seconds of the stages of the radiance cache, where there is one.
     traversals : int
@@ -68,44 +71,50 @@ class Work:
 
 
 def baking(
-    hologram: Hologram, light: Light, columns: int, passes: int, baked: bool, triangles: int
+    hologram: Hologram, light: Light, columns: int, passes: int, baked: bool, triangles: int, slowness: float
 ) -> dict[str, float]:
     """Seconds of the radiance cache and of the few paths that are left with it, by stage."""
-    bake = 0.0
-    if not baked:
-        samples = hologram.width * hologram.height * BAKED_TEXELS * BAKED_SAMPLES
-        samples += DENSE[0] * triangles * DENSE[1]
-        bake = BAKE_START + samples / (BAKED_SPEED * light.paths_per_second)
-    return {"bake": bake, "radiance": path_seconds(light, columns * passes)}
+    charted = min(1.0, triangles / CHARTED)
+    if baked:
+        bake = slowness * (LOAD + LOAD_ROWS * charted + LOAD_ROW * triangles)
+    else:
+        samples = hologram.width * hologram.height * BAKED_PIXEL + triangles * BAKED_TRIANGLE
+        bake = slowness * (LOOK + CHARTS * charted + ROW * triangles + SAMPLE * samples)
+        bake += BOUNCE * (samples + BETWEEN) / light.paths_per_second
+    return {"bake": bake, "radiance": path_seconds(light, columns * passes, slowness)}
 
 
-def path_seconds(light: Light, paths: float) -> float:
+def path_seconds(light: Light, paths: float, slowness: float) -> float:
     """Seconds of radiance paths."""
-    return PATH * paths / light.paths_per_second
+    return slowness * PATHS + PATH * paths / light.paths_per_second
 
 
-def stages(hologram: Hologram, settings: Settings, seen: Probe, light: Light, work: Work) -> dict[str, float]:
-    """Estimated seconds of each stage of a render, by the names that its report gives them."""
+def stages(
+    hologram: Hologram, settings: Settings, seen: Probe, light: Light, work: Work, slowness: float
+) -> dict[str, float]:
+    """Estimated seconds of each stage of a render, by the names that its report gives them; see `machine.slowness`."""
     pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
-    own = SUM[0] + SUM[1] * frames * colours
+    own = slowness * (SUM[0] + SUM[1] * frames * colours)
     rays = work.plain * (RAY / seen.rays_per_second + own)
     rays += work.chained * (CHAIN / seen.chains_per_second + own)
-    out = {"wave tracing": START + work.traversals * pixels * rays}
+    out = {
+        "kernel tables": slowness * (TABLES[0] + TABLES[1] * work.planes),
+        "wave tracing": work.traversals * (slowness * TRACING + pixels * rays),
+        "propagation": slowness * pixels * frames * colours * MOVE * work.planes,
+    }
     if settings.radiance == "ray":
         paths = pixels * (work.plain + work.chained) * settings.paths
-        out["wave tracing"] += work.traversals * path_seconds(light, paths)
+        out["wave tracing"] += work.traversals * path_seconds(light, paths, slowness)
     elif work.texture is None:
-        out["radiance"] = work.traversals * path_seconds(light, work.columns * work.passes)
+        out["radiance"] = work.traversals * path_seconds(light, work.columns * work.passes, slowness)
     else:
         out |= work.texture
-    moves = pixels * frames * colours * MOVE * (2 * work.planes - 1)
-    out["propagation"] = moves + PLANE * (work.planes - 1)
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
         out["despeckle"] = (
             pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second
-            + pixels * many * colours * ((work.plain + work.chained) * 0.3e-9 + 1e-6)
-            + pixels * frames * colours * settings.despeckle * 25e-9
+            + slowness * pixels * many * colours * ((work.plain + work.chained) * 0.3e-9 + 1e-6)
+            + slowness * pixels * frames * colours * settings.despeckle * 25e-9
         )
     return out
 

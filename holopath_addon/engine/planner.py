@@ -12,6 +12,7 @@ from . import backend, costs, despeckle
 from .baselines import BASELINES
 from .errors import InvalidInput
 from .hologram import Settings
+from .machine import slowness
 from .mapping import DepthMapping
 from .memory import available, shortage
 from .phase_fields import REACH, SETS, speckle_contrast
@@ -62,8 +63,10 @@ MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
 IMAGE_LIMITS = (-1.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
 MAP_BYTES = 1 << 30  # largest index of the radiance map, and its largest pupil bins
 CACHED_PASSES = 4  # fewest where light is looked up
+LIKELY_CACHED = 10  # that are taken then, roughly
 EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
 SMOOTHED = 600  # groups of texels over which light from other surfaces is averaged, roughly
+UNTOLD = 2.0  # times the variance that the pilot finds, over seven scenes
 CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
 CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
 LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
@@ -336,7 +339,8 @@ def plan(
     reach = 1.02 * CONE[settings.quality] * max_slope(hologram) * max(z_high - middle, middle - z_low)
     margin = math.ceil(reach / hologram.pitch) + 3
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    texture = _texture(scene, hologram, settings, seen, light, columns, store, decisions)
+    slow = slowness(store and store.folder)
+    texture = _texture(scene, hologram, settings, seen, light, columns, store, slow, decisions)
     max_depth = _bounces(settings, light, most_depth, texture, decisions)
     passes, slabs, bins, error = _radiance(
         hologram, settings, seen, light, columns, z_high - z_low, texture, splits, decisions
@@ -376,8 +380,9 @@ def plan(
         )
     plain, chained = scenery.mean_rays(planes, "plain"), scenery.mean_rays(planes, "chained")
     images = any(plane.sees == "images" for plane in planes)
-    work = costs.Work(columns, plain, chained, passes, texture, traversals, len(planes), images)
-    stages = costs.stages(hologram, settings, seen, light, work)
+    likely = _likely_passes(settings, light.noise)
+    work = costs.Work(columns, plain, chained, likely, texture, traversals, len(planes), images)
+    stages = costs.stages(hologram, settings, seen, light, work, slow)
     memory = costs.memory(hologram, settings, work, margin, slabs, bins, _binned(seen), splits)
     size, farthest = (hologram.height, hologram.width), max(abs(z_low), abs(z_high))
     memory += max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
@@ -601,7 +606,12 @@ def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> i
     return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
 
 
-def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
+def _likely_passes(settings, noise):
+    """Radiance paths a pixel that will be taken, roughly: halves differ by more than the pilot's few paths tell."""
+    return passes_for(settings, UNTOLD * noise)
+
+
+def _texture(scene, hologram, settings, seen, light, columns, store, slow, decisions):
     """Seconds of the radiance cache by stage, None where it is not used."""
     if settings.method == "direct" or settings.max_depth < 2:
         return None
@@ -611,13 +621,13 @@ def _texture(scene, hologram, settings, seen, light, columns, store, decisions):
     from .baking import is_baked
     from .lobes import surfaces_of
 
-    paths = costs.path_seconds(light, columns * passes_for(settings, light.noise))
+    paths = costs.path_seconds(light, columns * _likely_passes(settings, light.noise), slow)
     if settings.radiance == "ray":
         paths = math.inf
     most = PASSES[settings.quality][1]
     baked = store is not None and is_baked(scene, settings, texel_noise(settings), most, store)
     triangles = sum(shape.primitive_count() for shape in surfaces_of(scene) if shape.is_mesh())
-    stages = costs.baking(hologram, light, columns, CACHED_PASSES, baked, triangles)
+    stages = costs.baking(hologram, light, columns, LIKELY_CACHED, baked, triangles, slow)
     seconds = sum(stages.values())
     compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
     compared = f"light baked before, {compared}" if baked else f"to be baked, {compared}"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine import machine, planner
 from holopath_addon.engine.phase_fields import speckle_contrast
 from holopath_addon.engine.planner import captured_share
 
@@ -325,3 +326,29 @@ def test_what_the_plan_says(build, camera):
         "error about" in d.why for d in plan.decisions
     )
     assert "error of the field" in str(plan)
+
+
+def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
+    """What the scene itself does not time takes as many times longer; the speed is measured once and kept."""
+    times = {}
+    for slow in (1.0, 3.0):
+        monkeypatch.setattr(planner, "slowness", lambda folder, slow=slow: slow)
+        times[slow] = engine.plan(build.two_planes(build.diffuse), camera, small).stages
+    for stage in ("kernel tables", "propagation"):
+        assert times[3.0][stage] == pytest.approx(3 * times[1.0][stage])
+
+
+def test_the_machine_s_speed_is_measured_once(tmp_path, monkeypatch):
+    machine.slowness.cache_clear()
+    found = machine.slowness(tmp_path)
+    assert 0.05 < found < 50
+    machine.slowness.cache_clear()
+    with monkeypatch.context() as patched:
+        patched.delattr(machine, "_work")
+        assert machine.slowness(tmp_path) == found
+    for damaged in ("", "[]", '{"made_with": "another", "slowness": 1}'):
+        (tmp_path / machine.FILE).write_text(damaged)
+        machine.slowness.cache_clear()
+        assert machine.slowness(tmp_path) != 1
+    assert [file.name for file in tmp_path.iterdir()] == [machine.FILE]
+    machine.slowness.cache_clear()
