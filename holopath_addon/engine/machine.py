@@ -40,10 +40,9 @@ def slowness(folder: Path | None = None) -> float:
     import drjit
     import mitsuba
 
+    versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
     processors = os.cpu_count()
-    made_with = (
-        f"{mitsuba.__version__} {drjit.__version__} {backend.activate()} {platform.machine()} {processors}"
-    )
+    made_with = f"{versions[0]} {versions[1]} {backend.activate()} {platform.machine()} {processors}"
     file = folder and folder / FILE
     if file is not None:
         with suppress(OSError, ValueError, KeyError, TypeError):
@@ -73,13 +72,14 @@ def _work():
     import mitsuba as mi
 
     table = mi.Float(np.ones(LANES, np.float32))
-    random = mi.PCG32(LANES)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, LANES)
 
-    def body(number, total, random):
-        at = random.next_uint32() & mi.UInt32(LANES - 1)
-        return number + 1, total + dr.sin(dr.gather(mi.Float, table, at)), random
+    def body(number, total, sampler):
+        at = dr.minimum(mi.UInt32(sampler.next_1d() * LANES), LANES - 1)
+        return number + 1, total + dr.sin(dr.gather(mi.Float, table, at)), sampler
 
-    state = (mi.UInt32(0), mi.Float(0), random)
+    state = (mi.UInt32(0), mi.Float(0), sampler)
     _, total, _ = dr.while_loop(state, lambda number, *_: number < STEPS, body, label="speed")
     dr.eval(total)
     dr.sync_thread()
