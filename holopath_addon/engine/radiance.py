@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .radiance_cache import RadianceCache
     from .rays import Rays
 
+CANDIDATES = 8  # lamps that one is drawn of
+
 
 class PathTracer:
     """Path tracing with next-event estimation and multiple importance sampling (Veach 1997, balance and power
@@ -101,7 +103,7 @@ class PathTracer:
             To where the path went, metres.
         """
         bsdf, (lamp_turn, bsdf_turn) = si.bsdf(), turn
-        light = self._next_event(scene, si, bsdf, [(context, active)], lamp_turn, active)
+        light = self._next_event(scene, sampler, si, bsdf, [(context, active)], lamp_turn, active)
         sample, value = bsdf.sample(context, si, sampler.next_1d(), bsdf_turn, active)
         path = _Path(None, None, sampler, active & (dr.max(value) > 0))
         path.leave(scene, si, sample, value)
@@ -147,7 +149,7 @@ class PathTracer:
                 lobes = [(self.cache.others, active & cached & ~matt), *others]
             active &= path.depth + 1 < self.max_depth
             lobes = [(context, lanes & active) for context, lanes in lobes]
-            near = self._next_event(scene, si, bsdf, lobes, path.sampler.next_2d(), active)
+            near = self._next_event(scene, path.sampler, si, bsdf, lobes, path.sampler.next_2d(), active)
             path.gather(1, path.share * near)
             chance, turn = path.sampler.next_1d(), path.sampler.next_2d()
             sample, value = dr.zeros(mi.BSDFSample3f), mi.Color3f(0)
@@ -167,19 +169,53 @@ class PathTracer:
 
         return _Path.of(dr.while_loop(state, lambda *s: s[-1], body, label="radiance path"))
 
-    def _next_event(self, scene, si, bsdf, lobes, turn, active):
-        """Light that comes straight from a lamp and that these lobes scatter to si.wi."""
+    def _next_event(self, scene, sampler, si, bsdf, lobes, turn, active):
+        """Light that comes straight from a lamp and that these lobes scatter to si.wi.
+
+        Of several lamps one is drawn by what each would give if nothing stood before it: resampled importance sampling
+        (Talbot, Cline and Egbert, EGSR 2005). Candidates are spread evenly over the lamps: all of few.
+        """
         smooth = mi.Bool(False)
         for context, lanes in lobes:
             smooth |= lanes & ((bsdf.flags() & (context.type_mask & SMOOTH)) != 0)
-        lamp, strength = scene.sample_emitter_direction(si, turn, True, smooth)
-        smooth &= lamp.pdf != 0
-        towards, value, density = si.to_local(lamp.d), mi.Color3f(0), mi.Float(0)
-        for context, lanes in lobes:
-            lobe_value, lobe_density = bsdf.eval_pdf(context, si, towards, lanes & smooth)
-            value, density = value + lobe_value, density + lobe_density
-        balance = dr.select(lamp.delta, 1, _power(lamp.pdf, density))
-        return dr.select(smooth, value * strength * balance, 0)
+
+        def scattered(turn):
+            """What a lamp would give, and where it is."""
+            lamp, strength = scene.sample_emitter_direction(si, turn, False, smooth)
+            lit = smooth & (lamp.pdf != 0)
+            towards, value, density = si.to_local(lamp.d), mi.Color3f(0), mi.Float(0)
+            for context, lanes in lobes:
+                lobe_value, lobe_density = bsdf.eval_pdf(context, si, towards, lanes & lit)
+                value, density = value + lobe_value, density + lobe_density
+            balance = dr.select(lamp.delta, 1, _power(lamp.pdf, density))
+            return dr.select(lit, value * strength * balance, 0), lamp.p
+
+        count = min(len(scene.emitters()), CANDIDATES)
+        if count < 2:
+            light, place = scattered(turn)
+        else:
+            step, last = dr.opaque(mi.Float, 1 / count), dr.opaque(mi.UInt32, count)
+
+            def body(number, chance, total, best, light, place):
+                along = turn.x + mi.Float(number) * step
+                found, point = scattered(mi.Point2f(along - dr.floor(along), turn.y))
+                bright = dr.mean(found)
+                bright = dr.select(dr.isfinite(bright), bright, 0)
+                total += bright
+                share = dr.select(bright > 0, bright / total, 0)
+                taken = chance < share
+                chance = dr.select(taken, chance / share, (chance - share) / (1 - share))
+                best, light = dr.select(taken, bright, best), dr.select(taken, found, light)
+                return number + 1, chance, total, best, light, dr.select(taken, point, place)
+
+            state = (mi.UInt32(0), sampler.next_1d(), mi.Float(0), mi.Float(0), mi.Color3f(0), mi.Point3f(0))
+            _, _, total, best, light, place = dr.while_loop(
+                state, lambda number, *_: number < last, body, label="lamps"
+            )
+            light *= dr.select(best > 0, total * step / best, 0)
+        reaches = dr.max(light) > 0
+        reaches &= ~scene.ray_test(si.spawn_ray_to(place), reaches)
+        return dr.select(reaches, light, 0)
 
 
 class _Path:

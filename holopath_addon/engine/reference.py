@@ -147,6 +147,8 @@ class _Pupils:
 
         from .buffers import constant
 
+        if pupil and pupil.diameter / 2 >= max(radii.values()) + math.hypot(pupil.x, pupil.y):
+            pupil = None  # all is open
         self._centre = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
         discs = [pupil.diameter / 2] if pupil else sorted(radii.values())
         away = math.hypot(pupil.x, pupil.y) if pupil else 0.0
@@ -215,6 +217,15 @@ def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
             place = mi.Point2f(position.x * hologram.width, position.y * rows + self.first)
             return lens.ray(place, point), weight
 
+    class White(mi.SamplingIntegrator):
+        """Radiance 1 from everywhere."""
+
+        def __init__(self):
+            super().__init__(mi.Properties())
+
+        def sample(self, scene, sampler, ray, medium=None, active=True):
+            return mi.Color3f(1), mi.Bool(True), []
+
     properties = mi.Properties()
     properties["film"] = mi.load_dict(
         {
@@ -229,7 +240,9 @@ def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
         first = min(first, hologram.height - rows)  # strips of one size are one program; the last may overlap
         sensor.first = dr.opaque(mi.Float, first)
         part = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed * count + strip)
-        picture[first : first + rows] = np.asarray(part)
+        # over the mean weight of the same points: the pupil itself then adds no noise
+        share = mi.render(scene, sensor=sensor, integrator=White(), spp=spp, seed=seed * count + strip)
+        picture[first : first + rows] = np.asarray(part) / np.maximum(np.asarray(share), 1e-6)
         progress((strip + 1) / count)
     return picture
 

@@ -61,11 +61,11 @@ def hologram():
 
 
 def test_rays_and_lens(backend, level, hologram):
-    from holopath_addon.engine.preview import _Lens
+    from holopath_addon.engine.preview import Lens
     from holopath_addon.engine.rays import Rays
 
     rays = Rays(hologram, level, DepthMapping.of(hologram, level, 0.5), 1e-3)
-    lens = _Lens(level, 16, 12, math.inf, 0.0, None)
+    lens = Lens(level, 16, 12, math.inf)
     assert literals(rays, lens) == []
 
 

@@ -444,7 +444,7 @@ def test_progress_and_cancel_in_each_stage(build, camera, tmp_path):
 
         with pytest.raises(engine.Cancelled):
             bake(scene, camera, store, progress=cancel, noise=0.3)
-        assert not list(tmp_path.iterdir())
+        assert not list(tmp_path.glob("*holobake*"))
     _, last = bake(scene, camera, store, noise=0.3)
     assert last.reused == "nothing" and len(store.files()) == 1
 
