@@ -31,6 +31,45 @@ def test_path_tracer_agrees_with_mitsuba(build):
         assert (abs(theirs.mean(1) - ours.mean(1)) <= 4 * error).all(), depth
 
 
+def test_of_many_lamps_the_one_that_matters_is_drawn(build, monkeypatch):
+    """Twelve lamps, one of them bright, and a shining card: the mean of Mitsuba's `path`, a quarter of the variance."""
+    import drjit as dr
+
+    from holopath_addon.engine import radiance
+
+    mi, rays, rng = build.mi, 1 << 16, np.random.default_rng(0)
+    parts = {"wall": build.plane(1.2, build.diffuse({"type": "rgb", "value": [0.7, 0.5, 0.2]}), 2.0)}
+    parts["card"] = build.plane(0.9, build.emissive(build.grey(0.5)), 0.02, x=0.3)
+    for number in range(12):
+        x, y = rng.uniform(-0.5, 0.5, 2)
+        place = build.T().translate([float(x), float(y), -0.6])
+        light = {"intensity": [0.2 if number == 0 else 0.01] * 3, "radius": 0.05}
+        parts[f"lamp{number}"] = {"type": "point_lamp", "to_world": place, **light}
+    scene = build.scene(**parts)
+    assert len(scene.emitters()) == 13
+
+    def light_of(trace, seed):
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed, rays)
+        u = 2 * sampler.next_2d() - 1
+        ray = mi.Ray3f(mi.Point3f(0), dr.normalize(mi.Vector3f(0.2 * u.x, 0.2 * u.y, -1)))
+        return np.stack([np.asarray(c) for c in trace(sampler, ray)])
+
+    def ours(sampler, ray):
+        tracer, surface = radiance.PathTracer(3), scene.ray_intersect_preliminary(ray)
+        return tracer.radiance(scene, sampler, ray, surface, mi.Bool(True))
+
+    path = mi.load_dict({"type": "path", "max_depth": 3, "rr_depth": 8})
+    theirs = light_of(lambda s, ray: path.sample(scene, s, mi.RayDifferential3f(ray), None, True)[0], 1)
+    resampled = light_of(ours, 2)
+    monkeypatch.setattr(radiance, "CANDIDATES", 1)
+    plain = light_of(ours, 3)
+    for light in (resampled, plain):
+        error = np.sqrt((theirs.var(1) + light.var(1)) / rays)
+        assert (abs(theirs.mean(1) - light.mean(1)) <= 4 * error).all()
+    assert (resampled.var(1) < 0.25 * plain.var(1)).all()
+
+
 def test_rare_bright_paths_do_not_destroy_grains(build, camera):
     """A wall lit by a lamp, and a little by a bulb behind glass, which paths find once in thousands."""
     hologram = engine.Hologram(128, 128, 8e-6, (GREEN,), 0.3e-3, 1.5e-3)
