@@ -378,11 +378,11 @@ class Atlas:
     def _covered(self, base, height):
         """Row of the triangle at each texel of the first copies, NONE where there is none, one texel of margin.
 
-        Where several meet, the first: what is baked once must find the same texels ever after.
+        Where several meet, the last: what is baked once must find the same texels ever after.
         """
         count, covers = self.triangles.count, []
         for margin in (0.0, 1.0) if count else ():
-            row = dr.full(mi.UInt32, NONE, self.width * height)
+            row = dr.zeros(mi.UInt32, self.width * height)  # one more than the row
             dr.make_opaque(row)
             number = dr.arange(mi.UInt32, count)
             u, v, *edges = gather_row(self._corners, number, 6)
@@ -426,14 +426,14 @@ class Atlas:
                 inside = (s >= -slack[1]) & (c >= -slack[0]) & (1 - s - c >= -slack[2])
                 inside &= (column >= 0) & (column < self.width) & (line >= 0) & (line < height)
                 at = mi.UInt32(line) * self.width + mi.UInt32(column)
-                number = dr.arange(mi.UInt32, count)
-                dr.scatter_reduce(dr.ReduceOp.Min, row, number, at, (inside | point) & (x >= 0))
+                number = dr.arange(mi.UInt32, count) + 1
+                dr.scatter_reduce(dr.ReduceOp.Max, row, number, at, (inside | point) & (x >= 0))
                 last = column >= x1
                 return dr.select(last, x0, column + 1), dr.select(last, line + 1, line)
 
             dr.while_loop((x0, y0), lambda column, line, y1=y1: line <= y1, body, label="texels of triangles")
             dr.eval(row)
-            covers.append(np.array(row).reshape(height, self.width))
+            covers.append(np.array(row).reshape(height, self.width) - np.uint32(1))  # 0 becomes NONE
         if not covers:
             return np.full((height, self.width), NONE, np.uint32)
         within, beyond = covers
