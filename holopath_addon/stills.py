@@ -205,8 +205,8 @@ def _noise_notes(rows):
     if worst <= NOISY:
         return []
     return [
-        f"The reference is noisy: a PSNR of this comparison is uncertain by {worst:.2g} dB. Brighter or larger lamps "
-        "make less noise."
+        f"The reference is noisy: a PSNR of this comparison is uncertain by {worst:.2g} dB. "
+        "Small lamps behind glass or corners make most of such noise."
         if math.isfinite(worst)
         else "The reference is too noisy to tell the PSNR of this comparison."
     ]

@@ -151,16 +151,13 @@ class _Pupils:
             pupil = None  # all is open
         self._centre = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
         discs = [pupil.diameter / 2] if pupil else sorted(radii.values())
-        away = math.hypot(pupil.x, pupil.y) if pupil else 0.0
-        open_area = {c: _overlap(r, discs[0], away) if pupil else math.pi * r**2 for c, r in radii.items()}
         self._squares = [number(r**2) for r in discs]
         self._densities = [number(1 / (len(discs) * math.pi * r**2)) for r in discs]
-        self._own = {
-            c: (number(radii[c] ** 2), number(1 / area if area > 0 else 0.0)) for c, area in open_area.items()
-        }
+        self._own = {c: number(r**2) for c, r in radii.items()}
+        self._scale = self._densities[-1]
 
     def sample(self, uniform):
-        """Points in metres, to the right and up, and their weight for each channel, of mean 1 or 0."""
+        """Points in metres, to the right and up, and their weight for each channel, of any mean."""
         import drjit as dr
         import mitsuba as mi
 
@@ -176,22 +173,9 @@ class _Pupils:
         sine, cosine = dr.sincos(2 * dr.pi * uniform.y)
         point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._centre
         weight = mi.Color3f(0)
-        for c, (end, share) in self._own.items():
-            weight[c] = dr.select(dr.squared_norm(point) <= end, share / density, 0)
+        for c, end in self._own.items():
+            weight[c] = dr.select(dr.squared_norm(point) <= end, self._scale / density, 0)
         return point, weight
-
-
-def _overlap(a, b, away):
-    """Area that two discs of radii a and b share, their centres `away` from each other."""
-    if away >= a + b:
-        return 0.0
-    if away <= abs(a - b):
-        return math.pi * min(a, b) ** 2
-    x = (away**2 + a**2 - b**2) / (2 * away)  # of the line through both crossings
-    return sum(
-        r**2 * math.acos(max(-1.0, min(1.0, d / r))) - d * math.sqrt(max(r**2 - d**2, 0.0))
-        for r, d in ((a, x), (b, away - x))
-    )
 
 
 def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
