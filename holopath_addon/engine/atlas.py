@@ -36,6 +36,8 @@ LARGEST_SHEET = 4096  # texels a side
 PACKING = 1.4  # texels of a sheet over the area of its triangles
 UNEVEN = 16.0  # times the mean area of a dense mesh's triangles: larger ones ...
 UNEVEN_SHARE = 0.1  # ... should not have more than this part of its area
+INSET = 0.1  # texels that places keep from the edges of their triangle ...
+MOST_INSET = 0.1  # ... at most so much of its heights
 SAME = 1e-4  # relative difference of lengths in meshes that share charts
 
 
@@ -498,9 +500,16 @@ class Atlas:
         beyond = dr.maximum(s + c - 1, 0) / 2
         s, c = dr.clip(s - beyond, 0, 1), dr.clip(c - beyond, 0, 1)
         total = dr.maximum(s + c, 1)
+        s, c = s / total, c / total
+        # never on an edge, where a ray may start behind the surface that meets this one, and get away: shrunk about
+        # the incenter, in barycentric coordinates the distance over each height
+        rest = [INSET * dr.norm(edge) / dr.abs(area) for edge in (b, a, b - a)]
+        rest = [dr.select(point, INSET / 3, dr.minimum(share, MOST_INSET)) for share in rest]
+        kept = 1 - sum(rest)
+        s, c = rest[0] + kept * s, rest[1] + kept * c
         surface = dr.zeros(mi.PreliminaryIntersection3f, dr.width(texel))
         surface.valid, surface.t = mi.Bool(True), mi.Float(1)
-        surface.prim_uv = mi.Point2f(s / total, c / total)
+        surface.prim_uv = mi.Point2f(s, c)
         surface.prim_index = dr.gather(mi.UInt32, self.triangles.number_of, row)
         surface.shape = dr.reinterpret_array(mi.ShapePtr, dr.gather(mi.UInt32, self.triangles.shape_of, row))
         surface.shape_index = dr.gather(mi.UInt32, self.triangles.index_of, row)  # for instances

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .atlas import Layout, Triangles
     from .radiance_cache import RadianceCache
 
-VERSION = 3  # of the format, and of the light: another one is baked again
+VERSION = 4  # of the format, and of the light: another one is baked again
 SUFFIX = ".holobake.npz"
 MOST_BYTES = 2 << 30  # of all files; the oldest go first
 

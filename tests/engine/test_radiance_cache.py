@@ -173,6 +173,26 @@ def test_split_adds_up_on_diffuse_walls(build, camera, depth):
         assert np.abs(errors(mine, light, quarters())).max() < 0.06
 
 
+def test_an_evenly_lit_room_has_no_dark_edges(build, camera):
+    """A closed room whose walls all shine E and reflect a share r: the radiance is E / (1 - r) everywhere.
+
+    Where walls meet, rays from edges would start behind the other wall and get away.
+    """
+    emitted, share = 0.5, 0.6
+    walls = {
+        "type": "cube",
+        "flip_normals": True,
+        "to_world": build.T().translate([0, 0, -1]).scale([0.5, 0.5, 1.1]),
+    }
+    scene = build.scene(walls=walls | build.diffuse(build.grey(share)) | build.emissive(build.grey(emitted)))
+    cache, done = bake(scene, camera, max_depth=64)
+    found = np.array(cache.fine).reshape(-1, 4)[1:]
+    assert done.traced == () and (found[:, 3] > 0).all()
+    texels = found[:, 0] * (1 - share) / emitted
+    assert texels.mean() == pytest.approx(1, abs=0.005)
+    assert texels.min() > 0.95
+
+
 @pytest.mark.parametrize("depth", [pytest.param(2, marks=pytest.mark.slow), 8])
 def test_split_adds_up_on_every_surface(build, camera, depth):
     """What is diffuse of a surface comes from the cache, the rest from paths."""
