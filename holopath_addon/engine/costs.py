@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from .probing import Light, Probe
 
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
-CELL_BYTES = 112  # of an occupied cell: ten sums of 8 bytes, and the means made of them
+CELL_BYTES = (
+    288  # of an occupied cell: sixteen sums of 8 bytes, two tables of its filter, and the means made of them
+)
 SURFACES = 2  # occupied slabs of a pixel column, roughly
 ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
 MOST_TEXELS = 1 << 25

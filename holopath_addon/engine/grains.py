@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from .buffers import gather_row, row_stride
+from .filtering import Halves, filtered, squared_error
 from .hologram import channel
 from .lobes import SHARP
 from .rays import OUTSIDE
@@ -33,8 +34,11 @@ BINNED = 8 / (
 RADIANCE_STEPS = 2.0**26
 RADIANCE_LIMIT = 2.0**30
 ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of the sums part of the program
-SUMS = 10  # of a row: three channels and paths, those of every second path, and slopes along x and y
+# of a row: three channels and paths, those of every second path, reflectances, those of every second path, and slopes
+# along x and y
+SUMS = 16
 TILT = 2  # slopes before the radiances in a row of means
+SPECULAR = 0.04  # added to reflectances, for light that no diffuse lobe scatters
 NOISIER = 1.1  # than wished is good enough
 ROUNDS = 3  # of paths at most
 
@@ -176,6 +180,7 @@ def measure_grains(
     most: int = 1,
     white: float = math.inf,
     planes: Sequence[RecordingPlane] = (),
+    filter_: bool = True,
 ) -> RadianceMap:
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
@@ -203,6 +208,8 @@ def measure_grains(
         Radiance of the bright parts of the view.
     planes : sequence of RecordingPlane
         Whose tiles are looked at.
+    filter_ : bool
+        Whether grains of one surface share their light, see `filtering`.
 
     Returns
     -------
@@ -220,6 +227,7 @@ def measure_grains(
     if not dr.any((numbers & 1) == 1):
         grid = replace(grid, bins=1)
 
+    matt = dr.compress(occupied == 1)
     sums, tiles = dr.zeros(mi.UInt64, SUMS * rows), _Tiles(grid, rays, planes)
     taken, error, done = 0, math.inf, 0.1
     for number in range(ROUNDS):
@@ -237,7 +245,9 @@ def measure_grains(
             over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (slope.x, slope.y))
             at = SUMS * ((number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0))
             half = dr.select((grains.number & 1) == 0, mi.Float(1), 0)
-            for k, value in enumerate((*light, mi.Float(1), *(light * half), half)):
+            reflectance = _reflectance(seen, inside)
+            values = (*light, mi.Float(1), *(light * half), half, *reflectance, *(reflectance * half))
+            for k, value in enumerate(values):
                 steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
                 dr.scatter_add(sums, steps, at + k, inside, mode=ATOMIC)
             for k, slope in enumerate(rays.tilt(seen)):  # of either sign: the sums wrap round
@@ -249,34 +259,92 @@ def measure_grains(
             progress(done + share * part)
         done += share
         taken += passes
-        error = _field_error(sums, white)
+        halves, reflectance = _halves(sums)
+        kept = halves
+        if filter_ and taken > 1 and dr.width(matt):
+            kept = filtered(halves, matt, numbers, grid)
+        error = _field_error(halves, kept, reflectance, white)
         if error <= NOISIER * wanted or taken >= most:
             break
         passes = min(most - taken, math.ceil(taken * ((error / wanted) ** 2 - 1)))
-    means = _means(sums, numbers, grid, wavelengths)
+    light = dr.select(_alone(halves, kept), _own(halves, reflectance).mean, kept.mean * reflectance.mean)
+    dr.eval(light)
+    means = _means(sums, light, numbers, grid, wavelengths)
     return RadianceMap(grid, numbers, means, len(wavelengths), taken, error, tiles.looks())
 
 
-def _field_error(sums, white):
-    """Relative standard error of the field that the radiances' noise makes.
+def _reflectance(seen, active):
+    """What light is divided by where grains share it; of any value, as it is multiplied by it again."""
+    active = active & seen.surface.is_valid()
+    point = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.All, active)
+    value = point.bsdf(seen.ray).eval_diffuse_reflectance(point, active)
+    return dr.select(active & dr.all(dr.isfinite(value)), dr.clip(value, 0, 1) + SPECULAR, 1)
+
+
+def _sums_of(sums):
+    """The sums of all rows, as Mitsuba's numbers of paths and radiances."""
+    row = dr.arange(mi.UInt32, dr.width(sums) // SUMS)
+    steps = [dr.gather(mi.UInt64, sums, SUMS * row + k) for k in range(SUMS)]
+    return [mi.Float(value) / RADIANCE_STEPS for value in steps[:-TILT]]
+
+
+def _halves(sums):
+    """The `Halves` of all rows, of light over reflectance and of reflectances."""
+    values = _sums_of(sums)
+    light, even, shown, shown_even = (mi.Color3f(*values[k : k + 3]) for k in (0, 4, 8, 11))
+    evens = values[7]
+    counts = (evens, values[3] - evens)
+    shown = [
+        dr.select(n > 0, total / dr.maximum(n, 1), 0)
+        for total, n in zip((shown_even, shown - shown_even), counts, strict=True)
+    ]
+    over = [
+        dr.select(n > 0, total / dr.maximum(n * each, 1e-3), 0)
+        for total, each, n in zip((even, light - even), shown, counts, strict=True)
+    ]
+    dr.eval(over, shown, counts)
+    return Halves(tuple(over), counts), Halves(tuple(shown), counts)
+
+
+def _own(halves, reflectance):
+    """Each row's own radiance, as its paths gave it."""
+    light = (over * shown for over, shown in zip(halves.light, reflectance.light, strict=True))
+    return Halves(tuple(light), halves.count)
+
+
+def _alone(halves, kept):
+    """Rows that share light with no other: their radiance is the mean of their paths, whatever the reflectance."""
+    return (kept.count[0] == halves.count[0]) & (kept.count[1] == halves.count[1])
+
+
+def _field_error(halves, kept, reflectance, white):
+    """Relative error of the field that is left of the radiances' noise.
 
     An amplitude sqrt(L) errs by dL / (2 sqrt(L)), so the field by sqrt(sum L (dL / L)^2 / 4 / sum L), where the
     factors L count at most as `white`: lamps in view must not hide the rest. dL is half the difference of the means of
-    every second path, two halves that know nothing of each other.
+    every second path, two halves that know nothing of each other; where they are filtered, see `squared_error`.
     """
-    row = dr.arange(mi.UInt32, dr.width(sums) // SUMS)
-    sum_of = [mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + k)) for k in range(SUMS)]
-    count, evens = sum_of[3], sum_of[7]
-    both = (evens > 0) & (count > evens)
-    wrong, whole = mi.Float(0), mi.Float(0)
-    for total, even in zip(sum_of[:3], sum_of[4:7], strict=True):
-        mean = total / dr.maximum(count, 1)
-        difference = 0.5 * (even / dr.maximum(evens, 1) - (total - even) / dr.maximum(count - evens, 1))
-        weight = dr.select(both & (mean > 0), count * dr.minimum(mean, white), 0)
-        wrong += weight * dr.square(difference / dr.maximum(mean, 1e-30)) / 4
-        whole += weight
-    wrong, whole = dr.sum(wrong), dr.sum(whole)
-    wrong, whole = float(wrong[0]), float(whole[0])
+    count = halves.count[0] + halves.count[1]
+    mean, shown = dr.mean(kept.mean), dr.mean(reflectance.mean)
+    bright = mean * shown
+    weight = (
+        dr.select(halves.both & (bright > 0), count * dr.minimum(bright, white), 0) / 12
+    )  # channels, and 2^2
+
+    def part(squared, of):
+        return float(dr.sum(weight * squared / dr.maximum(dr.square(of), 1e-30))[0])
+
+    def apart(a, b):
+        return 0.25 * dr.squared_norm(a - b)
+
+    alone, own = _alone(halves, kept), apart(*_own(halves, reflectance).light)
+    wrong = part(dr.select(alone, own, 0), bright)
+    if kept is not halves:
+        least = part(dr.select(alone, 0, apart(*kept.light)), mean)
+        wrong += max(least, part(dr.select(alone, 0, squared_error(halves, kept)), mean))
+        # textures and edges, of which a few paths show a part
+        wrong += part(dr.select(alone, 0, apart(*reflectance.light)), shown)
+    whole = 12 * float(dr.sum(weight)[0])
     return math.sqrt(wrong / whole) if whole > 0 else 0.0
 
 
@@ -425,17 +493,19 @@ def _numbered(occupied, grid):
     return filled, rows
 
 
-def _means(sums, numbers, grid, wavelengths):
-    """Mean slopes and radiances; a pupil bin that no path came through takes the mean of its cell."""
+def _means(sums, light, numbers, grid, wavelengths):
+    """Mean slopes, and the radiances `light`; a pupil bin that no path came through takes the mean of its cell."""
     rows, stride = dr.width(sums) // SUMS, row_stride(TILT + len(wavelengths))
     means = dr.zeros(mi.Float, rows * stride)
 
     def stored(row):
-        light = [mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + k)) for k in range(4)]
+        paths = mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + 3)) / RADIANCE_STEPS
+        shown = dr.gather(mi.Color3f, light, row) * paths
         tilt = [
-            mi.Float(mi.Int64(dr.gather(mi.UInt64, sums, SUMS * row + SUMS - TILT + k))) for k in range(TILT)
+            mi.Float(mi.Int64(dr.gather(mi.UInt64, sums, SUMS * row + SUMS - TILT + k))) / RADIANCE_STEPS
+            for k in range(TILT)
         ]
-        return [*tilt, *light]
+        return [*tilt, *shown, paths]
 
     def store(total, row, active=True):
         paths = total[-1]

@@ -66,6 +66,9 @@ CACHED_PASSES = 4  # fewest where light is looked up
 LIKELY_CACHED = 10  # that are taken then, roughly
 EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
 SMOOTHED = 600  # groups of texels over which light from other surfaces is averaged, roughly
+FILTERED = (
+    4.0  # times less variance where grains share their light, in most scenes; halves tell where it is not so
+)
 UNTOLD = 2.0  # times the variance that the pilot finds, over seven scenes
 CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
 CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
@@ -81,6 +84,7 @@ FIXABLE = {
     "passes": (1, 1 << 16, "radiance paths a pixel, without a look at their noise"),
     "slabs": (1, MOST_SLABS, "depth slabs of the radiance map"),
     "bins": (1, GLOSSY_BINS[1], "pupil bins along each axis of the radiance map"),
+    "filter": (0, 1, "whether grains of one surface share their light"),
     "grey": (0, 1, "whether all wavelengths share one radiance"),
     "dispersion": (0, 1, "whether each wavelength has rays of its own where glass disperses"),
     "regions": (0, 1, "whether each tile has as many rays as it needs"),
@@ -603,7 +607,13 @@ def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> i
     if "passes" in settings.fixed:
         return settings.fixed["passes"]
     least, most = PASSES[settings.quality]
+    noise /= _filtered(settings)
     return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
+
+
+def _filtered(settings):
+    """Times less variance of a grain's mean because grains share their light."""
+    return FILTERED if settings.fixed.get("filter", 1) else 1.0
 
 
 def _likely_passes(settings, noise):
@@ -671,7 +681,10 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
         return 0, 1, 1, 0.0
     fixed = settings.fixed
     passes = passes_for(settings, light.noise)
-    noise, speckle = math.sqrt(light.noise / passes), speckle_contrast("random", settings.frames)
+    noise, speckle = (
+        math.sqrt(light.noise / _filtered(settings) / passes),
+        speckle_contrast("random", settings.frames),
+    )
     if texture is not None:
         from .gathering import ROUND
 

@@ -336,6 +336,7 @@ class Recording:
                 plan.most_passes,
                 plan.white,
                 plan.planes if plan.regions else (),
+                bool(settings.fixed.get("filter", 1)),
             )
         self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
         self.error, self.passes = radiance.error, radiance.passes

@@ -1,0 +1,58 @@
+"""Grains of one surface share their light: less noise, and nothing of textures and shadows lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+
+GREEN = 516.5e-9
+
+
+def fields(scene, camera, pixels, passes, exact):
+    """Relative errors of the field without the filter and with it, and their brightness, to that of many paths."""
+    display = engine.Hologram(pixels, pixels, 8e-6, (GREEN,), 0.5e-3, 2e-3)
+    settings = engine.Settings(method="full", fixed={"passes": exact, "filter": 0})
+    plan = engine.plan(scene, camera, display, settings)
+
+    def light(passes, filtered, seed):
+        fixed = {"passes": passes, "filter": filtered}
+        planned = replace(plan, passes=passes, most_passes=passes)
+        return engine.render(scene, camera, display, replace(settings, fixed=fixed, seed=seed), planned)
+
+    truth, errors, brightness, told = light(exact, 0, 0).data, [], [], []
+    for filtered in (0, 1):
+        field = light(passes, filtered, 0)
+        errors.append(np.linalg.norm(field.data - truth) / np.linalg.norm(truth))
+        brightness.append(float((abs(field.data) ** 2).sum() / (abs(truth) ** 2).sum()))
+        told.append(field.report["foretold"]["field_error"]["measured"])
+    return errors, brightness, told
+
+
+def test_a_quarter_of_the_paths_where_light_is_indirect(build, camera):
+    """Half the error at the same paths; the halves tell what is left, though not all of it."""
+    errors, brightness, told = fields(build.closed_box(), camera, 48, 16, 512)
+    assert errors[1] < 0.5 * errors[0]
+    assert brightness[1] == pytest.approx(1, abs=0.02)
+    assert errors[1] / 2 < told[1] < 1.3 * errors[1]
+
+
+def test_textures_and_shadows_stay_sharp(build, camera):
+    """Squares of two pixels, and the shadow of a ball before a lamp that is a point."""
+    checks = np.kron(np.indices((32, 32)).sum(0) % 2, np.ones((8, 8)))[..., None] * [0.7, 0.6, 0.5] + 0.1
+    mi = build.mi
+    texture = {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(checks.astype(np.float32)),
+        "filter_type": "nearest",
+        "raw": True,
+    }
+    scene = build.scene(
+        wall=build.plane(1.2, build.diffuse(texture), 0.3),
+        ball=build.ball(0.06, [0.05, 0.0, -1.0], build.diffuse(build.grey(0.5))),
+        lamp={"type": "point", "position": [-0.2, 0.1, -0.6], "intensity": build.grey(0.4)},
+    )
+    errors, brightness, _ = fields(scene, camera, 96, 16, 512)
+    assert errors[1] < errors[0]
+    assert brightness[1] == pytest.approx(1, abs=0.01)
