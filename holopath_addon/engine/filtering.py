@@ -14,54 +14,91 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
-from .buffers import gather_row
+from .buffers import gather_row, row_stride
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from .grains import GrainGrid
 
 WIDTH, REACH = 2.0, 4  # columns: standard deviation of the Gaussian, and where it ends
 STRICT = 0.7  # standard deviations that two grains may differ by beyond what noise makes them
 SAME = 1e-2  # relative difference that always may be
-ROW = (
-    8  # numbers of each row in tables: light of both halves, three channels each, and one more number of each
-)
+LEAST = 1e-30
 
 
 @dataclass(frozen=True)
-class Halves:
-    """Light over reflectance of each row of the radiance map, by every second path (Dr.Jit types).
+class Half:
+    """What every second path tells of each row of the radiance map: sums (Dr.Jit types).
 
     Attributes
     ----------
-    light : (mitsuba.Color3f, mitsuba.Color3f)
-    count : (mitsuba.Float, mitsuba.Float)
+    light, shown : mitsuba.Color3f
+        Radiances, and reflectances where they come from.
+    count : mitsuba.Float
         Paths.
+    square : mitsuba.Float
+        Squares of light over reflectance, of all channels.
     """
 
-    light: tuple[mi.Color3f, mi.Color3f]
-    count: tuple[mi.Float, mi.Float]
+    light: mi.Color3f
+    shown: mi.Color3f
+    count: mi.Float
+    square: mi.Float
+
+    def __add__(self, other: Half) -> Half:
+        return Half.of([mine + its for mine, its in zip(self.numbers, other.numbers, strict=True)])
 
     @property
-    def mean(self) -> mi.Color3f:
-        """Light of all paths."""
-        (a, b), (m, n) = self.light, self.count
-        return (a * m + b * n) / dr.maximum(m + n, 1e-30)
+    def radiance(self) -> mi.Color3f:
+        """Mean."""
+        return self.light / dr.maximum(self.count, LEAST)
 
     @property
-    def both(self) -> mi.Bool:
-        """Which rows both halves tell of."""
-        return (self.count[0] > 0) & (self.count[1] > 0)
+    def reflectance(self) -> mi.Color3f:
+        """Mean."""
+        return self.shown / dr.maximum(self.count, LEAST)
+
+    @property
+    def over(self) -> mi.Color3f:
+        """Light over reflectance."""
+        return self.light / dr.maximum(self.shown, LEAST)
+
+    @property
+    def variance(self) -> mi.Float:
+        """Of light over reflectance, of the mean of these paths."""
+        paths = dr.maximum(self.count, LEAST)
+        return dr.maximum(self.square / paths - dr.squared_norm(self.over), 0) / paths
+
+    @classmethod
+    def path(cls, light: mi.Color3f, reflectance: mi.Color3f) -> Half:
+        """Of one path."""
+        return cls(light, reflectance, mi.Float(1), dr.squared_norm(light / dr.maximum(reflectance, LEAST)))
+
+    @classmethod
+    def of(cls, values: Sequence[mi.Float]) -> Half:
+        """From the numbers of `numbers`."""
+        return cls(mi.Color3f(*values[:3]), mi.Color3f(*values[3:6]), *values[6:])
+
+    @property
+    def numbers(self) -> tuple[mi.Float, ...]:
+        """All of them."""
+        return (*self.light, *self.shown, self.count, self.square)
 
 
-def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGrid) -> Halves:
-    """Each row's light averaged with that of rows near it.
+Halves = tuple[Half, Half]
+
+
+def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGrid) -> tuple[Halves, mi.Bool]:
+    """Sums of each row and of rows near it that are like it.
+
+    Light and reflectance are summed each for itself: what rows share adds up to the light that their paths brought.
 
     Parameters
     ----------
     halves : Halves
     cells : mitsuba.UInt32
-        Those of the grid whose rows share their light, one row each. Where highlights are seen light is not in
-        proportion to reflectance.
+        Those of the grid whose rows share their light, each pupil bin with the same bin of others.
     numbers : mitsuba.UInt32
         As of `RadianceMap`.
     grid : GrainGrid
@@ -70,71 +107,75 @@ def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGr
     -------
     Halves
         Counts are weighted ones.
+    shared : mitsuba.Bool
+        Which rows these are; the others have their own sums.
     """
-    rows = _Rows(cells, numbers, grid, dr.width(halves.count[0]))
-    table = _table(halves.light, halves.count)
+    rows = _Rows(cells, numbers, grid, dr.width(halves[0].count))
+    own = halves[0].numbers, halves[1].numbers
+    size = len(own[0])
+    table = _table([*own[0], *own[1]])
 
-    def gathered(step, light, count, variance, known):
-        """Means of 3 x 3 columns and 3 slabs, and the mean variance of one path there."""
-        row, there = rows.beside(step % 3 - 1, step // 3 % 3 - 1, step // 9 - 1)
-        a, m, b, n = _row(table, row, there)
-        two = there & (m > 0) & (n > 0)
-        one = dr.squared_norm(a - b) / (dr.rcp(dr.maximum(m, 1)) + dr.rcp(dr.maximum(n, 1)))
-        variance, known = variance + dr.select(two, one, 0), known + dr.select(two, mi.Float(1), 0)
-        light, count = (light[0] + a * m, light[1] + b * n), (count[0] + m, count[1] + n)
-        return step + 1, light, count, variance, known
+    def at(row, there):
+        values = [dr.select(there, value, 0) for value in gather_row(table, row, 2 * size)]
+        return Half.of(values[:size]), Half.of(values[size:])
 
-    state = (
-        dr.zeros(mi.Int, rows.size),
-        (mi.Color3f(0), mi.Color3f(0)),
-        (mi.Float(0), mi.Float(0)),
-        mi.Float(0),
-        mi.Float(0),
-    )
-    _, light, count, variance, known = dr.while_loop(
-        state, lambda step, *_: step < 27, gathered, label="guides of the radiance map"
-    )
-    variance /= dr.maximum(known, 1)
-    guide = [total / dr.maximum(number, 1) for total, number in zip(light, count, strict=True)]
-    noise = [variance / dr.maximum(number, 1) for number in count]
-    told, guides, side = (count[0] > 0) & (count[1] > 0), _table(guide, noise), 2 * REACH + 1
+    def gathered(step, first, second):
+        """Sums of 3 x 3 columns and 3 slabs."""
+        beside = at(*rows.beside(step % 3 - 1, step // 3 % 3 - 1, step // 9 - 1))
+        first, second = (
+            (Half.of(total) + half).numbers for total, half in zip((first, second), beside, strict=True)
+        )
+        return step + 1, first, second
+
+    nothing = tuple(mi.Float(0) for _ in range(size))
+    state = (dr.zeros(mi.Int, rows.size), nothing, nothing)
+    _, *sums = dr.while_loop(state, lambda step, *_: step < 27, gathered, label="guides of the radiance map")
+    around = [Half.of(values) for values in sums]
+    guide, noise = [half.over for half in around], [half.variance for half in around]
+    told = (around[0].count > 1) & (around[1].count > 1)
+    guides = _table([*guide[0], noise[0], *guide[1], noise[1]])
+    side = 2 * REACH + 1
     middle = REACH + side * (REACH + side)
 
-    def averaged(step, light, count):
+    def averaged(step, first, second):
         over, up, slab = step % side - REACH, step // side % side - REACH, step // side**2 - 1
         row, there = rows.beside(over, up, slab)
         there &= told | (step == middle)
-        a, m, b, n = _row(table, row, there)
-        guide_a, noise_a, guide_b, noise_b = _row(guides, row, there)
+        values = gather_row(guides, row, 8)
         near = dr.exp(mi.Float(over * over + up * up) * (-0.5 / WIDTH**2))
-        m *= near * _alike(guide[1], noise[1], guide_b, noise_b)
-        n *= near * _alike(guide[0], noise[0], guide_a, noise_a)
-        return step + 1, (light[0] + a * m, light[1] + b * n), (count[0] + m, count[1] + n)
+        weights = (
+            near * _alike(guide[1], noise[1], mi.Color3f(*values[4:7]), values[7]),
+            near * _alike(guide[0], noise[0], mi.Color3f(*values[:3]), values[3]),
+        )
+        sums = (
+            tuple(total + weight * value for total, value in zip(totals, half.numbers, strict=True))
+            for totals, weight, half in zip((first, second), weights, at(row, there), strict=True)
+        )
+        return step + 1, *sums
 
-    _, light, count = dr.while_loop(
-        state[:3], lambda step, *_: step < 3 * side**2, averaged, label="filter of the radiance map"
+    _, *sums = dr.while_loop(
+        state, lambda step, *_: step < 3 * side**2, averaged, label="filter of the radiance map"
     )
-    light = tuple(
-        dr.select(rows.shared, total / dr.maximum(number, 1e-30), own)
-        for total, number, own in zip(light, count, halves.light, strict=True)
-    )
-    count = tuple(
-        dr.select(rows.shared, number, own) for number, own in zip(count, halves.count, strict=True)
-    )
-    dr.eval(light, count)
-    return Halves(light, count)
+    kept = [
+        Half.of([dr.select(rows.shared, value, alone) for value, alone in zip(values, alone_, strict=True)])
+        for values, alone_ in zip(sums, own, strict=True)
+    ]
+    dr.eval(kept, rows.shared)
+    return (kept[0], kept[1]), rows.shared
 
 
 def squared_error(halves: Halves, kept: Halves) -> mi.Float:
-    """Squared error of the mean of `kept`, the filter's result, of each row; right on average, not row by row.
+    """Squared error of `Half.over` of the sum of `kept`, the filter's result, of each row; right on average, not row by
+    row.
 
     A filtered half f_a errs by noise and by what was averaged that differs. As it does not know the other half b,
     (f_a - b)^2 is on average that difference squared and the variances of f_a and b; those are half of (f_a - f_b)^2
     and of (a - b)^2.
     """
-    (a, b), (f_a, f_b) = halves.light, kept.light
+    (a, b), (f_a, f_b) = ([half.over for half in pair] for pair in (halves, kept))
     apart = 0.5 * (dr.squared_norm(f_a - b) + dr.squared_norm(f_b - a) - dr.squared_norm(a - b))
-    return dr.select(halves.both, apart - 0.25 * dr.squared_norm(f_a - f_b), 0)
+    both = (halves[0].count > 0) & (halves[1].count > 0)
+    return dr.select(both, apart - 0.25 * dr.squared_norm(f_a - f_b), 0)
 
 
 def _alike(mine, noise, other, its_noise):
@@ -144,18 +185,14 @@ def _alike(mine, noise, other, its_noise):
     return dr.exp(-dr.maximum(beyond, 0) / scale)
 
 
-def _table(light, more):
-    size = max(dr.width(value) for value in (*light, *more))
-    table, row = dr.zeros(mi.Float, ROW * size), dr.arange(mi.UInt32, size)
-    for k, value in enumerate((*light[0], more[0], *light[1], more[1])):
-        dr.scatter(table, value, ROW * row + k)
+def _table(columns):
+    """Numbers of each row, as `gather_row` reads them."""
+    size, stride = max(dr.width(value) for value in columns), row_stride(len(columns))
+    table, row = dr.zeros(mi.Float, stride * size), dr.arange(mi.UInt32, size)
+    for k, value in enumerate(columns):
+        dr.scatter(table, value, stride * row + k)
     dr.eval(table)
     return table
-
-
-def _row(table, row, there):
-    values = [dr.select(there, value, 0) for value in gather_row(table, row, ROW)]
-    return mi.Color3f(*values[:3]), values[3], mi.Color3f(*values[4:7]), values[7]
 
 
 class _Rows:
@@ -165,7 +202,9 @@ class _Rows:
         self.size, self._numbers = size, numbers
         # of rows of no such cell: not on the grid
         self._cell = dr.full(mi.UInt32, dr.width(numbers), size)
-        dr.scatter(self._cell, cells, dr.gather(mi.UInt32, numbers, cells) >> 1)
+        number = dr.gather(mi.UInt32, numbers, cells)
+        for k in range(grid.bins**2):
+            dr.scatter(self._cell, cells, (number >> 1) + k, (number & 1) == 1 if k else True)
         dr.eval(self._cell)
         self._columns, self._lines, self._slabs = (
             dr.opaque(mi.Int, n) for n in (grid.columns, grid.rows, grid.slabs)
@@ -175,6 +214,8 @@ class _Rows:
         self._column, self._line = mi.Int(self._cell) % self._columns, line % self._lines
         self._slab, self._first = slab % self._slabs, slab - slab % self._slabs
         self.shared = self._cell < mi.UInt32(dr.opaque(mi.UInt32, dr.width(numbers)))
+        own = dr.gather(mi.UInt32, numbers, self._cell, self.shared)
+        self._bin, self._binned = dr.arange(mi.UInt32, size) - (own >> 1), own & 1
 
     def beside(self, over, down, slab):
         """Row so many columns, rows and slabs away, and whether there is one."""
@@ -182,6 +223,8 @@ class _Rows:
         there = self.shared & (column >= 0) & (column < self._columns)
         there &= (line >= 0) & (line < self._lines) & (slab >= 0) & (slab < self._slabs)
         cell = mi.UInt32(((self._first + slab) * self._lines + line) * self._columns + column)
-        row = dr.gather(mi.UInt32, self._numbers, cell, there) >> 1
+        number = dr.gather(mi.UInt32, self._numbers, cell, there)
+        there &= (number & 1) == self._binned
+        row = (number >> 1) + self._bin
         # other cells may have borrowed a neighbour's row
         return row, there & (dr.gather(mi.UInt32, self._cell, row, there) == cell)

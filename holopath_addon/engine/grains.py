@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from .buffers import gather_row, row_stride
-from .filtering import Halves, filtered, squared_error
+from .filtering import Half, filtered, squared_error
 from .hologram import channel
 from .lobes import SHARP
 from .rays import OUTSIDE
@@ -34,9 +34,8 @@ BINNED = 8 / (
 RADIANCE_STEPS = 2.0**26
 RADIANCE_LIMIT = 2.0**30
 ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of the sums part of the program
-# of a row: three channels and paths, those of every second path, reflectances, those of every second path, and slopes
-# along x and y
-SUMS = 16
+HALF = 8  # numbers of a `Half`
+SUMS = 2 * HALF + 2  # of a row: those of both halves, and slopes along x and y
 TILT = 2  # slopes before the radiances in a row of means
 SPECULAR = 0.04  # added to reflectances, for light that no diffuse lobe scatters
 NOISIER = 1.1  # than wished is good enough
@@ -227,8 +226,14 @@ def measure_grains(
     if not dr.any((numbers & 1) == 1):
         grid = replace(grid, bins=1)
 
-    matt = dr.compress(occupied == 1)
-    sums, tiles = dr.zeros(mi.UInt64, SUMS * rows), _Tiles(grid, rays, planes)
+    sums, shining, tiles = (
+        dr.zeros(mi.UInt64, SUMS * rows),
+        dr.zeros(mi.UInt32, rows),
+        _Tiles(grid, rays, planes),
+    )
+    # of the radiances that are added up, for their squares to be whole numbers of steps
+    unit = white if 0 < white < math.inf else 1.0
+    scale = dr.opaque(mi.Float, 1 / unit)
     taken, error, done = 0, math.inf, 0.1
     for number in range(ROUNDS):
         # half of what is left, where another round may follow
@@ -238,112 +243,95 @@ def measure_grains(
             light = tracer.radiance(
                 scene, grains.sampler, seen.ray, seen.surface, seen.whole, parts=seen.parts
             )
-            light /= seen.colour
+            light *= scale / seen.colour
             # cells that the first round did not meet may have borrowed a neighbour's row
             inside &= dr.all(dr.isfinite(light)) & (dr.gather(mi.UInt32, occupied, grains.cell, inside) != 0)
             number = dr.gather(mi.UInt32, numbers, grains.cell, inside)
             over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (slope.x, slope.y))
             at = SUMS * ((number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0))
-            half = dr.select((grains.number & 1) == 0, mi.Float(1), 0)
-            reflectance = _reflectance(seen, inside)
-            values = (*light, mi.Float(1), *(light * half), half, *reflectance, *(reflectance * half))
-            for k, value in enumerate(values):
+            reflectance, shines = shown(scene, seen, inside)
+            dr.scatter_reduce(
+                dr.ReduceOp.Max, shining, mi.UInt32(1), number >> 1, inside & shines, mode=ATOMIC
+            )
+            half = at + HALF * (grains.number & 1)
+            for k, value in enumerate(Half.path(light, reflectance).numbers):
                 steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
-                dr.scatter_add(sums, steps, at + k, inside, mode=ATOMIC)
+                dr.scatter_add(sums, steps, half + k, inside, mode=ATOMIC)
             for k, slope in enumerate(rays.tilt(seen)):  # of either sign: the sums wrap round
                 steps = mi.UInt64(mi.Int64(slope * RADIANCE_STEPS))
                 dr.scatter_add(sums, steps, at + SUMS - TILT + k, inside, mode=ATOMIC)
             tiles.add(grains, inside & dr.any(light > 0))
-            dr.eval(sums)
+            dr.eval(sums, shining)
             dr.sync_thread()
             progress(done + share * part)
         done += share
         taken += passes
-        halves, reflectance = _halves(sums)
-        kept = halves
-        if filter_ and taken > 1 and dr.width(matt):
-            kept = filtered(halves, matt, numbers, grid)
-        error = _field_error(halves, kept, reflectance, white)
+        halves, shared = _halves(sums), dr.zeros(mi.Bool, rows)
+        kept, cells = halves, dr.compress((occupied > 0) & (dr.gather(mi.UInt32, shining, numbers >> 1) == 0))
+        if filter_ and taken > 1 and dr.width(cells):
+            kept, shared = filtered(halves, cells, numbers, grid)
+        error = _field_error(halves, kept, shared, white / unit)
         if error <= NOISIER * wanted or taken >= most:
             break
         passes = min(most - taken, math.ceil(taken * ((error / wanted) ** 2 - 1)))
-    light = dr.select(_alone(halves, kept), _own(halves, reflectance).mean, kept.mean * reflectance.mean)
-    dr.eval(light)
-    means = _means(sums, light, numbers, grid, wavelengths)
+    own = halves[0] + halves[1]
+    light = unit * dr.select(shared, (kept[0] + kept[1]).over * own.reflectance, own.radiance)
+    dr.eval(light, own.count)
+    means = _means(sums, light, own.count, numbers, grid, wavelengths)
     return RadianceMap(grid, numbers, means, len(wavelengths), taken, error, tiles.looks())
 
 
-def _reflectance(seen, active):
-    """What light is divided by where grains share it; of any value, as it is multiplied by it again."""
-    active = active & seen.surface.is_valid()
+def shown(scene: mi.Scene, seen: View, active: mi.Bool) -> tuple[mi.Color3f, mi.Bool]:
+    """What light is divided by where grains share it, and whether the surface, or the sky, shines itself.
+
+    It is the reflectance, roughly; any value is right, as light is multiplied by it again.
+    """
     point = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.All, active)
+    shines = point.emitter(scene, active) != None  # noqa: E711 (of each lane)
+    active = active & seen.surface.is_valid()
     value = point.bsdf(seen.ray).eval_diffuse_reflectance(point, active)
-    return dr.select(active & dr.all(dr.isfinite(value)), dr.clip(value, 0, 1) + SPECULAR, 1)
-
-
-def _sums_of(sums):
-    """The sums of all rows, as Mitsuba's numbers of paths and radiances."""
-    row = dr.arange(mi.UInt32, dr.width(sums) // SUMS)
-    steps = [dr.gather(mi.UInt64, sums, SUMS * row + k) for k in range(SUMS)]
-    return [mi.Float(value) / RADIANCE_STEPS for value in steps[:-TILT]]
+    return dr.select(active & dr.all(dr.isfinite(value)), dr.clip(value, 0, 1) + SPECULAR, 1), shines
 
 
 def _halves(sums):
-    """The `Halves` of all rows, of light over reflectance and of reflectances."""
-    values = _sums_of(sums)
-    light, even, shown, shown_even = (mi.Color3f(*values[k : k + 3]) for k in (0, 4, 8, 11))
-    evens = values[7]
-    counts = (evens, values[3] - evens)
-    shown = [
-        dr.select(n > 0, total / dr.maximum(n, 1), 0)
-        for total, n in zip((shown_even, shown - shown_even), counts, strict=True)
-    ]
-    over = [
-        dr.select(n > 0, total / dr.maximum(n * each, 1e-3), 0)
-        for total, each, n in zip((even, light - even), shown, counts, strict=True)
-    ]
-    dr.eval(over, shown, counts)
-    return Halves(tuple(over), counts), Halves(tuple(shown), counts)
+    """The `Half`s of all rows."""
+    row = dr.arange(mi.UInt32, dr.width(sums) // SUMS)
+    halves = tuple(
+        Half.of([_sum_of(sums, row, first + k) / RADIANCE_STEPS for k in range(HALF)]) for first in (0, HALF)
+    )
+    dr.eval(halves)
+    return halves
 
 
-def _own(halves, reflectance):
-    """Each row's own radiance, as its paths gave it."""
-    light = (over * shown for over, shown in zip(halves.light, reflectance.light, strict=True))
-    return Halves(tuple(light), halves.count)
+def _sum_of(sums, row, column):
+    return mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + column))
 
 
-def _alone(halves, kept):
-    """Rows that share light with no other: their radiance is the mean of their paths, whatever the reflectance."""
-    return (kept.count[0] == halves.count[0]) & (kept.count[1] == halves.count[1])
-
-
-def _field_error(halves, kept, reflectance, white):
+def _field_error(halves, kept, shared, white):
     """Relative error of the field that is left of the radiances' noise.
 
     An amplitude sqrt(L) errs by dL / (2 sqrt(L)), so the field by sqrt(sum L (dL / L)^2 / 4 / sum L), where the
     factors L count at most as `white`: lamps in view must not hide the rest. dL is half the difference of the means of
     every second path, two halves that know nothing of each other; where they are filtered, see `squared_error`.
     """
-    count = halves.count[0] + halves.count[1]
-    mean, shown = dr.mean(kept.mean), dr.mean(reflectance.mean)
-    bright = mean * shown
+    own, light = halves[0] + halves[1], kept[0] + kept[1]
+    bright, both = dr.mean(own.radiance), (halves[0].count > 0) & (halves[1].count > 0)
     weight = (
-        dr.select(halves.both & (bright > 0), count * dr.minimum(bright, white), 0) / 12
+        dr.select(both & (bright > 0), own.count * dr.minimum(bright, white), 0) / 12
     )  # channels, and 2^2
 
-    def part(squared, of):
-        return float(dr.sum(weight * squared / dr.maximum(dr.square(of), 1e-30))[0])
+    def part(where, squared, of):
+        return float(dr.sum(dr.select(where, weight * squared / dr.maximum(dr.square(of), 1e-30), 0))[0])
 
     def apart(a, b):
         return 0.25 * dr.squared_norm(a - b)
 
-    alone, own = _alone(halves, kept), apart(*_own(halves, reflectance).light)
-    wrong = part(dr.select(alone, own, 0), bright)
-    if kept is not halves:
-        least = part(dr.select(alone, 0, apart(*kept.light)), mean)
-        wrong += max(least, part(dr.select(alone, 0, squared_error(halves, kept)), mean))
-        # textures and edges, of which a few paths show a part
-        wrong += part(dr.select(alone, 0, apart(*reflectance.light)), shown)
+    wrong = part(~shared, apart(*(half.radiance for half in halves)), bright)
+    over = dr.mean(light.over)
+    least = part(shared, apart(*(half.over for half in kept)), over)
+    wrong += max(least, part(shared, squared_error(halves, kept), over))
+    # textures and edges, of which a few paths show a part
+    wrong += part(shared, apart(*(half.reflectance for half in halves)), dr.mean(own.reflectance))
     whole = 12 * float(dr.sum(weight)[0])
     return math.sqrt(wrong / whole) if whole > 0 else 0.0
 
@@ -493,13 +481,13 @@ def _numbered(occupied, grid):
     return filled, rows
 
 
-def _means(sums, light, numbers, grid, wavelengths):
+def _means(sums, light, count, numbers, grid, wavelengths):
     """Mean slopes, and the radiances `light`; a pupil bin that no path came through takes the mean of its cell."""
     rows, stride = dr.width(sums) // SUMS, row_stride(TILT + len(wavelengths))
     means = dr.zeros(mi.Float, rows * stride)
 
     def stored(row):
-        paths = mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + 3)) / RADIANCE_STEPS
+        paths = dr.gather(mi.Float, count, row)
         shown = dr.gather(mi.Color3f, light, row) * paths
         tilt = [
             mi.Float(mi.Int64(dr.gather(mi.UInt64, sums, SUMS * row + SUMS - TILT + k))) / RADIANCE_STEPS

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .bake_store import BakeStore
     from .camera import Camera
     from .hologram import Hologram
+    from .probing import Light
 
 GRAIN_NOISE = {
     "preview": 0.5,
@@ -48,16 +49,19 @@ USUAL_FRAMES = 8
 # power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
 LESS_NOISE = 1 / 3
 PASSES = {
-    "preview": (8, 64),
-    "balanced": (16, 256),
-    "full": (32, 1024),
+    "preview": (4, 64),
+    "balanced": (8, 256),
+    "full": (16, 1024),
 }  # fewest and most radiance paths a pixel
 LEAST_SHADOWS = 1e-4  # of the light: less is not told of
-FIREFLY = 1.0  # times the bright parts of the view: most that one indirect path may add to a grain's mean
+FIREFLY = (
+    2.0  # times the bright parts of the view: most that one indirect path may add to a mean of the fewest
+)
 SLAB = 0.15  # of the depth of focus
 MOST_SLABS = 48
 GLOSSY_BINS = (2, 6)  # fewest and most along each axis of the pupil
 GLOSSY_TURN = 0.15  # of a lobe's width across the pupil: less is not seen
+ONE_BIN = 0.5  # of the sharpest lobe's width: what bins would tell apart is less than noise then
 RAY_OFFSET = 9e-5  # that Mitsuba starts rays above surfaces, times 1 m + their largest coordinate
 MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
 IMAGE_LIMITS = (-1.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
@@ -66,9 +70,7 @@ CACHED_PASSES = 4  # fewest where light is looked up
 LIKELY_CACHED = 10  # that are taken then, roughly
 EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
 SMOOTHED = 600  # groups of texels over which light from other surfaces is averaged, roughly
-FILTERED = (
-    4.0  # times less variance where grains share their light, in most scenes; halves tell where it is not so
-)
+FILTERED = 16.0  # times less variance, textures apart, where grains share their light; halves tell where it is not so
 UNTOLD = 2.0  # times the variance that the pilot finds, over seven scenes
 CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
 CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
@@ -384,7 +386,7 @@ def plan(
         )
     plain, chained = scenery.mean_rays(planes, "plain"), scenery.mean_rays(planes, "chained")
     images = any(plane.sees == "images" for plane in planes)
-    likely = _likely_passes(settings, light.noise)
+    likely = _likely_passes(settings, noise_left(settings, light))
     work = costs.Work(columns, plain, chained, likely, texture, traversals, len(planes), images)
     stages = costs.stages(hologram, settings, seen, light, work, slow)
     memory = costs.memory(hologram, settings, work, margin, slabs, bins, _binned(seen), splits)
@@ -607,13 +609,14 @@ def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> i
     if "passes" in settings.fixed:
         return settings.fixed["passes"]
     least, most = PASSES[settings.quality]
-    noise /= _filtered(settings)
     return min(max(fewest or least, math.ceil(noise / wanted_noise(settings) ** 2)), most)
 
 
-def _filtered(settings):
-    """Times less variance of a grain's mean because grains share their light."""
-    return FILTERED if settings.fixed.get("filter", 1) else 1.0
+def noise_left(settings: Settings, light: Light) -> float:
+    """Relative variance of a grain's mean, times its paths: grains share their light, but not their textures."""
+    if not settings.fixed.get("filter", 1):
+        return light.noise
+    return light.texture + max(light.noise - light.texture, 0) / FILTERED
 
 
 def _likely_passes(settings, noise):
@@ -631,7 +634,7 @@ def _texture(scene, hologram, settings, seen, light, columns, store, slow, decis
     from .baking import is_baked
     from .lobes import surfaces_of
 
-    paths = costs.path_seconds(light, columns * _likely_passes(settings, light.noise), slow)
+    paths = costs.path_seconds(light, columns * _likely_passes(settings, noise_left(settings, light)), slow)
     if settings.radiance == "ray":
         paths = math.inf
     most = PASSES[settings.quality][1]
@@ -680,17 +683,15 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
         decisions.append(Decision("radiance", f"{settings.paths} paths a ray", reason))
         return 0, 1, 1, 0.0
     fixed = settings.fixed
-    passes = passes_for(settings, light.noise)
-    noise, speckle = (
-        math.sqrt(light.noise / _filtered(settings) / passes),
-        speckle_contrast("random", settings.frames),
-    )
+    passes = passes_for(settings, noise_left(settings, light))
+    noise = math.sqrt(noise_left(settings, light) / passes)
+    speckle = speckle_contrast("random", settings.frames)
     if texture is not None:
         from .gathering import ROUND
 
         variance = light.direct + max(light.noise - light.direct, 0) / SMOOTHED
         noise = min(texel_noise(settings), EVENLY * math.sqrt(variance / ROUND))
-    glossy = seen.turn > 0 or seen.specular > LEAST_SHARE
+    glossy = seen.sharpest > ONE_BIN or seen.specular > LEAST_SHARE
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
     room = MAP_BYTES / (columns * costs.SURFACES * _binned(seen) * costs.CELL_BYTES)
     bins = max(1, min(fixed.get("bins", bins), math.floor(math.sqrt(room))))
@@ -718,7 +719,9 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
         Decision(
             "radiance map",
             f"{slabs} depth slabs, {bins} x {bins} pupil bins",
-            f"across the pupil the view turns {seen.turn:.2g} widths of the sharpest gloss"
+            f"across the pupil the view turns {seen.sharpest:.2g} widths of the sharpest gloss"
+            if seen.sharpest
+            else "mirrors and clear surfaces are in view"
             if glossy
             else "all surfaces in view are diffuse",
             f"{1 - slabs * bins**2 / (MOST_SLABS * GLOSSY_BINS[1] ** 2):.0%} of the largest map"

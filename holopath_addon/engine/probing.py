@@ -61,8 +61,9 @@ class Probe:
         Share of rays that meet surfaces with a δ lobe.
     nearly : float
         Share of rays that meet rough surfaces with a narrow lobe.
-    turn : float
-        Turn of the view across the pupil in widths of the sharpest glossy lobes in view; 0 without gloss.
+    turn, sharpest : float
+        Turn of the view across the pupil in widths of the sharp glossy lobes in view, and of the sharpest; 0 without
+        gloss.
     gloss : numpy.ndarray
         Inverse depths of the glossy surfaces in view, 1/m.
     coherent : bool
@@ -88,6 +89,7 @@ class Probe:
     specular: float
     nearly: float
     turn: float
+    sharpest: float
     gloss: np.ndarray
     coherent: bool
     rays_per_second: float
@@ -177,9 +179,9 @@ class Light:
 
     Attributes
     ----------
-    noise, direct : float
-        Variance of one path relative to its grain's squared mean, weighted by brightness; and of paths that end at the
-        first surface that lamps light.
+    noise, direct, texture : float
+        Variance of one path relative to its grain's squared mean, weighted by brightness; of paths that end at the
+        first surface that lamps light; and of the reflectance where a path begins.
     chroma : float
         Largest difference of the colour channels relative to their mean, weighted by brightness.
     max_depth, lost : int, float
@@ -192,6 +194,7 @@ class Light:
 
     noise: float
     direct: float
+    texture: float
     bright: float
     paths_per_second: float
     chroma: float
@@ -322,7 +325,8 @@ class Pilot:
         turns = 2 * self.pupil / depth * dr.sqrt(math.pi * sample.pdf)
         nearly = float(np.asarray(nearly_smooth(self.scene, si, depth, self.pupil) > 0).mean())
         turns, gloss = (np.asarray(values)[np.asarray(glossy)] for values in (turns, 1 / depth))
-        turn = float(np.quantile(turns, 0.9)) if len(turns) > LEAST_SHARE * self.size else 0.0
+        few = len(turns) <= LEAST_SHARE * self.size
+        turn, sharpest = (0.0, 0.0) if few else map(float, np.quantile(turns, (0.9, 0.99)))
         specular = float(np.asarray(hit & is_specular(bsdf.flags())).mean())
         exists = hit | self.camera.sees_sky
         exists = np.broadcast_to(exists, self.size)
@@ -337,6 +341,7 @@ class Pilot:
             specular,
             nearly,
             turn,
+            sharpest,
             gloss,
             coherent,
             speed,
@@ -477,6 +482,8 @@ class Pilot:
         import drjit as dr
         import mitsuba as mi
 
+        from .grains import shown
+
         grains = min(self.size, PILOT_GRAINS)
         index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
         chosen = mi.UInt32(mi.Float(index) * dr.opaque(mi.Float, self.size / grains))
@@ -506,8 +513,9 @@ class Pilot:
             walk = (dz - dr.gather(mi.Float, dz, index * PILOT_PATHS)) / pitch
             over, down = turn.x + slope.x * walk, turn.y - slope.y * walk
             cell = [mi.Int(dr.floor(over)), mi.Int(dr.floor(down)), mi.Int(dr.floor(dz / slab)), seen.branch]
-            dr.eval(light, cell)
-            return light, cell
+            reflectance, _ = shown(self.scene, seen, seen.exists)
+            dr.eval(light, cell, reflectance)
+            return light, cell, reflectance
 
         def found(light):
             return np.nan_to_num(np.asarray(light, np.float64)).reshape(3, grains, PILOT_PATHS)
@@ -517,7 +525,7 @@ class Pilot:
             parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
             return (parts == parts[..., :1]).all(0)
 
-        seconds, (light, cell) = _timed(lambda: trace(tracer_of(max_depth)))
+        seconds, (light, cell, reflectance) = _timed(lambda: trace(tracer_of(max_depth)))
         all_light, same = found(light), of_one_cell(cell)
         count = same.sum(1)
 
@@ -526,7 +534,7 @@ class Pilot:
 
         mean = mean_of(all_light.sum(0))
         if not (mean > 0).any():
-            return Light(0.0, 0.0, 0.0, grains * PILOT_PATHS / seconds, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, 0.0, grains * PILOT_PATHS / seconds, 0.0, least, 0.0)
         whole = mean
         # as the rendering's paths are limited
         most = firefly * np.percentile(mean[mean > 0], 95) / 3
@@ -535,7 +543,7 @@ class Pilot:
         lit = (mean > 0) & (count > 1)
         speed = grains * PILOT_PATHS / seconds
         if not lit.any():
-            return Light(0.0, 0.0, 0.0, speed, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, 0.0, speed, 0.0, least, 0.0)
         # weighted by brightness, in which lamps in view must not hide the rest
         weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
         weight /= weight.sum()
@@ -543,29 +551,30 @@ class Pilot:
         def share(values):
             return float((weight * values[lit] / mean[lit]).sum())
 
-        def noise_of(light):
+        def noise_of(light, means=means):
             # of each channel by itself
-            light = np.minimum(light, most)
             own = mean_of(light)
             variance = ((light - own[..., None]) ** 2 * same).sum(-1) / np.maximum(count - 1, 1)
-            weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
             relative = variance[:, lit] / np.maximum(means[:, lit], 1e-30) ** 2
             relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
             return float((weights * relative).sum() / max(weights.sum(), 1e-30))
 
+        weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
         noise = direct = noise_of(limited)
+        shown_light = found(reflectance)
+        texture = noise_of(shown_light, mean_of(shown_light))
         chroma = share(3 * np.ptp(means, axis=0))
         depth, lost = max_depth, 0.0
         for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
             light_of_fewer = found(trace(tracer_of(fewer))[0])
             if fewer <= 2:
-                direct = noise_of(light_of_fewer)
+                direct = noise_of(np.minimum(light_of_fewer, most))
             less = share(whole - mean_of(light_of_fewer.sum(0)))
             if less < LEAST_LIGHT:
                 depth, lost = fewer, max(less, 0.0)
                 break
         bright = float(np.percentile(mean[lit], 95)) / 3
-        return Light(noise, direct, bright, speed, chroma, depth, lost)
+        return Light(noise, direct, texture, bright, speed, chroma, depth, lost)
 
     def _chance(self, size):
         """A random number for each grain."""

@@ -355,7 +355,8 @@ class Recording:
             planner.slab_of(self.hologram),
             planner.firefly_of(settings),
         )
-        noise = pilot.light(lambda _: self.tracer, self.optics, most, most, slab, firefly).noise
+        light = pilot.light(lambda _: self.tracer, self.optics, most, most, slab, firefly)
+        noise = planner.noise_left(settings, light)
         return min(planner.passes_for(settings, noise, planner.CACHED_PASSES), self.plan.passes)
 
     @property

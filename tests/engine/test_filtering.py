@@ -10,10 +10,10 @@ from holopath_addon import engine
 GREEN = 516.5e-9
 
 
-def fields(scene, camera, pixels, passes, exact):
+def fields(scene, camera, pixels, passes, exact, other=None):
     """Relative errors of the field without the filter and with it, and their brightness, to that of many paths."""
     display = engine.Hologram(pixels, pixels, 8e-6, (GREEN,), 0.5e-3, 2e-3)
-    settings = engine.Settings(method="full", fixed={"passes": exact, "filter": 0})
+    settings = engine.Settings(method="full", fixed={"passes": exact, "filter": 0, **(other or {})})
     plan = engine.plan(scene, camera, display, settings)
 
     def light(passes, filtered, seed):
@@ -56,3 +56,30 @@ def test_textures_and_shadows_stay_sharp(build, camera):
     errors, brightness, _ = fields(scene, camera, 96, 16, 512)
     assert errors[1] < errors[0]
     assert brightness[1] == pytest.approx(1, abs=0.01)
+
+
+def test_what_shines_shares_nothing(build, camera):
+    """A picture that is its own light has no noise to lose, only detail."""
+    scene = build.scene(screen=build.plane(1.0, build.emissive(build.texture(64, 3, contrast=2))))
+    display = engine.Hologram(48, 48, 8e-6, (GREEN,), 0.5e-3, 2e-3)
+    shared, alone = (
+        engine.render(
+            scene, camera, display, engine.Settings(method="full", fixed={"passes": 8, "filter": on})
+        )
+        for on in (1, 0)
+    )
+    np.testing.assert_array_equal(shared.data, alone.data)
+
+
+def test_gloss_in_bins_of_the_pupil(build, camera):
+    """Each bin shares with the same bin of other grains; brightness stays."""
+    lamp = build.T().look_at(origin=[0.5, 0.8, 0.5], target=[0, 0, -1], up=[0, 1, 0]).scale(0.3)
+    varnish = {"type": "roughplastic", "alpha": 0.1, "diffuse_reflectance": build.texture(64, 3)}
+    scene = build.scene(
+        wall=build.plane(1.2, {"bsdf": varnish}, slant=20),
+        ball=build.ball(0.06, [0.03, 0.0, -0.8], {"bsdf": {"type": "roughconductor", "alpha": 0.15}}),
+        lamp={"type": "rectangle", "to_world": lamp, **build.emissive(build.grey(10.0))},
+    )
+    errors, brightness, _ = fields(scene, camera, 64, 8, 256, {"bins": 2})
+    assert errors[1] < 0.8 * errors[0]
+    assert brightness[1] == pytest.approx(1, abs=0.02)
