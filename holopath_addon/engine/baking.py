@@ -75,6 +75,8 @@ class Bake:
 
 def is_baked(scene: mi.Scene, settings: Settings, noise: float, most: int, store: BakeStore) -> bool:
     """Whether a store has the light of a scene, as good as asked for and for some view."""
+    if not store.files():  # to sort a million triangles takes a second
+        return False
     stored, _ = store.load(_triangles(scene))
     return stored is not None and _serves(stored, _digest(scene, settings), noise, most)
 

@@ -235,8 +235,13 @@ class _Grid:
         )
 
     def kernels(self, dz, side):
-        """The exact kernel of each distance, as far as `side`."""
-        spectrum = np.exp(2j * math.pi * dz[:, None, None] * self.detour) * self.band
+        """The exact kernel of each distance, as far as `side`; distances are evenly spaced."""
+        spectrum = np.empty((len(dz), *self.detour.shape), np.complex128)
+        spectrum[0] = np.exp(2j * math.pi * dz[0] * self.detour) * self.band
+        if len(dz) > 1:  # a product is a tenth of the work of an exponential
+            step = np.exp(2j * math.pi * (dz[1] - dz[0]) * self.detour)
+            for before, after in zip(spectrum[:-1], spectrum[1:], strict=True):
+                np.multiply(before, step, out=after)
         return _along_both(self.to_space[:side], spectrum)
 
     def within(self, side):
