@@ -70,9 +70,7 @@ def once(name, method="auto", side=SIDE):
     hologram = engine.Hologram(side, side, 8e-6, RGB, 1e-3, 6e-3)
     store = BakeStore(Path(os.environ["HOLOPATH_CACHE"]))
     start = time.perf_counter()
-    field = engine.render(
-        scene, camera, hologram, engine.Settings(frames=FRAMES, method=method), store=store
-    )
+    field = engine.render(scene, camera, hologram, engine.Settings(frames=FRAMES, method=method), store=store)
     return {
         "wall": time.perf_counter() - start,
         "foretold": field.report["foretold"]["stages"],
@@ -109,7 +107,8 @@ def run(*names):
     lines = [
         f"foretold: {SIDE} x {SIDE}, 8 µm, three wavelengths, M = {FRAMES}, nothing else set; seconds of the render "
         "without its plan; each run is a process",
-        f"  {'scene':14s} {'run':12s} {'light':>6s} {'foretold':>9s} {'came':>7s} {'ratio':>6s} {'plan':>6s} {'paths planned, taken':>s}",
+        f"  {'scene':14s} {'run':12s} {'light':>6s} {'foretold':>9s} {'came':>7s} {'ratio':>6s} {'plan':>6s} "
+        "paths a pixel, planned and taken",
     ]
     within = total = 0
     for name in names or SCENES:

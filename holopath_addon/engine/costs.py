@@ -22,13 +22,19 @@ ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
 MOST_TEXELS = 1 << 25
 TEXEL_BYTES = 48  # with what making them takes
 
-# Of the time that the probe's rays and paths take, alone in their kernels; over seven scenes (docs/measurements.md).
-RAY, CHAIN, PATH = 1.0, 1.0, 0.85
+# Of the time that the probe's rays and paths take, alone in their kernels; over ten scenes (docs/measurements.md).
+RAY, CHAIN, PATH = 0.6, 0.85, 0.85
 
 # Seconds on the machine that `machine.slowness` compares with.
 SUM = 2.0e-9, 0.3e-9  # of a ray, and of each of its frames and wavelengths
-TRACING, PATHS = 0.05, 0.2  # to begin with rays, and with paths
-TABLES = 0.1, 0.11  # of kernel tables and regions, and of each plane's
+TRACING, PATHS = 0.05, 0.08  # to begin with rays, and with paths
+TABLES = 0.02, 0.04  # of kernel tables and regions, and of each plane's
+SHARE = 1.2e-6  # of a column of the radiance map, whose grains look at their neighbors
+COMPILED = 0.05  # that the pilot's programs took to compile at least, where those of the rendering do, too
+COMPILING = (
+    (0.1, 1.5),
+    (0.6, 1.6),
+)  # of rays and of paths: all that is alike in all scenes, and times the pilot's
 MOVE = 0.024e-6  # of a pixel's way to another plane, of each frame and wavelength
 LOOK, CHARTS, ROW = 0.5, 1.0, 1.1e-6  # of baking: to begin, of meshes with charts, and of each triangle
 LOAD, LOAD_ROWS, LOAD_ROW = 0.1, 0.3, 0.7e-6  # the same of what was baked before
@@ -83,7 +89,12 @@ def baking(
         samples = hologram.width * hologram.height * BAKED_PIXEL + triangles * BAKED_TRIANGLE
         bake = slowness * (LOOK + CHARTS * charted + ROW * triangles + SAMPLE * samples)
         bake += BOUNCE * (samples + BETWEEN) / light.paths_per_second
-    return {"bake": bake, "radiance": path_seconds(light, columns * passes, slowness)}
+    return {"bake": bake, "radiance": map_seconds(light, columns, passes, slowness)}
+
+
+def map_seconds(light: Light, columns: int, passes: int, slowness: float) -> float:
+    """Seconds of the radiance map: of its paths, and of what grains share."""
+    return path_seconds(light, columns * passes, slowness) + slowness * SHARE * columns
 
 
 def path_seconds(light: Light, paths: float, slowness: float) -> float:
@@ -108,9 +119,13 @@ def stages(
         paths = pixels * (work.plain + work.chained) * settings.paths
         out["wave tracing"] += work.traversals * path_seconds(light, paths, slowness)
     elif work.texture is None:
-        out["radiance"] = work.traversals * path_seconds(light, work.columns * work.passes, slowness)
+        out["radiance"] = work.traversals * map_seconds(light, work.columns, work.passes, slowness)
     else:
         out |= work.texture
+    if light.compiling > slowness * COMPILED:
+        pilots = ("wave tracing", seen.compiling, COMPILING[0]), ("radiance", light.compiling, COMPILING[1])
+        for stage, seconds, (same, times) in pilots:
+            out[stage] = out.get(stage, 0.0) + slowness * same + times * seconds
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
         out["despeckle"] = (

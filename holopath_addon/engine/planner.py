@@ -71,7 +71,7 @@ LIKELY_CACHED = 10  # that are taken then, roughly
 EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
 SMOOTHED = 600  # groups of texels over which light from other surfaces is averaged, roughly
 FILTERED = 16.0  # times less variance, textures apart, where grains share their light; halves tell where it is not so
-UNTOLD = 2.0  # times the variance that the pilot finds, over seven scenes
+UNTOLD = 1.2  # times the variance that the pilot finds, over ten scenes
 CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
 CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
 LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
@@ -634,7 +634,7 @@ def _texture(scene, hologram, settings, seen, light, columns, store, slow, decis
     from .baking import is_baked
     from .lobes import surfaces_of
 
-    paths = costs.path_seconds(light, columns * _likely_passes(settings, noise_left(settings, light)), slow)
+    paths = costs.map_seconds(light, columns, _likely_passes(settings, noise_left(settings, light)), slow)
     if settings.radiance == "ray":
         paths = math.inf
     most = PASSES[settings.quality][1]

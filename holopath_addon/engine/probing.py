@@ -72,6 +72,8 @@ class Probe:
         Speed of this machine on this scene.
     chains_per_second : float
         The same of rays that are followed over mirrors and through clear surfaces.
+    compiling : float
+        Seconds that the first of the rays and chains took longer than later ones.
     splits : int
         Hits at which chains divide.
     cut : float
@@ -94,6 +96,7 @@ class Probe:
     coherent: bool
     rays_per_second: float
     chains_per_second: float
+    compiling: float
     splits: int
     cut: float
     diffuse: float
@@ -190,6 +193,8 @@ class Light:
         Radiance of the bright parts of the view, the 95th percentile of what is lit.
     paths_per_second : float
         Speed of this machine on this scene.
+    compiling : float
+        Seconds that the first paths took longer than later ones.
     """
 
     noise: float
@@ -197,6 +202,7 @@ class Light:
     texture: float
     bright: float
     paths_per_second: float
+    compiling: float
     chroma: float
     max_depth: int
     lost: float
@@ -313,7 +319,7 @@ class Pilot:
 
         si = self.scene.ray_intersect(self.ray)
         coherent = _same_surface(si) >= COHERENT
-        seconds, _ = _timed(
+        seconds, compiling, _ = _timed(
             lambda: dr.eval(self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t)
         )
         speed = self.size / seconds
@@ -346,6 +352,7 @@ class Pilot:
             coherent,
             speed,
             speed,
+            compiling,
             0,
             0.0,
             diffuse,
@@ -364,7 +371,7 @@ class Pilot:
             dr.eval(view)
             return view
 
-        seconds, view = _timed(follow)
+        seconds, compiling, view = _timed(follow)
         speed = self.size / seconds
         depth = self.camera.clip_start + view.distance * self.depth_rate
         exists = np.broadcast_to(view.exists, self.size)
@@ -393,6 +400,7 @@ class Pilot:
             images=images[np.isfinite(images)],
             places=places,
             chains_per_second=speed,
+            compiling=probe.compiling + compiling,
         )
 
     def longest_chain(self, optics_of: Callable[[int], SpecularChains], most: int) -> tuple[int, float]:
@@ -525,7 +533,7 @@ class Pilot:
             parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
             return (parts == parts[..., :1]).all(0)
 
-        seconds, (light, cell, reflectance) = _timed(lambda: trace(tracer_of(max_depth)))
+        seconds, compiling, (light, cell, reflectance) = _timed(lambda: trace(tracer_of(max_depth)))
         all_light, same = found(light), of_one_cell(cell)
         count = same.sum(1)
 
@@ -534,7 +542,7 @@ class Pilot:
 
         mean = mean_of(all_light.sum(0))
         if not (mean > 0).any():
-            return Light(0.0, 0.0, 0.0, 0.0, grains * PILOT_PATHS / seconds, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, 0.0, grains * PILOT_PATHS / seconds, compiling, 0.0, least, 0.0)
         whole = mean
         # as the rendering's paths are limited
         most = firefly * np.percentile(mean[mean > 0], 95) / 3
@@ -543,7 +551,7 @@ class Pilot:
         lit = (mean > 0) & (count > 1)
         speed = grains * PILOT_PATHS / seconds
         if not lit.any():
-            return Light(0.0, 0.0, 0.0, 0.0, speed, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, 0.0, speed, compiling, 0.0, least, 0.0)
         # weighted by brightness, in which lamps in view must not hide the rest
         weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
         weight /= weight.sum()
@@ -574,7 +582,7 @@ class Pilot:
                 depth, lost = fewer, max(less, 0.0)
                 break
         bright = float(np.percentile(mean[lit], 95)) / 3
-        return Light(noise, direct, texture, bright, speed, chroma, depth, lost)
+        return Light(noise, direct, texture, bright, speed, compiling, chroma, depth, lost)
 
     def _chance(self, size):
         """A random number for each grain."""
@@ -601,21 +609,26 @@ def _same_surface(si):
     return float((met[..., 1:] == met[..., :-1]).all(0).mean())
 
 
-def _timed(work: Callable[[], _Result]) -> tuple[float, _Result]:
-    """Seconds of the fastest of two or three calls, after one that compiles, and what the last of them returned.
+def _timed(work: Callable[[], _Result]) -> tuple[float, float, _Result]:
+    """Seconds of the fastest of two or three calls, after one that compiles; how much longer that took; and what the
+    last of them returned.
 
     One call in ten or so is held up by the system, and the second may compile, too. Calls that take long are two.
     """
     import drjit as dr
 
-    result, found = work(), []
-    while len(found) < 2 or (len(found) < 3 and sum(found) < TIMED):
+    def call():
         dr.sync_thread()
         start = time.perf_counter()
         result = work()
         dr.sync_thread()
-        found.append(time.perf_counter() - start)
-    return min(found), result
+        return time.perf_counter() - start, result
+
+    (first, result), found = call(), []
+    while len(found) < 2 or (len(found) < 3 and sum(found) < TIMED):
+        seconds, result = call()
+        found.append(seconds)
+    return min(found), first - min(found), result
 
 
 def vergence_range(seen: Probe, chain: int) -> tuple[float, float]:

@@ -112,8 +112,9 @@ def binned(depths: np.ndarray, bins: int = DEPTH_BINS) -> tuple[np.ndarray, np.n
     """Lowest and highest depth in each bin that holds any, and the bin of each depth."""
     low, high = float(depths.min()), float(depths.max())
     number = np.minimum(((depths - low) / max(high - low, 1e-12) * bins).astype(int), bins - 1)
-    used, number = np.unique(number, return_inverse=True)
-    first, last = np.full(len(used), np.inf), np.full(len(used), -np.inf)
+    used = np.bincount(number, minlength=bins) > 0
+    number = (np.cumsum(used) - 1)[number]
+    first, last = np.full(used.sum(), np.inf), np.full(used.sum(), -np.inf)
     np.minimum.at(first, number, depths)
     np.maximum.at(last, number, depths)
     return first, last, number
