@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 WIDTH, REACH = 2.0, 4  # columns: standard deviation of the Gaussian, and where it ends
 STRICT = 0.7  # standard deviations that two grains may differ by beyond what noise makes them
-SAME = 1e-2  # relative difference that always may be
 LEAST = 1e-30
 
 
@@ -181,7 +180,7 @@ def squared_error(halves: Halves, kept: Halves) -> mi.Float:
 def _alike(mine, noise, other, its_noise):
     """Weight of a grain whose guide is another, from 0 to 1."""
     beyond = dr.squared_norm(mine - other) - (noise + dr.minimum(noise, its_noise))
-    scale = STRICT**2 * (noise + its_noise) + SAME**2 * dr.squared_norm(mine) + 1e-20
+    scale = STRICT**2 * (noise + its_noise) + LEAST
     return dr.exp(-dr.maximum(beyond, 0) / scale)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from .buffers import gather_row, row_stride
 from .filtering import Half, filtered, squared_error
 from .hologram import channel
-from .lobes import SHARP
+from .lobes import DIFFUSE, SHARP, SMOOTH
 from .rays import OUTSIDE
 from .regions import DEPTHS, TILE, Look, tiles_of
 
@@ -37,7 +37,8 @@ ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of th
 HALF = 8  # numbers of a `Half`
 SUMS = 2 * HALF + 2  # of a row: those of both halves, and slopes along x and y
 TILT = 2  # slopes before the radiances in a row of means
-SPECULAR = 0.04  # added to reflectances, for light that no diffuse lobe scatters
+# added to reflectances: of black surfaces, and for light that no diffuse lobe scatters
+BLACK, SPECULAR = 1e-3, 0.04
 NOISIER = 1.1  # than wished is good enough
 ROUNDS = 3  # of paths at most
 
@@ -289,8 +290,10 @@ def shown(scene: mi.Scene, seen: View, active: mi.Bool) -> tuple[mi.Color3f, mi.
     point = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.All, active)
     shines = point.emitter(scene, active) != None  # noqa: E711 (of each lane)
     active = active & seen.surface.is_valid()
-    value = point.bsdf(seen.ray).eval_diffuse_reflectance(point, active)
-    return dr.select(active & dr.all(dr.isfinite(value)), dr.clip(value, 0, 1) + SPECULAR, 1), shines
+    bsdf = point.bsdf(seen.ray)
+    value = bsdf.eval_diffuse_reflectance(point, active)
+    other = dr.select((bsdf.flags() & (SMOOTH & ~DIFFUSE)) != 0, mi.Float(SPECULAR), BLACK)
+    return dr.select(active & dr.all(dr.isfinite(value)), dr.clip(value, 0, 1) + other, 1), shines
 
 
 def _halves(sums):

@@ -49,9 +49,9 @@ USUAL_FRAMES = 8
 # power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
 LESS_NOISE = 1 / 3
 PASSES = {
-    "preview": (4, 64),
-    "balanced": (8, 256),
-    "full": (16, 1024),
+    "preview": (8, 64),
+    "balanced": (16, 256),
+    "full": (32, 1024),
 }  # fewest and most radiance paths a pixel
 LEAST_SHADOWS = 1e-4  # of the light: less is not told of
 FIREFLY = (

@@ -39,7 +39,7 @@ def test_a_quarter_of_the_paths_where_light_is_indirect(build, camera):
 
 
 def test_textures_and_shadows_stay_sharp(build, camera):
-    """Squares of two pixels, and the shadow of a ball before a lamp that is a point."""
+    """Squares of two pixels, and the shadow of a ball before a lamp that is a point: no noise and no detail to lose."""
     checks = np.kron(np.indices((32, 32)).sum(0) % 2, np.ones((8, 8)))[..., None] * [0.7, 0.6, 0.5] + 0.1
     mi = build.mi
     texture = {
@@ -54,7 +54,7 @@ def test_textures_and_shadows_stay_sharp(build, camera):
         lamp={"type": "point", "position": [-0.2, 0.1, -0.6], "intensity": build.grey(0.4)},
     )
     errors, brightness, _ = fields(scene, camera, 96, 16, 512)
-    assert errors[1] < errors[0]
+    assert errors[1] < 1.01 * errors[0]
     assert brightness[1] == pytest.approx(1, abs=0.01)
 
 
