@@ -32,6 +32,11 @@ def main():
 
         print(planning.run(*sys.argv[2:]))
         return
+    if sys.argv[1:2] == ["foretold"]:
+        from . import foretold
+
+        print(foretold.run(*sys.argv[2:]))
+        return
     if sys.argv[1:2] == ["slm"]:
         from . import slm
 

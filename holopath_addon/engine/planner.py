@@ -413,7 +413,7 @@ def plan(
         texel_noise=texel_noise(settings),
         texel_samples=PASSES[settings.quality][1],
         max_depth=max_depth,
-        radiance_limit=FIREFLY * light.bright * (passes or PASSES[settings.quality][1]),
+        radiance_limit=FIREFLY * light.bright * (passes or PASSES[settings.quality][1]) * sharing(settings),
         chain=chain,
         splits=splits,
         virtual_image=image,
@@ -614,9 +614,13 @@ def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> i
 
 def noise_left(settings: Settings, light: Light) -> float:
     """Relative variance of a grain's mean, times its paths: grains share their light, but not their textures."""
-    if not settings.fixed.get("filter", 1):
-        return light.noise
-    return light.texture + max(light.noise - light.texture, 0) / FILTERED
+    texture = min(light.texture, light.noise)
+    return texture + (light.noise - texture) / sharing(settings)
+
+
+def sharing(settings: Settings) -> float:
+    """Times as many paths as its own that a grain's mean is of, roughly."""
+    return FILTERED if settings.fixed.get("filter", 1) else 1.0
 
 
 def _likely_passes(settings, noise):

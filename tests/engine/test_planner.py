@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine import machine, planner
+from holopath_addon.engine import machine, planner, probing
 from holopath_addon.engine.phase_fields import speckle_contrast
 from holopath_addon.engine.planner import captured_share
 
@@ -326,6 +326,20 @@ def test_what_the_plan_says(build, camera):
         "error about" in d.why for d in plan.decisions
     )
     assert "error of the field" in str(plan)
+
+
+def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monkeypatch):
+    """A first render's programs are the pilot's and some more."""
+    timed, radiance = probing._timed, []
+    for extra in (0.0, 10.0):
+
+        def slower(work, extra=extra):
+            seconds, _, result = timed(work)
+            return seconds, extra, result
+
+        monkeypatch.setattr(probing, "_timed", slower)
+        radiance.append(engine.plan(build.two_planes(build.diffuse), camera, small).stages["radiance"])
+    assert radiance[0] + 10 < radiance[1] < radiance[0] + 20
 
 
 def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
