@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 CELL_BYTES = (
-    416  # of an occupied cell: sixteen sums of 8 bytes, tables of its filter, and the means made of them
+    416  # of an occupied cell: eighteen sums of 8 bytes, tables of its filter, and the means made of them
 )
 SURFACES = 2  # occupied slabs of a pixel column, roughly
 ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
