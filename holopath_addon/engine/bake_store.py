@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 from contextlib import suppress
@@ -15,11 +16,22 @@ from .errors import InvalidInput
 
 if TYPE_CHECKING:
     from .atlas import Layout, Triangles
+    from .baking import Found
     from .radiance_cache import RadianceCache
 
 VERSION = 4  # of the format, and of the light: another one is baked again
 SUFFIX = ".holobake.npz"
 MOST_BYTES = 2 << 30  # of all files; the oldest go first
+
+
+@dataclass(frozen=True)
+class Head:
+    """What is quickly read of a `Stored`: three of its attributes, and the texels of its texture."""
+
+    digest: str
+    noise: float
+    most: int
+    texels: int
 
 
 @dataclass(frozen=True)
@@ -150,6 +162,7 @@ class BakeStore:
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
+        self._kept = None
 
     @classmethod
     def default(cls) -> BakeStore:
@@ -222,6 +235,25 @@ class BakeStore:
         with suppress(OSError):
             os.utime(file)  # the oldest files are the first to go
         return stored, ""
+
+    def head(self, triangles: Triangles) -> Head | None:
+        """The `Head` of what is stored for these triangles, None where nothing can be read."""
+        with suppress(Exception), np.load(self._file(triangles), allow_pickle=False) as arrays:
+            if int(arrays["version"]) == VERSION:
+                texels = math.prod(int(n) for n in arrays["size"])
+                return Head(str(arrays["digest"]), float(arrays["noise"]), int(arrays["most"]), texels)
+        return None
+
+    def keep(self, key: tuple, found: Found) -> None:
+        """Hold on to what planning found, for the baking that follows; until then, or until other light is found."""
+        self._kept = key, found
+
+    def take(self, key: tuple) -> Found | None:
+        """What was kept for the very same scene, camera and numbers; only once."""
+        kept, self._kept = self._kept, None
+        if kept is None or not all(a is b or a == b for a, b in zip(key[3:], kept[0][3:], strict=True)):
+            return None
+        return kept[1] if all(a is b for a, b in zip(key[:3], kept[0][:3], strict=True)) else None
 
     def save(self, triangles: Triangles, stored: Stored) -> None:
         """Keep baked light, whole or not at all; what was stored for the same triangles goes.

@@ -16,6 +16,8 @@ from .lobes import DIFFUSE, TRANSLUCENT, surfaces_of
 from .radiance_cache import Groups, RadianceCache, View, inseparable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import mitsuba as mi
 
     from .bake_store import BakeStore
@@ -73,12 +75,136 @@ class Bake:
     note: str
 
 
-def is_baked(scene: mi.Scene, settings: Settings, noise: float, most: int, store: BakeStore) -> bool:
-    """Whether a store has the light of a scene, as good as asked for and for some view."""
+@dataclass(frozen=True)
+class Found:
+    """What a store has of the light that a camera sees.
+
+    Attributes
+    ----------
+    triangles : Triangles
+        Those whose light is cached.
+    view, seen : View
+        What is baked, a little beyond what is seen, and what is seen.
+    translucent : bool
+        As of `RadianceCache`.
+    stored : Stored or None
+        What there is of these triangles.
+    cache : RadianceCache or None
+        With the stored light; None where it does not serve.
+    missing : float
+        Share of the view that has to be baked.
+    digest, noise, most : str, float, int
+        Of the scene, and the noise and samples that are asked for or that the stored light has.
+    note : str
+        What was wrong with what is stored, if something was.
+    """
+
+    triangles: Triangles
+    view: View
+    seen: View
+    translucent: bool
+    stored: Stored | None
+    cache: RadianceCache | None
+    missing: float
+    digest: str
+    noise: float
+    most: int
+    note: str
+
+
+def find(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    near: float,
+    optics: FirstHits | SpecularChains,
+    settings: Settings,
+    noise: float,
+    most: int,
+    store: BakeStore | None,
+    triangles: Triangles | None = None,
+) -> Found:
+    """Look for light in a store, as good as asked for.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    near : float
+        World depth of the volume's near end, metres.
+    optics : FirstHits or SpecularChains
+    settings : Settings
+    noise, most : float, int
+        Relative standard error of texels that is wanted, and most samples of one.
+    store : BakeStore or None
+    triangles : Triangles, optional
+        Of the scene.
+
+    Returns
+    -------
+    Found
+    """
+    triangles, digest = triangles or _triangles(scene), _digest(scene, settings)
+    triangles.leave_out(inseparable(triangles))
+    view = View(scene, camera, hologram, near, optics, settings.seed)
+    seen = View(scene, camera, hologram, near, optics, settings.seed, margin=1.0)
+    surfaces = surfaces_of(scene)
+    translucent = any(surface.bsdf().flags() & TRANSLUCENT for surface in surfaces)
+    cache, missing = None, 1.0
+    stored, note = store.load(triangles) if store else (None, "")
+    if stored is not None and _serves(stored, digest, noise, most):
+        noise, most = min(noise, stored.noise), max(most, stored.most)
+        triangles.leave_out({mesh.shape for mesh in triangles.meshes if mesh.first not in stored.laid})
+        cache = stored.cache(triangles, len(triangles.meshes) == len(surfaces), translucent)
+        if cache is not None:
+            missing, lacking = _coverage(seen, cache)
+            if lacking > COARSE:
+                cache, missing = None, 1.0
+    return Found(triangles, view, seen, translucent, stored, cache, missing, digest, noise, most, note)
+
+
+def found_in(
+    store: BakeStore,
+    worth: Callable[[int], bool],
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    near: float,
+    optics: FirstHits | SpecularChains,
+    settings: Settings,
+    noise: float,
+    most: int,
+) -> float | None:
+    """Share of a view whose light a store has, as good as asked for, None where it has none of the scene.
+
+    What was found is kept for the baking that may follow. Arguments are those of `find`, and:
+
+    Parameters
+    ----------
+    worth : callable
+        ``worth(texels)``: whether to load so many, which may take a second or two. Else the share is taken for 1.
+    """
     if not store.files():  # to sort a million triangles takes a second
-        return False
-    stored, _ = store.load(_triangles(scene))
-    return stored is not None and _serves(stored, _digest(scene, settings), noise, most)
+        return None
+    triangles = _triangles(scene)
+    head = store.head(triangles)
+    if head is None or not _serves(head, _digest(scene, settings), noise, most):
+        return None
+    if not worth(head.texels):
+        return 1.0
+    found = find(scene, camera, hologram, near, optics, settings, noise, most, store, triangles)
+    store.keep((scene, camera, hologram, near, noise, most), found)
+    if found.cache is None:
+        return None
+    return 1.0 if found.missing <= MISSING else 1 - found.missing
+
+
+def _coverage(seen, cache):
+    """Shares of the view that a cache lacks, and that it has no fine texels for."""
+    missing, lost, coarse = seen.coverage(cache)
+    cache.complete &= lost == 0  # sides that no probe met when the texture was laid out
+    return missing, lost + coarse
 
 
 def _serves(stored, digest, noise, most):
@@ -125,34 +251,17 @@ def bake(
     RadianceCache, Bake
     """
     progress = progress or (lambda done, message: None)
-    clock, noise, most = _Clock(), plan.texel_noise, plan.texel_samples
+    clock = _Clock()
     progress(0.0, "Looking for baked light")
-    triangles, digest = _triangles(scene), _digest(scene, settings)
-    triangles.leave_out(inseparable(triangles))
-    view = View(scene, camera, hologram, plan.near, optics, settings.seed)
-    seen = View(scene, camera, hologram, plan.near, optics, settings.seed, margin=1.0)
+    wanted = plan.texel_noise, plan.texel_samples
+    found = store.take((scene, camera, hologram, plan.near, *wanted)) if store and not anew else None
+    if found is None:
+        used = None if anew else store
+        found = find(scene, camera, hologram, plan.near, optics, settings, *wanted, used)
+    triangles, view, cache, missing = found.triangles, found.view, found.cache, found.missing
+    noise, most, stored, note, charted = found.noise, found.most, found.stored, found.note, False
+    fresh, surfaces = cache is None, surfaces_of(scene)
     clock("look")
-    surfaces = surfaces_of(scene)
-    translucent = any(surface.bsdf().flags() & TRANSLUCENT for surface in surfaces)
-    cache, missing, charted, stored, note = None, 1.0, False, None, ""
-
-    def looked_at(cache):
-        missing, lost, coarse = seen.coverage(cache)
-        cache.complete &= lost == 0  # sides that no probe met when the texture was laid out
-        return missing, lost + coarse
-
-    if store and not anew:
-        stored, note = store.load(triangles)
-    if stored is not None and _serves(stored, digest, noise, most):
-        noise, most = min(noise, stored.noise), max(most, stored.most)
-        triangles.leave_out({mesh.shape for mesh in triangles.meshes if mesh.first not in stored.laid})
-        cache = stored.cache(triangles, len(triangles.meshes) == len(surfaces), translucent)
-        if cache is not None:
-            missing, lacking = looked_at(cache)
-            if lacking > COARSE:
-                cache = None
-    clock("load")
-    fresh = cache is None
     if cache is None:
         texel, sides = view.reach(triangles)
         triangles.leave_out(unfit(triangles, texel, sides))
@@ -161,8 +270,9 @@ def bake(
             layout = stored.layout
         else:
             layout = lay_out(triangles, texel, sides, lambda done: progress(0.1 * done, "Unwrapping"))
-        cache = RadianceCache(Atlas(triangles, layout), len(triangles.meshes) == len(surfaces), translucent)
-        missing, _ = looked_at(cache)
+        complete = len(triangles.meshes) == len(surfaces)
+        cache = RadianceCache(Atlas(triangles, layout), complete, found.translucent)
+        missing, _ = _coverage(found.seen, cache)
         clock("unwrap")
         solve(
             scene,
@@ -193,7 +303,7 @@ def bake(
     if store:
         if fresh or samples:
             try:
-                store.save(triangles, Stored.of(cache, digest, noise, most))
+                store.save(triangles, Stored.of(cache, found.digest, noise, most))
             except InvalidInput as fault:  # the light is good all the same
                 note = str(fault)
         size = store.size(triangles)

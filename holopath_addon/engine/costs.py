@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from . import despeckle
 from .kernel_table import LEVELS
 from .phase_fields import SETS
+from .probing import LEAST_SHARE
 
 if TYPE_CHECKING:
     from .hologram import Hologram, Settings
@@ -28,22 +29,27 @@ RAY, CHAIN, PATH = 0.6, 0.85, 0.85
 # Seconds on the machine that `machine.slowness` compares with.
 SUM = 2.0e-9, 0.3e-9  # of a ray, and of each of its frames and wavelengths
 TRACING, PATHS = 0.05, 0.08  # to begin with rays, and with paths
-TABLES = 0.02, 0.04  # of kernel tables and regions, and of each plane's
+TABLES = 0.01, 0.025  # of kernel tables and regions, and of each plane's
+TEXTURE = 0.2  # of a path's time that a ray takes to see a texture alone
 SHARE = 1.2e-6  # of a column of the radiance map, whose grains look at their neighbors
 COMPILED = 0.05  # that the pilot's programs took to compile at least, where those of the rendering do, too
-COMPILING = (
-    (0.1, 1.5),
-    (0.6, 1.6),
-)  # of rays and of paths: all that is alike in all scenes, and times the pilot's
+# of rays, and times the pilot's; of what grains share, and times the pilot's of paths
+COMPILING = 0.1, 1.5, 0.6, 1.6
 MOVE = 0.024e-6  # of a pixel's way to another plane, of each frame and wavelength
-LOOK, CHARTS, ROW = 0.5, 1.0, 1.1e-6  # of baking: to begin, of meshes with charts, and of each triangle
-LOAD, LOAD_ROWS, LOAD_ROW = 0.1, 0.3, 0.7e-6  # the same of what was baked before
+LOOK, CHARTS, ROW = 0.3, 1.6, 1.1e-6  # of baking: to begin, of meshes with charts, and of each triangle
+LOAD, LOAD_ROW, LOAD_TEXEL = (
+    0.1,
+    0.7e-6,
+    0.04e-6,
+)  # the same of what was baked before, and of each texel of all
+FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
-SAMPLE = 0.15e-6  # of a sample of a texel, besides its ray's
 
-# Samples of baked light: of each pixel of the view, of each triangle (of dense meshes), and for the light between
-# surfaces; and what one takes of a path, which has every bounce.
-BAKED_PIXEL, BAKED_TRIANGLE, BETWEEN, BOUNCE = 64, 30, 12e6, 0.25
+# Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
+# mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
+# first surface that lamps light; and such paths that tell how much is left to trace.
+GROUPS_PIXEL, GROUPS_TRIANGLE, GROUPS_SEEN = 1.4, 1.5, 400e3
+GROUP, BETWEEN, SAMPLE, PILOT = 22, 5.5e6, 1.1, 1e6
 
 
 @dataclass(frozen=True)
@@ -56,8 +62,8 @@ class Work:
         Pixels of the radiance map.
     plain, chained : float
         Rays a pixel of the hologram, and those that mirrors or clear surfaces are in view of, branches included.
-    passes : int
-        Radiance paths of a column that will be taken, roughly.
+    passes, textures : int
+        Radiance paths of a column that will be taken, roughly, and rays that see its texture alone.
     texture : dict or None
         Seconds of the stages of the radiance cache, where there is one.
     traversals : int
@@ -72,6 +78,7 @@ class Work:
     plain: float
     chained: float
     passes: int
+    textures: int
     texture: dict[str, float] | None
     traversals: int
     planes: int
@@ -79,22 +86,47 @@ class Work:
 
 
 def baking(
-    hologram: Hologram, light: Light, columns: int, passes: int, baked: bool, triangles: int, slowness: float
+    hologram: Hologram,
+    seen: Probe,
+    light: Light,
+    columns: int,
+    few: tuple[int, int],
+    baked: float | None,
+    triangles: int,
+    slowness: float,
 ) -> dict[str, float]:
-    """Seconds of the radiance cache and of the few paths that are left with it, by stage."""
+    """Seconds of the radiance cache and of the few paths that are left with it, by stage.
+
+    `baked` is the share of the view whose light was baked before and is loaded, None where none of the scene was.
+    """
     charted = min(1.0, triangles / CHARTED)
-    if baked:
-        bake = slowness * (LOAD + LOAD_ROWS * charted + LOAD_ROW * triangles)
+    groups = hologram.width * hologram.height * seen.diffuse * GROUPS_PIXEL + triangles * GROUPS_TRIANGLE
+    samples = (1 - (baked or 0)) * GROUP * (groups + (GROUPS_SEEN if seen.specular > LEAST_SHARE else 0))
+    if baked is None:
+        bake, samples = LOOK + CHARTS * charted + ROW * triangles, samples + BETWEEN
     else:
-        samples = hologram.width * hologram.height * BAKED_PIXEL + triangles * BAKED_TRIANGLE
-        bake = slowness * (LOOK + CHARTS * charted + ROW * triangles + SAMPLE * samples)
-        bake += BOUNCE * (samples + BETWEEN) / light.paths_per_second
-    return {"bake": bake, "radiance": map_seconds(light, columns, passes, slowness)}
+        bake = FOUND
+    looks = replace(light, paths_per_second=light.short_per_second)
+    return {
+        "bake": slowness * bake + SAMPLE * samples / light.short_per_second,
+        "radiance": map_seconds(looks, columns, *few, slowness) + PILOT / light.short_per_second,
+    }
 
 
-def map_seconds(light: Light, columns: int, passes: int, slowness: float) -> float:
-    """Seconds of the radiance map: of its paths, and of what grains share."""
-    return path_seconds(light, columns * passes, slowness) + slowness * SHARE * columns
+def loading(texels: int, triangles: int, slowness: float) -> float:
+    """Seconds to load what was baked before: a texture of so many texels."""
+    return slowness * (LOAD + LOAD_ROW * triangles + LOAD_TEXEL * texels)
+
+
+def map_seconds(light: Light, columns: int, passes: int, textures: int, slowness: float) -> float:
+    """Seconds of the radiance map: of its paths, of rays that see textures alone, and of what grains share."""
+    share = slowness * SHARE * columns * _shares(light)
+    return path_seconds(light, columns * (passes + TEXTURE * textures), slowness) + share
+
+
+def _shares(light):
+    """Whether anything is in view that shares light, which what shines itself does not."""
+    return light.shining < 1 - LEAST_SHARE
 
 
 def path_seconds(light: Light, paths: float, slowness: float) -> float:
@@ -119,13 +151,18 @@ def stages(
         paths = pixels * (work.plain + work.chained) * settings.paths
         out["wave tracing"] += work.traversals * path_seconds(light, paths, slowness)
     elif work.texture is None:
-        out["radiance"] = work.traversals * map_seconds(light, work.columns, work.passes, slowness)
+        out["radiance"] = work.traversals * map_seconds(
+            light, work.columns, work.passes, work.textures, slowness
+        )
     else:
         out |= work.texture
     if light.compiling > slowness * COMPILED:
-        pilots = ("wave tracing", seen.compiling, COMPILING[0]), ("radiance", light.compiling, COMPILING[1])
-        for stage, seconds, (same, times) in pilots:
-            out[stage] = out.get(stage, 0.0) + slowness * same + times * seconds
+        out["wave tracing"] += slowness * COMPILING[0] + COMPILING[1] * seen.compiling
+        out["radiance"] = (
+            out.get("radiance", 0.0)
+            + slowness * COMPILING[2] * _shares(light)
+            + COMPILING[3] * light.compiling
+        )
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
         out["despeckle"] = (

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from .grains import GrainGrid
 
 WIDTH, REACH = 2.0, 4  # columns: standard deviation of the Gaussian, and where it ends
-STRICT = 0.7  # standard deviations that two grains may differ by beyond what noise makes them
+# Standard deviations that two grains may differ by beyond what noise makes them: with those around them, and alone,
+# for lines of a column's width
+STRICT, ALONE = 0.7, 1.5
 LEAST = 1e-30
 
 
@@ -132,7 +134,8 @@ def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGr
     around = [Half.of(values) for values in sums]
     guide, noise = [half.over for half in around], [half.variance for half in around]
     told = (around[0].count > 1) & (around[1].count > 1)
-    guides = _table([*guide[0], noise[0], *guide[1], noise[1]])
+    of_path = [half.variance * half.count for half in around]
+    guides = _table([*guide[0], noise[0], of_path[0], *guide[1], noise[1], of_path[1]])
     side = 2 * REACH + 1
     middle = REACH + side * (REACH + side)
 
@@ -140,15 +143,25 @@ def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGr
         over, up, slab = step % side - REACH, step // side % side - REACH, step // side**2 - 1
         row, there = rows.beside(over, up, slab)
         there &= told | (step == middle)
-        values = gather_row(guides, row, 8)
+        values, its = gather_row(guides, row, 10), at(row, there)
         near = dr.exp(mi.Float(over * over + up * up) * (-0.5 / WIDTH**2))
-        weights = (
-            near * _alike(guide[1], noise[1], mi.Color3f(*values[4:7]), values[7]),
-            near * _alike(guide[0], noise[0], mi.Color3f(*values[:3]), values[3]),
-        )
+
+        def weight(k):
+            """By what half number k says."""
+            mine, other = halves[k], its[k]
+            color, variance, each = (
+                mi.Color3f(*values[5 * k : 5 * k + 3]),
+                values[5 * k + 3],
+                values[5 * k + 4],
+            )
+            alike = _alike(guide[k], noise[k], color, variance, STRICT)
+            variances = of_path[k] / mine.count, each / other.count
+            alone = _alike(mine.over, variances[0], other.over, variances[1], ALONE)
+            return near * dr.select((mine.count > 0) & (other.count > 0), alike * alone, alike)
+
         sums = (
             tuple(total + weight * value for total, value in zip(totals, half.numbers, strict=True))
-            for totals, weight, half in zip((first, second), weights, at(row, there), strict=True)
+            for totals, weight, half in zip((first, second), (weight(1), weight(0)), its, strict=True)
         )
         return step + 1, *sums
 
@@ -177,10 +190,10 @@ def squared_error(halves: Halves, kept: Halves) -> mi.Float:
     return dr.select(both, apart - 0.25 * dr.squared_norm(f_a - f_b), 0)
 
 
-def _alike(mine, noise, other, its_noise):
-    """Weight of a grain whose guide is another, from 0 to 1."""
+def _alike(mine, noise, other, its_noise, strict):
+    """Weight of a grain that another was found for, from 0 to 1."""
     beyond = dr.squared_norm(mine - other) - (noise + dr.minimum(noise, its_noise))
-    scale = STRICT**2 * (noise + its_noise) + LEAST
+    scale = strict**2 * (noise + its_noise) + LEAST
     return dr.exp(-dr.maximum(beyond, 0) / scale)
 
 

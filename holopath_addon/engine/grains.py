@@ -36,9 +36,13 @@ RADIANCE_LIMIT = 2.0**30
 ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of the sums part of the program
 HALF = 8  # numbers of a `Half`
 SUMS = 2 * HALF + 2  # of a row: those of both halves, and slopes along x and y
+LOOKED = 4  # numbers of a row that rays for textures add: reflectances, and how many they were
+OTHERS = 1 << 13  # number of the first of these rays, which no path has
 TILT = 2  # slopes before the radiances in a row of means
 # added to reflectances: of black surfaces, and for light that no diffuse lobe scatters
 BLACK, SPECULAR = 1e-3, 0.04
+TEXTURES = 0.35  # of the wanted error: what textures may have of it
+MOST_LOOKS = 256  # rays of a pixel that see textures alone
 NOISIER = 1.1  # than wished is good enough
 ROUNDS = 3  # of paths at most
 
@@ -107,9 +111,9 @@ class RadianceMap:
 
     Only cells that hold a surface have values. `numbers` gives each cell of the grid twice its first row, 0 for
     none, and 1 more where it has all pupil bins. A row of `radiances` holds the surface's mean `Rays.tilt`, and the
-    radiance of each wavelength; `colours` is 1 where all share one. `passes` paths a pixel left the relative standard
-    error `error` of the wave field, see `_field_error`; `looks` is what their rays saw from the tiles of each
-    recording plane.
+    radiance of each wavelength; `colours` is 1 where all share one. `passes` paths a pixel, and `textures` rays
+    that see textures alone, left the relative standard error `error` of the wave field, see `_field_error`; `looks` is
+    what their rays saw from the tiles of each recording plane.
     """
 
     grid: GrainGrid
@@ -117,6 +121,7 @@ class RadianceMap:
     radiances: mi.Float
     colours: int
     passes: int
+    textures: int
     error: float
     looks: tuple[Look, ...]
 
@@ -181,6 +186,7 @@ def measure_grains(
     white: float = math.inf,
     planes: Sequence[RecordingPlane] = (),
     filter_: bool = True,
+    textures: int | None = None,
 ) -> RadianceMap:
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
@@ -210,6 +216,9 @@ def measure_grains(
         Whose tiles are looked at.
     filter_ : bool
         Whether grains of one surface share their light, see `filtering`.
+    textures : int, optional
+        Rays through each pixel that see what surfaces reflect and follow no light, where grains share theirs; by
+        default as many as the first paths tell that textures need.
 
     Returns
     -------
@@ -235,32 +244,28 @@ def measure_grains(
     # of the radiances that are added up, for their squares to be whole numbers of steps
     unit = white if 0 < white < math.inf else 1.0
     scale = dr.opaque(mi.Float, 1 / unit)
-    taken, error, done = 0, math.inf, 0.1
+    taken, error, done, looks = 0, math.inf, 0.1, 0
+    looked = Half.of([mi.Float(0)] * HALF)
     for number in range(ROUNDS):
         # half of what is left, where another round may follow
         share = (1 - done) * (0.5 if number < ROUNDS - 1 and taken + passes < most else 1)
         for grains, part in _chunks(scene, rays, optics, grid, passes, seed, taken):
-            seen, inside, slope = grains.seen, grains.inside, grains.slope
+            seen = grains.seen
             light = tracer.radiance(
                 scene, grains.sampler, seen.ray, seen.surface, seen.whole, parts=seen.parts
             )
             light *= scale / seen.colour
-            # cells that the first round did not meet may have borrowed a neighbour's row
-            inside &= dr.all(dr.isfinite(light)) & (dr.gather(mi.UInt32, occupied, grains.cell, inside) != 0)
-            number = dr.gather(mi.UInt32, numbers, grains.cell, inside)
-            over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (slope.x, slope.y))
-            at = SUMS * ((number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0))
+            row, inside = _row(grains, grid, numbers, occupied)
+            inside &= dr.all(dr.isfinite(light))
             reflectance, shines = shown(scene, seen, inside)
-            dr.scatter_reduce(
-                dr.ReduceOp.Max, shining, mi.UInt32(1), number >> 1, inside & shines, mode=ATOMIC
-            )
-            half = at + HALF * (grains.number & 1)
+            first = dr.gather(mi.UInt32, numbers, grains.cell, inside) >> 1
+            dr.scatter_reduce(dr.ReduceOp.Max, shining, mi.UInt32(1), first, inside & shines, mode=ATOMIC)
+            half = SUMS * row + HALF * (grains.number & 1)
             for k, value in enumerate(Half.path(light, reflectance).numbers):
-                steps = mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
-                dr.scatter_add(sums, steps, half + k, inside, mode=ATOMIC)
+                dr.scatter_add(sums, _steps(value), half + k, inside, mode=ATOMIC)
             for k, slope in enumerate(rays.tilt(seen)):  # of either sign: the sums wrap round
                 steps = mi.UInt64(mi.Int64(slope * RADIANCE_STEPS))
-                dr.scatter_add(sums, steps, at + SUMS - TILT + k, inside, mode=ATOMIC)
+                dr.scatter_add(sums, steps, SUMS * (row + 1) - TILT + k, inside, mode=ATOMIC)
             tiles.add(grains, inside & dr.any(light > 0))
             dr.eval(sums, shining)
             dr.sync_thread()
@@ -271,15 +276,21 @@ def measure_grains(
         kept, cells = halves, dr.compress((occupied > 0) & (dr.gather(mi.UInt32, shining, numbers >> 1) == 0))
         if filter_ and taken > 1 and dr.width(cells):
             kept, shared = filtered(halves, cells, numbers, grid)
-        error = _field_error(halves, kept, shared, white / unit)
+        error, of_textures = _field_error(halves, kept, shared, looked.count, white / unit)
+        if number == 0 and of_textures > 0:
+            looks = rays_for_textures(of_textures, wanted, taken) if textures is None else textures
+            if looks:
+                chunks = _chunks(scene, rays, optics, grid, looks, seed, OTHERS)
+                looked = _reflectances(scene, chunks, grid, numbers, occupied, rows)
+                error, _ = _field_error(halves, kept, shared, looked.count, white / unit)
         if error <= NOISIER * wanted or taken >= most:
             break
         passes = min(most - taken, math.ceil(taken * ((error / wanted) ** 2 - 1)))
     own = halves[0] + halves[1]
-    light = unit * dr.select(shared, (kept[0] + kept[1]).over * own.reflectance, own.radiance)
+    light = unit * dr.select(shared, (kept[0] + kept[1]).over * (own + looked).reflectance, own.radiance)
     dr.eval(light, own.count)
     means = _means(sums, light, own.count, numbers, grid, wavelengths)
-    return RadianceMap(grid, numbers, means, len(wavelengths), taken, error, tiles.looks())
+    return RadianceMap(grid, numbers, means, len(wavelengths), taken, looks, error, tiles.looks())
 
 
 def shown(scene: mi.Scene, seen: View, active: mi.Bool) -> tuple[mi.Color3f, mi.Bool]:
@@ -296,6 +307,41 @@ def shown(scene: mi.Scene, seen: View, active: mi.Bool) -> tuple[mi.Color3f, mi.
     return dr.select(active & dr.all(dr.isfinite(value)), dr.clip(value, 0, 1) + other, 1), shines
 
 
+def _row(grains, grid, numbers, occupied):
+    """Row of each grain of the radiance map, and whether it has one."""
+    # cells that the first round did not meet may have borrowed a neighbour's row
+    inside = grains.inside & (dr.gather(mi.UInt32, occupied, grains.cell, grains.inside) != 0)
+    number = dr.gather(mi.UInt32, numbers, grains.cell, inside)
+    over, up = (mi.UInt32(dr.round(grid.bin_place(s))) for s in (grains.slope.x, grains.slope.y))
+    return (number >> 1) + dr.select((number & 1) == 1, up * grid.bins + over, 0), inside
+
+
+def _steps(value):
+    """As whole numbers, to be added up."""
+    return mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
+
+
+def rays_for_textures(error, wanted, passes):
+    """Rays through each pixel that, with so many paths, leave little of the error that textures make."""
+    return min(MOST_LOOKS, max(0, math.ceil(passes * (error / (TEXTURES * wanted)) ** 2) - passes))
+
+
+def _reflectances(scene, chunks, grid, numbers, occupied, rows):
+    """Reflectances that rays see in each row, as a `Half` without light."""
+    sums = dr.zeros(mi.UInt64, LOOKED * rows)
+    for grains, _ in chunks:
+        row, inside = _row(grains, grid, numbers, occupied)
+        reflectance, _ = shown(scene, grains.seen, inside)
+        for k, value in enumerate((*reflectance, mi.Float(1))):
+            dr.scatter_add(sums, _steps(value), LOOKED * row + k, inside, mode=ATOMIC)
+        dr.eval(sums)
+        dr.sync_thread()
+    row = dr.arange(mi.UInt32, rows)
+    columns = [mi.Float(dr.gather(mi.UInt64, sums, LOOKED * row + k)) / RADIANCE_STEPS for k in range(LOOKED)]
+    dr.eval(columns)
+    return Half(mi.Color3f(0), mi.Color3f(*columns[:3]), columns[3], mi.Float(0))
+
+
 def _halves(sums):
     """The `Half`s of all rows."""
     row = dr.arange(mi.UInt32, dr.width(sums) // SUMS)
@@ -310,8 +356,8 @@ def _sum_of(sums, row, column):
     return mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + column))
 
 
-def _field_error(halves, kept, shared, white):
-    """Relative error of the field that is left of the radiances' noise.
+def _field_error(halves, kept, shared, looks, white):
+    """Relative error of the field that is left of the radiances' noise, and what textures have of it.
 
     An amplitude sqrt(L) errs by dL / (2 sqrt(L)), so the field by sqrt(sum L (dL / L)^2 / 4 / sum L), where the
     factors L count at most as `white`: lamps in view must not hide the rest. dL is half the difference of the means of
@@ -333,10 +379,11 @@ def _field_error(halves, kept, shared, white):
     over = dr.mean(light.over)
     least = part(shared, apart(*(half.over for half in kept)), over)
     wrong += max(least, part(shared, squared_error(halves, kept), over))
-    # textures and edges, of which a few paths show a part
-    wrong += part(shared, apart(*(half.reflectance for half in halves)), dr.mean(own.reflectance))
+    # textures and edges, of which a few paths show a part, and the rays that look at them a larger one
+    seen = own.count / dr.maximum(own.count + looks, 1)
+    texture = part(shared, seen * apart(*(half.reflectance for half in halves)), dr.mean(own.reflectance))
     whole = 12 * float(dr.sum(weight)[0])
-    return math.sqrt(wrong / whole) if whole > 0 else 0.0
+    return tuple(math.sqrt(squared / whole) if whole > 0 else 0.0 for squared in (wrong + texture, texture))
 
 
 def _ends(slab):

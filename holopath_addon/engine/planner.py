@@ -67,12 +67,12 @@ MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
 IMAGE_LIMITS = (-1.5, 1.5)  # of the near end's vergence: images beyond, as of caustics, are put there
 MAP_BYTES = 1 << 30  # largest index of the radiance map, and its largest pupil bins
 CACHED_PASSES = 4  # fewest where light is looked up
-LIKELY_CACHED = 10  # that are taken then, roughly
+LIKELY_CACHED = 6  # that are taken then, roughly
 EVENLY = 0.45  # noise of a texel's samples over that of as many paths at random
 SMOOTHED = 600  # groups of texels over which light from other surfaces is averaged, roughly
 FILTERED = 16.0  # times less variance, textures apart, where grains share their light; halves tell where it is not so
-UNTOLD = 1.2  # times the variance that the pilot finds, over ten scenes
-CLEARLY = 0.8  # times as long as paths of this view: estimates are rough
+UNTOLD = 1.2, 2.0  # times the variances that the pilot finds, of light and of textures, over ten scenes
+CLEARLY = 0.8  # times as long as paths of this view has to be what is baked: estimates are rough
 CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
 LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
 GREY = 0.01  # of the radiance: channels that differ less are one
@@ -86,6 +86,7 @@ FIXABLE = {
     "passes": (1, 1 << 16, "radiance paths a pixel, without a look at their noise"),
     "slabs": (1, MOST_SLABS, "depth slabs of the radiance map"),
     "bins": (1, GLOSSY_BINS[1], "pupil bins along each axis of the radiance map"),
+    "textures": (0, 1 << 16, "rays a pixel that see textures alone"),
     "filter": (0, 1, "whether grains of one surface share their light"),
     "grey": (0, 1, "whether all wavelengths share one radiance"),
     "dispersion": (0, 1, "whether each wavelength has rays of its own where glass disperses"),
@@ -346,7 +347,8 @@ def plan(
     margin = math.ceil(reach / hologram.pitch) + 3
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
     slow = slowness(store and store.folder)
-    texture = _texture(scene, hologram, settings, seen, light, columns, store, slow, decisions)
+    view = near, optics
+    texture = _texture(scene, camera, hologram, settings, view, seen, light, columns, store, slow, decisions)
     max_depth = _bounces(settings, light, most_depth, texture, decisions)
     passes, slabs, bins, error = _radiance(
         hologram, settings, seen, light, columns, z_high - z_low, texture, splits, decisions
@@ -386,8 +388,9 @@ def plan(
         )
     plain, chained = scenery.mean_rays(planes, "plain"), scenery.mean_rays(planes, "chained")
     images = any(plane.sees == "images" for plane in planes)
-    likely = _likely_passes(settings, noise_left(settings, light))
-    work = costs.Work(columns, plain, chained, likely, texture, traversals, len(planes), images)
+    work = costs.Work(
+        columns, plain, chained, *_likely(settings, light), texture, traversals, len(planes), images
+    )
     stages = costs.stages(hologram, settings, seen, light, work, slow)
     memory = costs.memory(hologram, settings, work, margin, slabs, bins, _binned(seen), splits)
     size, farthest = (hologram.height, hologram.width), max(abs(z_low), abs(z_high))
@@ -613,9 +616,9 @@ def passes_for(settings: Settings, noise: float, fewest: int | None = None) -> i
 
 
 def noise_left(settings: Settings, light: Light) -> float:
-    """Relative variance of a grain's mean, times its paths: grains share their light, but not their textures."""
-    texture = min(light.texture, light.noise)
-    return texture + (light.noise - texture) / sharing(settings)
+    """Relative variance of a grain's mean, times its paths, textures apart where grains share their light."""
+    shared = sharing(settings)
+    return light.noise if shared == 1 else max(light.noise - light.texture, 0) / shared
 
 
 def sharing(settings: Settings) -> float:
@@ -623,31 +626,67 @@ def sharing(settings: Settings) -> float:
     return FILTERED if settings.fixed.get("filter", 1) else 1.0
 
 
-def _likely_passes(settings, noise):
-    """Radiance paths a pixel that will be taken, roughly: halves differ by more than the pilot's few paths tell."""
-    return passes_for(settings, UNTOLD * noise)
+def _likely(settings, light):
+    """Radiance paths a pixel that will be taken, and rays that see its texture alone, roughly: halves differ by more
+    than the pilot's few paths tell.
+    """
+    passes = passes_for(settings, UNTOLD[0] * noise_left(settings, light))
+    return passes, _likely_textures(settings, light, passes)
 
 
-def _texture(scene, hologram, settings, seen, light, columns, store, slow, decisions):
+def _texture_left(settings, light, rays):
+    """Relative variance of a grain's mean by its texture, of which so many rays tell."""
+    return 0.0 if sharing(settings) == 1 else UNTOLD[1] * light.texture / rays
+
+
+def _likely_textures(settings, light, passes):
+    """Rays a pixel that see its texture alone, roughly."""
+    from .grains import rays_for_textures
+
+    if sharing(settings) == 1:
+        return 0
+    error = 0.5 * math.sqrt(_texture_left(settings, light, passes))
+    return settings.fixed.get("textures", rays_for_textures(error, 0.5 * wanted_noise(settings), passes))
+
+
+def _texture(scene, camera, hologram, settings, view, seen, light, columns, store, slow, decisions):
     """Seconds of the radiance cache by stage, None where it is not used."""
     if settings.method == "direct" or settings.max_depth < 2:
         return None
     if settings.method == "full":
         decisions.append(Decision("diffuse light", "paths of this view", "as asked"))
         return None
-    from .baking import is_baked
+    from .baking import found_in
     from .lobes import surfaces_of
 
-    paths = costs.map_seconds(light, columns, _likely_passes(settings, noise_left(settings, light)), slow)
+    paths = costs.map_seconds(light, columns, *_likely(settings, light), slow)
     if settings.radiance == "ray":
         paths = math.inf
-    most = PASSES[settings.quality][1]
-    baked = store is not None and is_baked(scene, settings, texel_noise(settings), most, store)
     triangles = sum(shape.primitive_count() for shape in surfaces_of(scene) if shape.is_mesh())
-    stages = costs.baking(hologram, light, columns, LIKELY_CACHED, baked, triangles, slow)
-    seconds = sum(stages.values())
+    few = LIKELY_CACHED, _likely_textures(settings, light, LIKELY_CACHED)
+    load = 0.0  # seconds that are not spent yet
+
+    def stages_with(baked):
+        return costs.baking(hologram, seen, light, columns, few, baked, triangles, slow)
+
+    def worth(texels):
+        nonlocal load
+        load = costs.loading(texels, triangles, slow)
+        if settings.method != "fast" and load + sum(stages_with(1.0).values()) > paths:
+            return False
+        load = 0.0
+        return True
+
+    baked = None
+    if store is not None:
+        wanted = settings, texel_noise(settings), PASSES[settings.quality][1]
+        baked = found_in(store, worth, scene, camera, hologram, *view, *wanted)
+    stages = stages_with(baked)
+    seconds = load + sum(stages.values())
     compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
-    compared = f"light baked before, {compared}" if baked else f"to be baked, {compared}"
+    before = "to be baked" if baked is None else "light baked before"
+    before += f" for {baked:.0%} of the view" if baked is not None and baked < 1 else ""
+    compared = f"{before}, {compared}"
     if settings.method == "fast":
         decisions.append(Decision("diffuse light", "radiance cache", f"as asked; {compared}"))
         return stages
@@ -657,7 +696,7 @@ def _texture(scene, hologram, settings, seen, light, columns, store, slow, decis
         )
         decisions.append(Decision("diffuse light", "paths of this view", reason))
         return None
-    better = seconds < CLEARLY * paths
+    better = seconds < (CLEARLY if baked is None else 1) * paths
     saving = f"about {abs(paths - seconds):.0f} s" if abs(paths - seconds) >= 1 else ""
     value = "radiance cache" if better else "paths of this view"
     decisions.append(Decision("diffuse light", value, compared, saving))
@@ -688,7 +727,8 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
         return 0, 1, 1, 0.0
     fixed = settings.fixed
     passes = passes_for(settings, noise_left(settings, light))
-    noise = math.sqrt(noise_left(settings, light) / passes)
+    looks = _likely_textures(settings, light, passes)
+    noise = math.sqrt(noise_left(settings, light) / passes + _texture_left(settings, light, passes + looks))
     speckle = speckle_contrast("random", settings.frames)
     if texture is not None:
         from .gathering import ROUND
@@ -706,7 +746,8 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
     decisions.append(
         Decision(
             "radiance paths a pixel",
-            str(passes) if texture is None else f"{CACHED_PASSES} to {passes}",
+            (str(passes) if texture is None else f"{CACHED_PASSES} to {passes}")
+            + (f", and about {looks} rays that see textures alone" if looks else ""),
             "as asked"
             if "passes" in fixed
             else "as many as what shines and mirrors needs once diffuse light is baked"

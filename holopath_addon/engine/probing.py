@@ -40,7 +40,8 @@ BENT = 1e-3  # of the vergence, and dioptres
 LEAST_LIGHT = 0.005  # of the light: bounces that add less are left out
 OUTLIERS = 0.01  # of the grains: a few at the edges of lamps' images would else decide
 DEPTHS_TRIED = (1, 2, 3, 4, 6)  # vertices of a path
-TIMED = 0.06  # seconds after which a call is not timed again
+ALIKE = 1.3  # times as long: calls that nothing held up
+TIMED = 0.06  # seconds after which a call is not timed again; none that compiles takes less
 
 
 @dataclass(frozen=True)
@@ -185,14 +186,16 @@ class Light:
     noise, direct, texture : float
         Variance of one path relative to its grain's squared mean, weighted by brightness; of paths that end at the
         first surface that lamps light; and of the reflectance where a path begins.
+    shining : float
+        Share of the paths that begin at what shines itself.
     chroma : float
         Largest difference of the colour channels relative to their mean, weighted by brightness.
     max_depth, lost : int, float
         Vertices of a path that are enough, and the share of the light that is lost with longer ones.
     bright : float
         Radiance of the bright parts of the view, the 95th percentile of what is lit.
-    paths_per_second : float
-        Speed of this machine on this scene.
+    paths_per_second, short_per_second : float
+        Speed of this machine on this scene, and of paths that end at the first surface that lamps light.
     compiling : float
         Seconds that the first paths took longer than later ones.
     """
@@ -200,8 +203,10 @@ class Light:
     noise: float
     direct: float
     texture: float
+    shining: float
     bright: float
     paths_per_second: float
+    short_per_second: float
     compiling: float
     chroma: float
     max_depth: int
@@ -521,9 +526,9 @@ class Pilot:
             walk = (dz - dr.gather(mi.Float, dz, index * PILOT_PATHS)) / pitch
             over, down = turn.x + slope.x * walk, turn.y - slope.y * walk
             cell = [mi.Int(dr.floor(over)), mi.Int(dr.floor(down)), mi.Int(dr.floor(dz / slab)), seen.branch]
-            reflectance, _ = shown(self.scene, seen, seen.exists)
-            dr.eval(light, cell, reflectance)
-            return light, cell, reflectance
+            reflectance, shines = shown(self.scene, seen, seen.exists)
+            dr.eval(light, cell, reflectance, shines)
+            return light, cell, reflectance, shines
 
         def found(light):
             return np.nan_to_num(np.asarray(light, np.float64)).reshape(3, grains, PILOT_PATHS)
@@ -533,25 +538,25 @@ class Pilot:
             parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
             return (parts == parts[..., :1]).all(0)
 
-        seconds, compiling, (light, cell, reflectance) = _timed(lambda: trace(tracer_of(max_depth)))
+        seconds, compiling, (light, cell, reflectance, shines) = _timed(lambda: trace(tracer_of(max_depth)))
         all_light, same = found(light), of_one_cell(cell)
         count = same.sum(1)
 
         def mean_of(light):
             return (light * same).sum(-1) / count
 
-        mean = mean_of(all_light.sum(0))
+        shining = float(np.asarray(shines, np.float32).mean())
+        mean, speed = mean_of(all_light.sum(0)), grains * PILOT_PATHS / seconds
         if not (mean > 0).any():
-            return Light(0.0, 0.0, 0.0, 0.0, grains * PILOT_PATHS / seconds, compiling, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, speed, compiling, 0.0, least, 0.0)
         whole = mean
         # as the rendering's paths are limited
         most = firefly * np.percentile(mean[mean > 0], 95) / 3
         limited = np.minimum(all_light, most)
         means, mean = mean_of(limited), mean_of(limited.sum(0))
         lit = (mean > 0) & (count > 1)
-        speed = grains * PILOT_PATHS / seconds
         if not lit.any():
-            return Light(0.0, 0.0, 0.0, 0.0, speed, compiling, 0.0, least, 0.0)
+            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, speed, compiling, 0.0, least, 0.0)
         # weighted by brightness, in which lamps in view must not hide the rest
         weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
         weight /= weight.sum()
@@ -572,17 +577,19 @@ class Pilot:
         shown_light = found(reflectance)
         texture = noise_of(shown_light, mean_of(shown_light))
         chroma = share(3 * np.ptp(means, axis=0))
-        depth, lost = max_depth, 0.0
+        depth, lost, short = max_depth, 0.0, speed
         for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
+            start = time.perf_counter()
             light_of_fewer = found(trace(tracer_of(fewer))[0])
             if fewer <= 2:
+                short = max(speed, grains * PILOT_PATHS / (time.perf_counter() - start))
                 direct = noise_of(np.minimum(light_of_fewer, most))
             less = share(whole - mean_of(light_of_fewer.sum(0)))
             if less < LEAST_LIGHT:
                 depth, lost = fewer, max(less, 0.0)
                 break
         bright = float(np.percentile(mean[lit], 95)) / 3
-        return Light(noise, direct, texture, bright, speed, compiling, chroma, depth, lost)
+        return Light(noise, direct, texture, shining, bright, speed, short, compiling, chroma, depth, lost)
 
     def _chance(self, size):
         """A random number for each grain."""
@@ -610,10 +617,11 @@ def _same_surface(si):
 
 
 def _timed(work: Callable[[], _Result]) -> tuple[float, float, _Result]:
-    """Seconds of the fastest of two or three calls, after one that compiles; how much longer that took; and what the
-    last of them returned.
+    """Seconds of the fastest of a few calls; how much longer the first took, which may compile; and what the last of
+    them returned.
 
-    One call in ten or so is held up by the system, and the second may compile, too. Calls that take long are two.
+    One call in ten or so is held up by the system, and the second may compile, too: two are enough where both are as
+    fast as none that compiles. Calls that take long are three, others up to four.
     """
     import drjit as dr
 
@@ -624,7 +632,10 @@ def _timed(work: Callable[[], _Result]) -> tuple[float, float, _Result]:
         dr.sync_thread()
         return time.perf_counter() - start, result
 
-    (first, result), found = call(), []
+    (first, _), (second, result) = call(), call()
+    if max(first, second) < min(TIMED, ALIKE * min(first, second)):
+        return min(first, second), 0.0, result
+    found = [second]
     while len(found) < 2 or (len(found) < 3 and sum(found) < TIMED):
         seconds, result = call()
         found.append(seconds)

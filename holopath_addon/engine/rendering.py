@@ -337,8 +337,10 @@ class Recording:
                 plan.white,
                 plan.planes if plan.regions else (),
                 bool(settings.fixed.get("filter", 1)),
+                settings.fixed.get("textures"),
             )
         self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
+        self.rays_traced["texture rays"] = grid.columns * grid.rows * radiance.textures
         self.error, self.passes = radiance.error, radiance.passes
         return radiance
 

@@ -17,7 +17,7 @@ def fields(scene, camera, pixels, passes, exact, other=None):
     plan = engine.plan(scene, camera, display, settings)
 
     def light(passes, filtered, seed):
-        fixed = {"passes": passes, "filter": filtered}
+        fixed = {**(other or {}), "passes": passes, "filter": filtered}
         planned = replace(plan, passes=passes, most_passes=passes)
         return engine.render(scene, camera, display, replace(settings, fixed=fixed, seed=seed), planned)
 
@@ -55,6 +55,39 @@ def test_textures_and_shadows_stay_sharp(build, camera):
     )
     errors, brightness, _ = fields(scene, camera, 96, 16, 512)
     assert errors[1] < 1.01 * errors[0]
+    assert brightness[1] == pytest.approx(1, abs=0.01)
+
+
+def test_rays_that_see_textures_alone(build, camera):
+    """Checks finer than grains: rays without light take most of the error, as many as the halves say."""
+    checks = np.random.default_rng(3).choice([0.02, 0.9], (256, 256, 1)) * np.ones(3)
+    texture = {
+        "type": "bitmap",
+        "bitmap": build.mi.Bitmap(checks.astype(np.float32)),
+        "filter_type": "nearest",
+        "raw": True,
+    }
+    scene = build.scene(
+        wall=build.plane(1.2, build.diffuse(texture), 0.3),
+        lamp={"type": "point", "position": [-0.2, 0.1, -0.4], "intensity": build.grey(0.4)},
+    )
+    few, _, _ = fields(scene, camera, 48, 8, 512, {"textures": 0})
+    more, brightness, told = fields(scene, camera, 48, 8, 512)
+    assert more[1] < 0.5 * few[1]
+    assert brightness[1] == pytest.approx(1, abs=0.01)
+    assert more[1] / 2 < told[1] < 1.5 * more[1]
+
+
+def test_lines_of_a_pixel_stay_dark(build, camera):
+    """A sheet close before a wall: its shadow is narrower than what a grain's guides are averaged over."""
+    lamp = {"type": "sphere", "center": [-0.1, 0.03, -0.7], "radius": 0.03}
+    scene = build.scene(
+        wall=build.plane(1.2, build.diffuse(build.grey(0.8)), 0.3),
+        sheet=build.plane(1.19, build.diffuse(build.grey(0.8)), 0.05),
+        lamp=lamp | build.emissive(build.grey(40.0)),
+    )
+    errors, brightness, _ = fields(scene, camera, 96, 16, 512)
+    assert errors[1] < 1.35 * errors[0]  # 1.2 today, 1.7 by such guides alone
     assert brightness[1] == pytest.approx(1, abs=0.01)
 
 

@@ -285,7 +285,7 @@ def test_frames_for_a_wished_speckle(build, camera):
 def test_every_decision_can_be_taken_by_hand(build, camera):
     scene = build.two_planes(build.diffuse)
     fixed = {"chain": 3, "splits": 1, "max_depth": 5, "passes": 7, "slabs": 9, "bins": 3, "grey": 1}
-    fixed |= {"dispersion": 1, "regions": 0, "chunk": 1 << 20, "filter": 0}
+    fixed |= {"dispersion": 1, "regions": 0, "chunk": 1 << 20, "filter": 0, "textures": 3}
     display = small_display(48, (640e-9, 455.4e-9))
     settings = engine.Settings(method="full", fixed=fixed)
     plan = engine.plan(scene, camera, display, settings)

@@ -319,6 +319,36 @@ def test_light_is_used_again_where_it_holds(build, camera, tmp_path):
     again("charts", noise=0.08)
 
 
+def test_plans_ask_what_baking_asks(build, camera, tmp_path, monkeypatch):
+    """Light of another view is told apart from this one's, and what the plan found is not looked for again."""
+    from holopath_addon.engine import baking
+
+    scene, store = build.closed_box(), engine.BakeStore(tmp_path)
+    settings, aside = engine.Settings(method="fast"), moved(turn=60.0)
+
+    def told(camera):
+        plan = engine.plan(scene, camera, HOLOGRAM, settings, store)
+        (light,) = (str(decision) for decision in plan.decisions if decision.name == "diffuse light")
+        return plan, light
+
+    def reused(camera, plan=None):
+        return engine.render(scene, camera, HOLOGRAM, settings, plan, store=store).report["bake"]["reused"]
+
+    anew, light = told(camera)
+    assert "to be baked" in light and reused(camera, anew) == "nothing"
+    there, light = told(camera)
+    assert "light baked before," in light
+    find, calls = baking.find, []
+    monkeypatch.setattr(baking, "find", lambda *what: calls.append(what) or find(*what))
+    assert reused(camera, there) == "all" and not calls
+    part, light = told(aside)
+    assert "light baked before for 0% of the view" in light
+    assert there.stages["bake"] < part.stages["bake"] < anew.stages["bake"]
+    assert reused(aside, part) == "part" and len(calls) == 1
+    reused(camera, there)
+    assert len(calls) == 2  # kept for another view
+
+
 @pytest.mark.slow
 def test_light_is_baked_anew_when_the_scene_changes(build, camera, tmp_path):
     store = engine.BakeStore(tmp_path)
