@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from .probing import Light, Probe
 
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
-CELL_BYTES = (
-    416  # of an occupied cell: eighteen sums of 8 bytes, tables of its filter, and the means made of them
-)
+# of an occupied cell: twenty-two sums of 8 bytes, tables of its filter, and the means made of them
+CELL_BYTES = 448
 SURFACES = 2  # occupied slabs of a pixel column, roughly
 ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
 MOST_TEXELS = 1 << 25

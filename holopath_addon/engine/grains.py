@@ -281,7 +281,9 @@ def measure_grains(
             looks = rays_for_textures(of_textures, wanted, taken) if textures is None else textures
             if looks:
                 chunks = _chunks(scene, rays, optics, grid, looks, seed, OTHERS)
-                looked = _reflectances(scene, chunks, grid, numbers, occupied, rows)
+                looked = _reflectances(
+                    scene, chunks, grid, numbers, occupied, rows, lambda done=done: progress(done)
+                )
                 error, _ = _field_error(halves, kept, shared, looked.count, white / unit)
         if error <= NOISIER * wanted or taken >= most:
             break
@@ -326,7 +328,7 @@ def rays_for_textures(error, wanted, passes):
     return min(MOST_LOOKS, max(0, math.ceil(passes * (error / (TEXTURES * wanted)) ** 2) - passes))
 
 
-def _reflectances(scene, chunks, grid, numbers, occupied, rows):
+def _reflectances(scene, chunks, grid, numbers, occupied, rows, tick):
     """Reflectances that rays see in each row, as a `Half` without light."""
     sums = dr.zeros(mi.UInt64, LOOKED * rows)
     for grains, _ in chunks:
@@ -336,6 +338,7 @@ def _reflectances(scene, chunks, grid, numbers, occupied, rows):
             dr.scatter_add(sums, _steps(value), LOOKED * row + k, inside, mode=ATOMIC)
         dr.eval(sums)
         dr.sync_thread()
+        tick()
     row = dr.arange(mi.UInt32, rows)
     columns = [mi.Float(dr.gather(mi.UInt64, sums, LOOKED * row + k)) / RADIANCE_STEPS for k in range(LOOKED)]
     dr.eval(columns)

@@ -679,8 +679,9 @@ def _texture(scene, camera, hologram, settings, view, seen, light, columns, stor
 
     baked = None
     if store is not None:
-        wanted = settings, texel_noise(settings), PASSES[settings.quality][1]
-        baked = found_in(store, worth, scene, camera, hologram, *view, *wanted)
+        near, optics = view
+        noise, most = texel_noise(settings), PASSES[settings.quality][1]
+        baked = found_in(store, worth, scene, camera, hologram, near, optics, settings, noise, most)
     stages = stages_with(baked)
     seconds = load + sum(stages.values())
     compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
