@@ -686,7 +686,8 @@ def _texture(scene, camera, hologram, settings, view, seen, light, columns, stor
     seconds = load + sum(stages.values())
     compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
     before = "to be baked" if baked is None else "light baked before"
-    before += f" for {baked:.0%} of the view" if baked is not None and baked < 1 else ""
+    if baked is not None and baked < 1:
+        before += f" for {baked:.0%} of the view" if baked >= 0.005 else " for other views"
     compared = f"{before}, {compared}"
     if settings.method == "fast":
         decisions.append(Decision("diffuse light", "radiance cache", f"as asked; {compared}"))

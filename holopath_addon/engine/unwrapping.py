@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
+
 import numpy as np
 
 try:
@@ -14,6 +17,9 @@ CHARTED_TRIANGLES = 20_000 if xatlas else 0
 # Texels between charts, and from the edge of a cell to its triangle: a bilinear lookup reads the next one.
 PADDING = 2
 SMALLEST_CELL = 6
+# xatlas ends its threads without a lock: one that is just lying down then misses that it is to end, and is waited for
+# forever (github.com/godotengine/godot/issues/92119). So an atlas goes a while after its work.
+REST, RESTING = 0.02, 4  # seconds, and how many atlases may wait
 # What the user should know; empty where xatlas is there.
 LACKING = (
     ""
@@ -21,6 +27,9 @@ LACKING = (
     else "This Python has no xatlas (there is none for 3.14 yet): baked light has a cell of its texture for every "
     "triangle, which takes more memory, and is traced on meshes whose triangles differ much in size."
 )
+
+
+_resting: deque = deque()
 
 
 def unwrap(vertices: np.ndarray, triangles: np.ndarray, texels: int) -> tuple[np.ndarray, tuple[int, int]]:
@@ -71,6 +80,10 @@ def charts(
     for name, value in packing.items():
         setattr(options, name, value)
     atlas.generate(pack_options=options)
+    _resting.append((atlas, time.monotonic()))
+    if len(_resting) > RESTING:
+        time.sleep(max(0.0, _resting[0][1] + REST - time.monotonic()))
+        _resting.popleft()
     if atlas.width * atlas.height == 0 or atlas.atlas_count != 1:
         return None
     _, corners, uv = atlas[0]

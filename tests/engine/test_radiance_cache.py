@@ -342,7 +342,7 @@ def test_plans_ask_what_baking_asks(build, camera, tmp_path, monkeypatch):
     monkeypatch.setattr(baking, "find", lambda *what: calls.append(what) or find(*what))
     assert reused(camera, there) == "all" and not calls
     part, light = told(aside)
-    assert "light baked before for 0% of the view" in light
+    assert "light baked before for other views" in light
     assert there.stages["bake"] < part.stages["bake"] < anew.stages["bake"]
     assert reused(aside, part) == "part" and len(calls) == 1
     reused(camera, there)
