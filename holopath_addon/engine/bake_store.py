@@ -162,7 +162,7 @@ class BakeStore:
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
-        self._kept = None
+        self._kept: tuple[tuple, Found | None] = (), None
 
     @classmethod
     def default(cls) -> BakeStore:
@@ -244,16 +244,16 @@ class BakeStore:
                 return Head(str(arrays["digest"]), float(arrays["noise"]), int(arrays["most"]), texels)
         return None
 
-    def keep(self, key: tuple, found: Found) -> None:
-        """Hold on to what planning found, for the baking that follows; until then, or until other light is found."""
+    def keep(self, key: tuple, found: Found | None) -> None:
+        """Hold on to what planning found, for the baking that follows; None lets go of it."""
         self._kept = key, found
 
     def take(self, key: tuple) -> Found | None:
-        """What was kept for the very same scene, camera and numbers; only once."""
-        kept, self._kept = self._kept, None
-        if kept is None or not all(a is b or a == b for a, b in zip(key[3:], kept[0][3:], strict=True)):
+        """What was kept for the very same scene, camera and hologram, and equal numbers; only once."""
+        (kept, found), self._kept = self._kept, ((), None)
+        if len(kept) != len(key) or any(a is not b for a, b in zip(key[:3], kept[:3], strict=True)):
             return None
-        return kept[1] if all(a is b for a, b in zip(key[:3], kept[0][:3], strict=True)) else None
+        return found if key[3:] == kept[3:] else None
 
     def save(self, triangles: Triangles, stored: Stored) -> None:
         """Keep baked light, whole or not at all; what was stored for the same triangles goes.

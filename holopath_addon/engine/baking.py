@@ -185,6 +185,7 @@ def found_in(
     worth : callable
         ``worth(texels)``: whether to load so many, which may take a second or two. Else the share is taken for 1.
     """
+    store.keep((), None)  # what an earlier plan found may be of other light
     if not store.files():  # to sort a million triangles takes a second
         return None
     triangles = _triangles(scene)
@@ -194,7 +195,7 @@ def found_in(
     if not worth(head.texels):
         return 1.0
     found = find(scene, camera, hologram, near, optics, settings, noise, most, store, triangles)
-    store.keep((scene, camera, hologram, near, noise, most), found)
+    store.keep((scene, camera, hologram, near, settings, noise, most), found)
     if found.cache is None:
         return None
     return 1.0 if found.missing <= MISSING else 1 - found.missing
@@ -254,7 +255,9 @@ def bake(
     clock = _Clock()
     progress(0.0, "Looking for baked light")
     wanted = plan.texel_noise, plan.texel_samples
-    found = store.take((scene, camera, hologram, plan.near, *wanted)) if store and not anew else None
+    found = (
+        store.take((scene, camera, hologram, plan.near, settings, *wanted)) if store and not anew else None
+    )
     if found is None:
         used = None if anew else store
         found = find(scene, camera, hologram, plan.near, optics, settings, *wanted, used)

@@ -347,6 +347,10 @@ def test_plans_ask_what_baking_asks(build, camera, tmp_path, monkeypatch):
     assert reused(aside, part) == "part" and len(calls) == 1
     reused(camera, there)
     assert len(calls) == 2  # kept for another view
+    told(camera)
+    fewer = engine.Settings(method="fast", max_depth=3)
+    changed, right = (engine.render(scene, camera, HOLOGRAM, fewer, store=each) for each in (store, None))
+    np.testing.assert_array_equal(changed.data, right.data)  # nothing of what was kept for other bounces
 
 
 @pytest.mark.slow
