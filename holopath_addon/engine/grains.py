@@ -304,9 +304,11 @@ def shown(scene: mi.Scene, seen: View, active: mi.Bool) -> tuple[mi.Color3f, mi.
     shines = point.emitter(scene, active) != None  # noqa: E711 (of each lane)
     active = active & seen.surface.is_valid()
     bsdf = point.bsdf(seen.ray)
-    value = bsdf.eval_diffuse_reflectance(point, active)
-    other = dr.select((bsdf.flags() & (SMOOTH & ~DIFFUSE)) != 0, mi.Float(SPECULAR), BLACK)
-    return dr.select(active & dr.all(dr.isfinite(value)), dr.clip(value, 0, 1) + other, 1), shines
+    value = dr.clip(bsdf.eval_diffuse_reflectance(point, active), 0, 1)
+    value += dr.select((bsdf.flags() & (SMOOTH & ~DIFFUSE)) != 0, mi.Float(SPECULAR), BLACK)
+    # what has no diffuse lobe tells how much it scatters straight up, which bumps and the view change
+    matt = active & ((bsdf.flags() & DIFFUSE) != 0) & dr.all(dr.isfinite(value))
+    return dr.select(matt, value, 1), shines
 
 
 def _row(grains, grid, numbers, occupied):

@@ -167,6 +167,14 @@ def register() -> None:
                 return share * value, density
             return self._sums(ctx, si, wo, *self._shared(si, active), active)
 
+        def eval_diffuse_reflectance(self, si, active=True):
+            reflectance = mi.Color3f(0)
+            shares = self._shares(si, self._albedos(si, active), active)
+            for leaf, share in zip(self._leaves, shares, strict=True):
+                if mi.has_flag(leaf.flags(), mi.BSDFFlags.Diffuse):
+                    reflectance += share * leaf.eval_diffuse_reflectance(si, active)
+            return reflectance
+
         def eval_null_transmission(self, si, active=True):
             through = mi.Color3f(0)
             shares = self._shares(si, self._albedos(si, active), active)
