@@ -291,7 +291,7 @@ def _add_scene(parser, store):
     add("--paths", type=int, metavar="N", help="paths a ray with --radiance ray (default 1)")
     quality = parser.add_mutually_exclusive_group()
     quality.add_argument("--quality", choices=choices.QUALITIES)
-    quality.add_argument("--spp", type=int, metavar="N", help="most rays a pixel")
+    quality.add_argument("--spp", type=int, metavar="N", help="most rays a pixel, on average")
     add("--wrp", type=_argument(_wrp), metavar="auto|MM", help="recording plane's distance from the SLM")
     add(
         "--planes",

@@ -33,7 +33,8 @@ _LABELS = {
         "Bake diffuse light into a texture, once for all views and focus distances of the same scene",
     ),
     "direct": ("Direct", "Trace straight from the SLM with random directions: the paper's slow baseline"),
-    "preview": ("Preview", "Fewest rays and radiance samples, for a first look"),
+    "draft": ("Draft", "Something true at once: mirrors and glass show pictures on their own surface"),
+    "preview": ("Preview", "Few rays and radiance samples, for a first look"),
     "balanced": ("Balanced", "Enough rays for every depth in view"),
     "full": ("Full", "A wider cone of rays and more radiance samples"),
     "lattice": ("Lattice", "Directions on a lattice with the exact kernel: no noise but the radiance's"),
@@ -92,8 +93,10 @@ _DISPLAY_NUMBERS = {
 }
 
 
-def _items(names, labels=_LABELS):
-    return [(name, *labels[name], index) for index, name in enumerate(names)]
+def _items(names, labels=_LABELS, numbered=None):
+    """Items in this order; files hold their numbers, by that of `numbered`."""
+    numbered = list(numbered or names)
+    return [(name, *labels[name], numbered.index(name)) for name in names]
 
 
 def _display_items():
@@ -352,7 +355,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     quality: EnumProperty(
         name="Quality",
         description="Sets rays and radiance samples",
-        items=_items(choices.QUALITIES),
+        items=_items(choices.QUALITIES, numbered=("preview", "balanced", "full", "draft")),
         default="balanced",
     )
     method: EnumProperty(
@@ -365,7 +368,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     spp: IntProperty(
         name="Rays a Pixel",
-        description="Largest number of rays a pixel",
+        description="Largest number of rays a pixel, on average",
         default=256,
         min=1,
         max=1 << 20,

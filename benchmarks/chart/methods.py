@@ -57,17 +57,9 @@ class Method:
 
 
 QUALITIES = {quality: {"quality": quality} for quality in engine.hologram.QUALITIES}
-DRAFT = {"quality": "preview", "spp": 4}  # paths of a picture's pixel
-ONCE = {"draft": DRAFT, **QUALITIES}
-OURS = {
-    # rays a pixel, and paths of a pixel as of the pictures that others start from
-    "draft": {"quality": "preview", "spp": 300, "fixed": {"passes": DRAFT["spp"]}},
-    "sketch": {"quality": "preview", "spp": 500, "fixed": {"passes": 2 * DRAFT["spp"]}},
-    **QUALITIES,
-}
 DESCENTS = {
     name: settings | {"fixed": {"steps": steps}}
-    for (name, settings), steps in zip(ONCE.items(), (30, 100, 300, 600), strict=True)
+    for (name, settings), steps in zip(QUALITIES.items(), (30, 100, 300, 600), strict=True)
 }
 MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
@@ -86,7 +78,7 @@ def methods(hologram):
     """All methods for a hologram, by name."""
     supervised = ("rgbd-sgd", "focal-stack", "light-field")
     baselines = [
-        Method(name, "baseline", DESCENTS if name in supervised else ONCE, phases=name in supervised)
+        Method(name, "baseline", DESCENTS if name in supervised else QUALITIES, phases=name in supervised)
         for name in BASELINES
         if name != "network"  # takes a user's own weights, and there are none
     ]
@@ -98,9 +90,9 @@ def methods(hologram):
         *(Method(name, "peer", {"balanced": QUALITIES["balanced"]}) for name in peers.PEERS),
         Method("direct", "paper", direct, usual_direct),
         Method("paper", "paper", paper, usual_paper),
-        Method("full", "ours", OURS),
+        Method("full", "ours", QUALITIES),
         Method("fast", "ours", QUALITIES),
-        Method("auto", "ours", OURS | MORE),
+        Method("auto", "ours", QUALITIES | MORE),
         Method("auto-opl", "ours", opl),
     ]
     return {method.name: method for method in every}

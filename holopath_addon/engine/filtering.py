@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from .grains import GrainGrid
 
-WIDTH, REACH = 2.0, 4  # columns: standard deviation of the Gaussian, and where it ends
+WIDTH = 2.0  # columns: standard deviation of the Gaussian
+REACH = {"draft": 2, "preview": 4, "balanced": 4, "full": 4}  # where it ends
 # Standard deviations that two grains may differ by beyond what noise makes them: with those around them, and alone,
 # for lines of a column's width
 STRICT, ALONE = 0.7, 1.5
@@ -90,7 +91,9 @@ class Half:
 Halves = tuple[Half, Half]
 
 
-def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGrid) -> tuple[Halves, mi.Bool]:
+def filtered(
+    halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGrid, reach: int
+) -> tuple[Halves, mi.Bool]:
     """Sums of each row and of rows near it that are like it.
 
     Light and reflectance are summed each for itself: what rows share adds up to the light that their paths brought.
@@ -103,6 +106,8 @@ def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGr
     numbers : mitsuba.UInt32
         As of `RadianceMap`.
     grid : GrainGrid
+    reach : int
+        Columns to either side.
 
     Returns
     -------
@@ -136,11 +141,11 @@ def filtered(halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGr
     told = (around[0].count > 1) & (around[1].count > 1)
     of_path = [half.variance * half.count for half in around]
     guides = _table([*guide[0], noise[0], of_path[0], *guide[1], noise[1], of_path[1]])
-    side = 2 * REACH + 1
-    middle = REACH + side * (REACH + side)
+    side = 2 * reach + 1
+    middle = reach + side * (reach + side)
 
     def averaged(step, first, second):
-        over, up, slab = step % side - REACH, step // side % side - REACH, step // side**2 - 1
+        over, up, slab = step % side - reach, step // side % side - reach, step // side**2 - 1
         row, there = rows.beside(over, up, slab)
         there &= told | (step == middle)
         values, its = gather_row(guides, row, 10), at(row, there)

@@ -185,7 +185,7 @@ def measure_grains(
     most: int = 1,
     white: float = math.inf,
     planes: Sequence[RecordingPlane] = (),
-    filter_: bool = True,
+    reach: int = 4,
     textures: int | None = None,
 ) -> RadianceMap:
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
@@ -214,8 +214,8 @@ def measure_grains(
         Radiance of the bright parts of the view.
     planes : sequence of RecordingPlane
         Whose tiles are looked at.
-    filter_ : bool
-        Whether grains of one surface share their light, see `filtering`.
+    reach : int
+        Columns to either side that grains of one surface share their light over, see `filtering`; 0: none.
     textures : int, optional
         Rays through each pixel that see what surfaces reflect and follow no light, where grains share theirs; by
         default as many as the first paths tell that textures need.
@@ -274,8 +274,8 @@ def measure_grains(
         taken += passes
         halves, shared = _halves(sums), dr.zeros(mi.Bool, rows)
         kept, cells = halves, dr.compress((occupied > 0) & (dr.gather(mi.UInt32, shining, numbers >> 1) == 0))
-        if filter_ and taken > 1 and dr.width(cells):
-            kept, shared = filtered(halves, cells, numbers, grid)
+        if reach and taken > 1 and dr.width(cells):
+            kept, shared = filtered(halves, cells, numbers, grid, reach)
         error, of_textures = _field_error(halves, kept, shared, looked.count, white / unit)
         if number == 0 and of_textures > 0:
             looks = rays_for_textures(of_textures, wanted, taken) if textures is None else textures
@@ -375,20 +375,24 @@ def _field_error(halves, kept, shared, looks, white):
     )  # channels, and 2^2
 
     def part(where, squared, of):
-        return float(dr.sum(dr.select(where, weight * squared / dr.maximum(dr.square(of), 1e-30), 0))[0])
+        return dr.select(where, weight * squared / dr.maximum(dr.square(of), 1e-30), 0)
 
     def apart(a, b):
         return 0.25 * dr.squared_norm(a - b)
 
-    wrong = part(~shared, apart(*(half.radiance for half in halves)), bright)
-    over = dr.mean(light.over)
-    least = part(shared, apart(*(half.over for half in kept)), over)
-    wrong += max(least, part(shared, squared_error(halves, kept), over))
     # textures and edges, of which a few paths show a part, and the rays that look at them a larger one
-    seen = own.count / dr.maximum(own.count + looks, 1)
-    texture = part(shared, seen * apart(*(half.reflectance for half in halves)), dr.mean(own.reflectance))
-    whole = 12 * float(dr.sum(weight)[0])
-    return tuple(math.sqrt(squared / whole) if whole > 0 else 0.0 for squared in (wrong + texture, texture))
+    over, seen = dr.mean(light.over), own.count / dr.maximum(own.count + looks, 1)
+    parts = [
+        weight,
+        part(~shared, apart(*(half.radiance for half in halves)), bright),
+        part(shared, apart(*(half.over for half in kept)), over),
+        part(shared, squared_error(halves, kept), over),
+        part(shared, seen * apart(*(half.reflectance for half in halves)), dr.mean(own.reflectance)),
+    ]
+    dr.eval(parts)  # in one kernel
+    whole, alone, least, differing, texture = (float(dr.sum(values)[0]) for values in parts)
+    wrong = alone + max(least, differing) + texture
+    return tuple(math.sqrt(error / (12 * whole)) if whole > 0 else 0.0 for error in (wrong, texture))
 
 
 def _ends(slab):

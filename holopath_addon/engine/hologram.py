@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from .baselines import BASELINES
 from .errors import InvalidInput
 
-QUALITIES = ("preview", "balanced", "full")
+QUALITIES = ("draft", "preview", "balanced", "full")
 METHODS = ("auto", "full", "fast", "direct", *BASELINES)
 ESTIMATORS = ("lattice", "paper")
 PHASE_FIELDS = ("designed", "random")
@@ -133,10 +133,11 @@ class Settings:
         Average the path-traced radiance per grain before the root is taken, or take a few paths for each ray.
     paths : int
         Of each ray where radiance is 'ray'.
-    quality : {'preview', 'balanced', 'full'}
-        Sets rays and radiance samples where `spp` does not.
+    quality : {'draft', 'preview', 'balanced', 'full'}
+        Sets rays and radiance samples where `spp` does not; a draft shows mirrors and clear surfaces as pictures on
+        themselves.
     spp : int, optional
-        Most rays a pixel.
+        Most rays a pixel, on average: with fewer than are needed far depths show their middle views only.
     wrp : 'auto' or float
         Distance of the wave recording plane from the SLM, metres.
     planes : 'auto' or int

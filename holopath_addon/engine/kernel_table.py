@@ -67,7 +67,13 @@ class Lattice:
 
     @classmethod
     def of(
-        cls, max_slope: float, depth_limit: float, pitch: float, cone: float = 1.15, most: int | None = None
+        cls,
+        max_slope: float,
+        depth_limit: float,
+        pitch: float,
+        cone: float = 1.15,
+        most: int | None = None,
+        levels: int = LEVELS[0],
     ) -> Lattice:
         """One direction a grain at `depth_limit`, or more where these are few, as far as `reach_of` says.
 
@@ -81,10 +87,12 @@ class Lattice:
             The kernel's tails beyond the geometric cone, as a factor at least.
         most : int, optional
             Most directions; the lattice is coarsened to meet it, which aliases the far depths.
+        levels : int
+            Of the table at least.
         """
         wide = reach_of(max_slope, depth_limit, pitch, cone)
-        reach = directions_of(max_slope, depth_limit, pitch, cone)
-        levels = int(np.clip(math.ceil(LEVELS_A_GRAIN * reach), *LEVELS))
+        whole = reach = directions_of(max_slope, depth_limit, pitch, cone)
+        levels = int(np.clip(math.ceil(LEVELS_A_GRAIN * reach), levels, LEVELS[1]))
         while True:
             n = math.floor(reach)
             j, i = np.mgrid[-n : n + 1, -n : n + 1]
@@ -94,7 +102,7 @@ class Lattice:
             reach *= min(0.999, math.sqrt(most / inside.sum()))
         i, j = i[inside], j[inside]
         order = np.lexsort((i, j, i * i + j * j))
-        spacing = wide * pitch / depth_limit / reach if reach > 0 else max_slope
+        spacing = wide * pitch / depth_limit / whole if whole > 0 else max_slope
         return cls(np.stack([i[order], j[order]], axis=1).astype(np.int32), spacing, depth_limit, levels)
 
     @property

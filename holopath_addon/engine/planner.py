@@ -20,8 +20,8 @@ from .probing import LEAST_SHARE, Pilot, near_end, vergence_range
 from .propagation import grid_bytes, padded_shape
 from .recording_planes import (
     CONE,
+    DRAFT_PLANES,
     MOST_PLANES,
-    Part,
     Scenery,
     by_region,
     chosen,
@@ -30,7 +30,6 @@ from .recording_planes import (
     max_slope,
     middle_of,
 )
-from .slabs import EVERYWHERE
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from .probing import Light
 
 GRAIN_NOISE = {
+    "draft": 1.0,
     "preview": 0.5,
     "balanced": 0.35,
     "full": 0.15,
@@ -49,6 +49,7 @@ USUAL_FRAMES = 8
 # power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
 LESS_NOISE = 1 / 3
 PASSES = {
+    "draft": (4, 4),
     "preview": (8, 64),
     "balanced": (16, 256),
     "full": (32, 1024),
@@ -303,7 +304,7 @@ def plan(
     fixed, decisions, warnings = settings.fixed, [], unmodelled(scene)
     near = near_end(scene, camera, hologram, settings.seed)
     mapping = DepthMapping.of(hologram, camera, near)
-    pilot = Pilot(scene, hologram, camera, mapping, settings.seed)
+    pilot = Pilot.of(scene, hologram, camera, mapping, settings)
     seen, optics = pilot.first_hits(), FirstHits(sky=camera.sees_sky)
     chain, splits, image, pupil = 0, 0, settings.virtual_image, 0.0
     if seen.specular + seen.nearly > LEAST_SHARE or fixed.get("chain"):
@@ -311,10 +312,14 @@ def plan(
             scene, camera, settings, pilot, seen, decisions, warnings
         )
     if not chain and seen.specular > LEAST_SHARE:
-        warnings.append(
+        what = (
             f"{seen.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
-            f"surface, not at the depth of what it reflects; allow chains of mirrors to change that."
+            f"surface, not at the depth of what it reflects"
         )
+        if settings.quality == "draft" and settings.most_hits:
+            decisions.append(Decision("specular hits", "none", f"{what}, as drafts do"))
+        else:
+            warnings.append(f"{what}; allow chains of mirrors to change that.")
     most_depth = fixed.get("max_depth", settings.max_depth)
     least_depth = most_depth if "max_depth" in fixed else 1
     light = pilot.light(PathTracer, optics, most_depth, least_depth, slab_of(hologram), firefly_of(settings))
@@ -348,7 +353,9 @@ def plan(
     columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
     slow = slowness(store and store.folder)
     view = near, optics
-    texture = _texture(scene, camera, hologram, settings, view, seen, light, columns, store, slow, decisions)
+    texture = _texture(
+        scene, camera, hologram, settings, view, pilot, seen, light, columns, store, slow, decisions
+    )
     max_depth = _bounces(settings, light, most_depth, texture, decisions)
     passes, slabs, bins, error = _radiance(
         hologram, settings, seen, light, columns, z_high - z_low, texture, splits, decisions
@@ -488,7 +495,7 @@ def _chains(scene, camera, settings, pilot, seen, decisions, warnings):
     from .chains import SPLITS, FirstHits, SpecularChains
 
     fixed, image = settings.fixed, settings.virtual_image
-    most = fixed.get("chain", settings.most_hits)
+    most = fixed.get("chain", 0 if settings.quality == "draft" else settings.most_hits)
     if not most:
         return seen, FirstHits(sky=camera.sees_sky), 0, 0, image, 0.0
     pupil = pilot.pupil if seen.nearly > LEAST_SHARE else 0.0
@@ -522,11 +529,10 @@ def _planes(scenery, decisions, warnings):
     if settings.method == "direct" or settings.wrp != "auto":
         z = 0.0 if settings.method == "direct" else float(settings.wrp)
         reason = "the SLM itself: method direct" if settings.method == "direct" else "as asked"
-        low, high = scenery.ends
-        whole = Part("all", EVERYWHERE, EVERYWHERE, low, high, z, reason)
-        planes = (scenery.plane(z, whole, (low, high), low, 1, warnings),)
+        planes = (scenery.plane(z, warnings),)
     else:
-        layouts = scenery.layouts(MOST_PLANES if settings.planes == "auto" else settings.planes)
+        most = DRAFT_PLANES if settings.quality == "draft" else MOST_PLANES
+        layouts = scenery.layouts(most if settings.planes == "auto" else settings.planes)
         # none that needs more rays than one plane, which all pixels have the same of where tiles are not told apart
         one, able = layouts[0], by_region(settings) or settings.planes != "auto"
         layouts = [layout for layout in layouts if layout is one or (able and layout.rays <= one.rays)]
@@ -649,15 +655,23 @@ def _likely_textures(settings, light, passes):
     return settings.fixed.get("textures", rays_for_textures(error, 0.5 * wanted_noise(settings), passes))
 
 
-def _texture(scene, camera, hologram, settings, view, seen, light, columns, store, slow, decisions):
+def _texture(scene, camera, hologram, settings, view, pilot, seen, light, columns, store, slow, decisions):
     """Seconds of the radiance cache by stage, None where it is not used."""
     if settings.method == "direct" or settings.max_depth < 2:
         return None
     if settings.method == "full":
         decisions.append(Decision("diffuse light", "paths of this view", "as asked"))
         return None
+    asked = settings.method == "fast"
+    if not asked and (seen.diffuse < LEAST_DIFFUSE or settings.radiance == "ray"):
+        reason = (
+            "as asked" if settings.radiance == "ray" else f"only {seen.diffuse:.0%} of the view is diffuse"
+        )
+        decisions.append(Decision("diffuse light", "paths of this view", reason))
+        return None
     from .baking import found_in
     from .lobes import surfaces_of
+    from .radiance import PathTracer
 
     paths = costs.map_seconds(light, columns, *_likely(settings, light), slow)
     if settings.radiance == "ray":
@@ -666,13 +680,19 @@ def _texture(scene, camera, hologram, settings, view, seen, light, columns, stor
     few = LIKELY_CACHED, _likely_textures(settings, light, LIKELY_CACHED)
     load = 0.0  # seconds that are not spent yet
 
-    def stages_with(baked):
+    def stages_with(baked, most):
+        """Seconds with this share of the view baked, where they are no more than `most`, else a part of them."""
+        nonlocal light
+        stages = costs.baking(hologram, seen, light, columns, few, baked, triangles, slow)
+        if math.isfinite(light.short_per_second) or load + sum(stages.values()) > most:
+            return stages
+        light = pilot.with_short_paths(light, PathTracer, view[1], slab_of(hologram))
         return costs.baking(hologram, seen, light, columns, few, baked, triangles, slow)
 
     def worth(texels):
         nonlocal load
         load = costs.loading(texels, triangles, slow)
-        if settings.method != "fast" and load + sum(stages_with(1.0).values()) > paths:
+        if not asked and load + sum(stages_with(1.0, paths).values()) > paths:
             return False
         load = 0.0
         return True
@@ -682,23 +702,19 @@ def _texture(scene, camera, hologram, settings, view, seen, light, columns, stor
         near, optics = view
         noise, most = texel_noise(settings), PASSES[settings.quality][1]
         baked = found_in(store, worth, scene, camera, hologram, near, optics, settings, noise, most)
-    stages = stages_with(baked)
+    most = (CLEARLY if baked is None else 1) * paths
+    stages = stages_with(baked, math.inf if asked else most)
     seconds = load + sum(stages.values())
-    compared = f"about {seconds:.1f} s, paths of this view about {paths:.1f} s"
+    about = "about" if math.isfinite(light.short_per_second) else "more than"
+    compared = f"{about} {seconds:.1f} s, paths of this view about {paths:.1f} s"
     before = "to be baked" if baked is None else "light baked before"
     if baked is not None and baked < 1:
         before += f" for {baked:.0%} of the view" if baked >= 0.005 else " for other views"
     compared = f"{before}, {compared}"
-    if settings.method == "fast":
+    if asked:
         decisions.append(Decision("diffuse light", "radiance cache", f"as asked; {compared}"))
         return stages
-    if seen.diffuse < LEAST_DIFFUSE or settings.radiance == "ray":
-        reason = (
-            "as asked" if settings.radiance == "ray" else f"only {seen.diffuse:.0%} of the view is diffuse"
-        )
-        decisions.append(Decision("diffuse light", "paths of this view", reason))
-        return None
-    better = seconds < (CLEARLY if baked is None else 1) * paths
+    better = seconds < most
     saving = f"about {abs(paths - seconds):.0f} s" if abs(paths - seconds) >= 1 else ""
     value = "radiance cache" if better else "paths of this view"
     decisions.append(Decision("diffuse light", value, compared, saving))
@@ -737,7 +753,8 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
 
         variance = light.direct + max(light.noise - light.direct, 0) / SMOOTHED
         noise = min(texel_noise(settings), EVENLY * math.sqrt(variance / ROUND))
-    glossy = seen.sharpest > ONE_BIN or seen.specular > LEAST_SHARE
+    draft = settings.quality == "draft"
+    glossy = not draft and (seen.sharpest > ONE_BIN or seen.specular > LEAST_SHARE)
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
     room = MAP_BYTES / (columns * costs.SURFACES * _binned(seen) * costs.CELL_BYTES)
     bins = max(1, min(fixed.get("bins", bins), math.floor(math.sqrt(room))))
@@ -766,7 +783,9 @@ def _radiance(hologram, settings, seen, light, columns, thickness, texture, spli
         Decision(
             "radiance map",
             f"{slabs} depth slabs, {bins} x {bins} pupil bins",
-            f"across the pupil the view turns {seen.sharpest:.2g} widths of the sharpest gloss"
+            "drafts look alike from all over the pupil"
+            if draft
+            else f"across the pupil the view turns {seen.sharpest:.2g} widths of the sharpest gloss"
             if seen.sharpest
             else "mirrors and clear surfaces are in view"
             if glossy

@@ -21,15 +21,19 @@ if TYPE_CHECKING:
 
     from .camera import Camera
     from .chains import FirstHits, SpecularChains
-    from .hologram import Hologram
+    from .hologram import Hologram, Settings
     from .radiance import PathTracer
 
 _Result = TypeVar("_Result")
 
-PILOT_PIXELS = 1 << 14
-NEAREST_PIXELS = 1 << 16  # to find the nearest surface, which may be thin
-PILOT_GRAINS, PILOT_PATHS = 4096, 32
-DIRECTIONS = 16  # a pixel
+PILOT_PIXELS, PILOT_GRAINS = 1 << 14, 4096
+FEWER = {"draft": 8, "preview": 4}  # times fewer of them for these qualities
+PILOT_PATHS = 32  # of a grain
+NEAREST_PIXELS, NEAREST_RAYS = (
+    1 << 16,
+    4,
+)  # to find the nearest surface, which may be thin; of a pixel at most
+DIRECTIONS = 16  # a pixel that rays go through
 # From this share of neighbouring rays on that meet the same triangle packets are faster: 1.6 times at 0.07, 0.6 at
 # 0.006. Measured speeds would decide otherwise now and then, and hits differ in their last bits.
 COHERENT = 0.02
@@ -194,10 +198,12 @@ class Light:
         Vertices of a path that are enough, and the share of the light that is lost with longer ones.
     bright : float
         Radiance of the bright parts of the view, the 95th percentile of what is lit.
-    paths_per_second, short_per_second : float
-        Speed of this machine on this scene, and of paths that end at the first surface that lamps light.
+    paths_per_second : float
+        Speed of this machine on this scene.
     compiling : float
         Seconds that the first paths took longer than later ones.
+    short_per_second : float
+        Speed of paths that end at the first surface that lamps light, see `Pilot.with_short_paths`; infinite before.
     """
 
     noise: float
@@ -206,11 +212,11 @@ class Light:
     shining: float
     bright: float
     paths_per_second: float
-    short_per_second: float
     compiling: float
     chroma: float
     max_depth: int
     lost: float
+    short_per_second: float = math.inf
 
 
 class Pilot:
@@ -226,6 +232,8 @@ class Pilot:
     seed : int
     pixels : int
         That rays go through, about, `DIRECTIONS` each.
+    grains : int
+        Whose light is looked at.
     """
 
     def __init__(
@@ -236,6 +244,7 @@ class Pilot:
         mapping: DepthMapping,
         seed: int = 0,
         pixels: int = PILOT_PIXELS,
+        grains: int = PILOT_GRAINS,
     ) -> None:
         import drjit as dr
         import mitsuba as mi
@@ -247,6 +256,7 @@ class Pilot:
         stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / pixels)))
         columns, rows = -(-hologram.width // stride), -(-hologram.height // stride)
         self.size = columns * rows * DIRECTIONS
+        self._grains = min(self.size, grains)
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(seed, self.size)
         index = dr.arange(mi.UInt32, self.size)
@@ -274,6 +284,15 @@ class Pilot:
         self._from = column, row, slope
         self._rays, self._pitch = rays, hologram.pitch
         self._size = hologram.width, hologram.height
+
+    @classmethod
+    def of(
+        cls, scene: mi.Scene, hologram: Hologram, camera: Camera, mapping: DepthMapping, settings: Settings
+    ) -> Pilot:
+        """One for a hologram of such a quality."""
+        fewer = FEWER.get(settings.quality, 1)
+        counts = PILOT_PIXELS // fewer, PILOT_GRAINS // fewer
+        return cls(scene, hologram, camera, mapping, settings.seed, *counts)
 
     def nearest(self) -> float | None:
         """Depth of the nearest surface in metres, None if there is none."""
@@ -334,16 +353,18 @@ class Pilot:
         glossy = hit & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Glossy) & (sample.pdf > 0)
         # a lobe of constant density over a cap of half-angle a has a = 1 / sqrt(pi pdf)
         turns = 2 * self.pupil / depth * dr.sqrt(math.pi * sample.pdf)
-        nearly = float(np.asarray(nearly_smooth(self.scene, si, depth, self.pupil) > 0).mean())
-        turns, gloss = (np.asarray(values)[np.asarray(glossy)] for values in (turns, 1 / depth))
+        nearly = nearly_smooth(self.scene, si, depth, self.pupil) > 0
+        specular = hit & is_specular(bsdf.flags())
+        diffuse = hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+        dr.eval(hit, depth, glossy, turns, nearly, specular, diffuse)
+        nearly, specular, diffuse = (float(np.asarray(kind).mean()) for kind in (nearly, specular, diffuse))
+        depth, hit, glossy = (np.asarray(values) for values in (depth, hit, glossy))
+        turns, gloss = np.asarray(turns)[glossy], 1 / depth[glossy]
         few = len(turns) <= LEAST_SHARE * self.size
         turn, sharpest = (0.0, 0.0) if few else map(float, np.quantile(turns, (0.9, 0.99)))
-        specular = float(np.asarray(hit & is_specular(bsdf.flags())).mean())
-        exists = hit | self.camera.sees_sky
-        exists = np.broadcast_to(exists, self.size)
-        vergence, sky = self._seen(depth, np.asarray(hit), exists)
-        diffuse = float(np.asarray(hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)).mean())
-        places = self.places(depth, np.asarray(hit), exists & (np.asarray(hit) | sky), False)
+        exists = np.broadcast_to(hit | self.camera.sees_sky, self.size)
+        vergence, sky = self._seen(depth, hit, exists)
+        places = self.places(depth, hit, exists & (hit | sky), False)
         return Probe(
             vergence,
             False,
@@ -378,22 +399,20 @@ class Pilot:
 
         seconds, compiling, view = _timed(follow)
         speed = self.size / seconds
-        depth = self.camera.clip_start + view.distance * self.depth_rate
-        exists = np.broadcast_to(view.exists, self.size)
-        vergence, sky = self._seen(depth, np.asarray(view.hit), exists)
-        branches = np.asarray(view.branch)[exists]
-        splits = int(branches.max(initial=0)).bit_length()
-        path = dr.rcp(view.path)
+        depth, path = self.camera.clip_start + view.distance * self.depth_rate, dr.rcp(view.path)
         bent = dr.abs(dr.rcp(view.distance) - path) > BENT * (path + 1)
-        bent = np.asarray(bent) & exists
-        images = np.asarray(1 / depth)[bent]
         # light that is seen at its image hardly differs across the pupil
         flags = view.surface.shape.bsdf().flags()
         glossy = view.surface.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Glossy) & (view.image < 1)
-        gloss = np.asarray(1 / depth)[exists & np.asarray(glossy)]
         beyond = dr.select(view.cut & ~view.exists, dr.mean(view.weight), 0)
-        hit = np.asarray(view.hit)
-        places = self.places(depth, hit, exists & (hit | sky), np.asarray(view.hits) > 0, probe.places.first)
+        dr.eval(depth, bent, glossy, beyond)
+        depth, hit, hits = (np.asarray(values) for values in (depth, view.hit, view.hits))
+        exists = np.broadcast_to(view.exists, self.size)
+        vergence, sky = self._seen(depth, hit, exists)
+        splits = int(np.asarray(view.branch)[exists].max(initial=0)).bit_length()
+        bent = np.asarray(bent) & exists
+        images, gloss = 1 / depth[bent], 1 / depth[exists & np.asarray(glossy)]
+        places = self.places(depth, hit, exists & (hit | sky), hits > 0, probe.places.first)
         return replace(
             probe,
             vergence=vergence,
@@ -492,12 +511,93 @@ class Pilot:
         -------
         Light
         """
+        grains, trace = self._grains, self._paths(optics, slab)
+
+        def found(light):
+            return np.nan_to_num(np.asarray(light, np.float64)).reshape(3, grains, PILOT_PATHS)
+
+        def of_one_cell(cell):
+            parts = [np.broadcast_to(np.asarray(part, np.int64), grains * PILOT_PATHS) for part in cell]
+            parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
+            return (parts == parts[..., :1]).all(0)
+
+        seconds, compiling, traced = _timed(lambda: trace(tracer_of(max_depth)))
+        all_light, direct_light, bands, cell, reflectance, shines = traced
+        all_light, same = found(all_light), of_one_cell(cell)
+        count = same.sum(1)
+
+        def mean_of(light):
+            return (light * same).sum(-1) / count
+
+        shining = float(np.asarray(shines, np.float32).mean())
+        mean, speed = mean_of(all_light.sum(0)), grains * PILOT_PATHS / seconds
+        if not (mean > 0).any():
+            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, compiling, 0.0, least, 0.0)
+        whole = mean
+        # as the rendering's paths are limited
+        most = firefly * np.percentile(mean[mean > 0], 95) / 3
+        limited = np.minimum(all_light, most)
+        means, mean = mean_of(limited), mean_of(limited.sum(0))
+        lit = (mean > 0) & (count > 1)
+        if not lit.any():
+            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, compiling, 0.0, least, 0.0)
+        # weighted by brightness, in which lamps in view must not hide the rest
+        weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
+        weight /= weight.sum()
+
+        def share(values):
+            return float((weight * values[lit] / mean[lit]).sum())
+
+        def noise_of(light, means=means):
+            # of each channel by itself
+            own = mean_of(light)
+            variance = ((light - own[..., None]) ** 2 * same).sum(-1) / np.maximum(count - 1, 1)
+            relative = variance[:, lit] / np.maximum(means[:, lit], 1e-30) ** 2
+            relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
+            return float((weights * relative).sum() / max(weights.sum(), 1e-30))
+
+        weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
+        noise, direct = noise_of(limited), noise_of(np.minimum(found(direct_light), most))
+        shown_light = found(reflectance)
+        texture = noise_of(shown_light, mean_of(shown_light))
+        chroma = share(3 * np.ptp(means, axis=0))
+        depth, lost, less = max_depth, 0.0, share(whole)
+        for fewer, light in zip(DEPTHS_TRIED, bands, strict=False):
+            light = np.nan_to_num(np.asarray(light, np.float64)).reshape(grains, PILOT_PATHS)
+            less -= share(mean_of(light))
+            if least <= fewer < max_depth and less < LEAST_LIGHT:
+                depth, lost = fewer, max(less, 0.0)
+                break
+        bright = float(np.percentile(mean[lit], 95)) / 3
+        return Light(noise, direct, texture, shining, bright, speed, compiling, chroma, depth, lost)
+
+    def with_short_paths(
+        self,
+        light: Light,
+        tracer_of: Callable[[int], PathTracer],
+        optics: FirstHits | SpecularChains,
+        slab: float,
+    ) -> Light:
+        """What `light` found, of the same parameters, and the speed of paths that end at the first surface that lamps
+        light.
+        """
+        from .radiance import DIRECT
+
+        trace = self._paths(optics, slab)
+        start = time.perf_counter()
+        trace(tracer_of(*DIRECT))
+        speed = self._grains * PILOT_PATHS / (time.perf_counter() - start)
+        return replace(light, short_per_second=max(light.paths_per_second, speed))
+
+    def _paths(self, optics, slab):
+        """A function of a tracer, which takes a few paths of each grain."""
         import drjit as dr
         import mitsuba as mi
 
         from .grains import shown
+        from .radiance import DIRECT
 
-        grains = min(self.size, PILOT_GRAINS)
+        grains = self._grains
         index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
         chosen = mi.UInt32(mi.Float(index) * dr.opaque(mi.Float, self.size / grains))
         column, row, slope = (dr.gather(type(values), values, chosen) for values in self._from)
@@ -516,80 +616,25 @@ class Pilot:
             paths = mi.load_dict({"type": "independent"})
             paths.seed(self.seed + 1, grains * PILOT_PATHS)
             seen = optics.view(self.scene, ray, branch, drawn=True)
-            colour = tracer.radiance(self.scene, paths, seen.ray, seen.surface, seen.whole, parts=seen.parts)
-            colour /= seen.colour
+            found = tracer.by_vertices(
+                self.scene, paths, seen.ray, seen.surface, seen.whole, DEPTHS_TRIED, parts=seen.parts
+            )
+            through = dr.select(seen.exists, 1, 0) / seen.colour
             if seen.weight is not None:
-                colour *= seen.weight
-            light = dr.select(seen.exists, colour, 0)
+                through *= seen.weight
+            found = [light * through for light in found]
+            whole, direct = sum(found), sum(found[: DEPTHS_TRIED.index(*DIRECT) + 1])
             dz = self._rays.height_over_plane(seen.distance, depth_rate, seen.hit)
             # a whole grain: cells of the grid begin where the first path's does
             walk = (dz - dr.gather(mi.Float, dz, index * PILOT_PATHS)) / pitch
             over, down = turn.x + slope.x * walk, turn.y - slope.y * walk
             cell = [mi.Int(dr.floor(over)), mi.Int(dr.floor(down)), mi.Int(dr.floor(dz / slab)), seen.branch]
             reflectance, shines = shown(self.scene, seen, seen.exists)
-            dr.eval(light, cell, reflectance, shines)
-            return light, cell, reflectance, shines
+            result = whole, direct, [dr.sum(light) for light in found], cell, reflectance, shines
+            dr.eval(result)
+            return result
 
-        def found(light):
-            return np.nan_to_num(np.asarray(light, np.float64)).reshape(3, grains, PILOT_PATHS)
-
-        def of_one_cell(cell):
-            parts = [np.broadcast_to(np.asarray(part, np.int64), grains * PILOT_PATHS) for part in cell]
-            parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
-            return (parts == parts[..., :1]).all(0)
-
-        seconds, compiling, (light, cell, reflectance, shines) = _timed(lambda: trace(tracer_of(max_depth)))
-        all_light, same = found(light), of_one_cell(cell)
-        count = same.sum(1)
-
-        def mean_of(light):
-            return (light * same).sum(-1) / count
-
-        shining = float(np.asarray(shines, np.float32).mean())
-        mean, speed = mean_of(all_light.sum(0)), grains * PILOT_PATHS / seconds
-        if not (mean > 0).any():
-            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, speed, compiling, 0.0, least, 0.0)
-        whole = mean
-        # as the rendering's paths are limited
-        most = firefly * np.percentile(mean[mean > 0], 95) / 3
-        limited = np.minimum(all_light, most)
-        means, mean = mean_of(limited), mean_of(limited.sum(0))
-        lit = (mean > 0) & (count > 1)
-        if not lit.any():
-            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, speed, compiling, 0.0, least, 0.0)
-        # weighted by brightness, in which lamps in view must not hide the rest
-        weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
-        weight /= weight.sum()
-
-        def share(values):
-            return float((weight * values[lit] / mean[lit]).sum())
-
-        def noise_of(light, means=means):
-            # of each channel by itself
-            own = mean_of(light)
-            variance = ((light - own[..., None]) ** 2 * same).sum(-1) / np.maximum(count - 1, 1)
-            relative = variance[:, lit] / np.maximum(means[:, lit], 1e-30) ** 2
-            relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
-            return float((weights * relative).sum() / max(weights.sum(), 1e-30))
-
-        weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
-        noise = direct = noise_of(limited)
-        shown_light = found(reflectance)
-        texture = noise_of(shown_light, mean_of(shown_light))
-        chroma = share(3 * np.ptp(means, axis=0))
-        depth, lost, short = max_depth, 0.0, speed
-        for fewer in (depth for depth in DEPTHS_TRIED if least <= depth < max_depth):
-            start = time.perf_counter()
-            light_of_fewer = found(trace(tracer_of(fewer))[0])
-            if fewer <= 2:
-                short = max(speed, grains * PILOT_PATHS / (time.perf_counter() - start))
-                direct = noise_of(np.minimum(light_of_fewer, most))
-            less = share(whole - mean_of(light_of_fewer.sum(0)))
-            if less < LEAST_LIGHT:
-                depth, lost = fewer, max(less, 0.0)
-                break
-        bright = float(np.percentile(mean[lit], 95)) / 3
-        return Light(noise, direct, texture, shining, bright, speed, short, compiling, chroma, depth, lost)
+        return trace
 
     def _chance(self, size):
         """A random number for each grain."""
@@ -657,7 +702,8 @@ def vergence_range(seen: Probe, chain: int) -> tuple[float, float]:
 def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:
     """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
-    nearest = Pilot(scene, hologram, camera, pinhole, seed, NEAREST_PIXELS).nearest()
+    pixels = min(NEAREST_PIXELS, -(-NEAREST_RAYS * hologram.width * hologram.height // DIRECTIONS))
+    nearest = Pilot(scene, hologram, camera, pinhole, seed, pixels).nearest()
     if nearest is None:
         if scene.environment() is None or not camera.sees_sky:
             raise InvalidInput(
@@ -669,4 +715,4 @@ def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0)
     if hologram.depth_mapping == "eyepiece":
         return nearest
     mapping = DepthMapping.of(hologram, camera, nearest)
-    return min(nearest, Pilot(scene, hologram, camera, mapping, seed, NEAREST_PIXELS).nearest() or nearest)
+    return min(nearest, Pilot(scene, hologram, camera, mapping, seed, pixels).nearest() or nearest)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .radiance_cache import RadianceCache
     from .rays import Rays
 
+DIRECT = (2,)  # vertices of a path that ends at the first surface that lamps light
 CANDIDATES = 8  # lamps that one is drawn of
 
 
@@ -71,8 +72,24 @@ class PathTracer:
         -------
         mitsuba.Color3f
         """
-        path = self._followed(scene, _Path(ray, surface, sampler, active), whole, parts)
-        return path.direct + self._limited(path.indirect)
+        direct, indirect = self.by_vertices(scene, sampler, ray, surface, whole, DIRECT, active, parts)
+        return direct + self._limited(indirect)
+
+    def by_vertices(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        surface: mi.PreliminaryIntersection3f,
+        whole: mi.Bool,
+        ends: tuple[int, ...],
+        active: mi.Bool | bool = True,
+        parts: tuple[mi.Float, mi.Bool] | None = None,
+    ) -> list[mi.Color3f]:
+        """What `radiance` adds up, without its limit: light of paths with ends[0] vertices at most, of those with more
+        and ends[1] at most, and so on; last of those with still more.
+        """
+        return self._followed(scene, _Path(ray, surface, sampler, active, ends), whole, parts).found
 
     def scattered(
         self,
@@ -108,18 +125,18 @@ class PathTracer:
         path = _Path(None, None, sampler, active & (dr.max(value) > 0))
         path.leave(scene, si, sample, value)
         distance = path.surface.t
-        path = self._followed(scene, path, mi.Bool(True))
-        return light + path.direct, self._limited(path.indirect), distance
+        direct, indirect = self._followed(scene, path, mi.Bool(True)).found
+        return light + direct, self._limited(indirect), distance
 
     def _limited(self, light):
         return light * dr.minimum(1, self.limit / dr.maximum(dr.max(light), 1e-30))
 
     def _followed(self, scene, path, whole, parts=None):
         """The path at its end."""
-        state = path.state()
+        state, ends = path.state(), path.ends
 
         def body(*state):
-            path = _Path.of(state)
+            path = _Path.of(state, ends)
             active = path.active
             si = path.surface.compute_surface_interaction(path.ray, mi.RayFlags.All, active)
             bsdf = si.bsdf()
@@ -167,7 +184,7 @@ class PathTracer:
             path.leave(scene, si, sample, value)
             return path.state()
 
-        return _Path.of(dr.while_loop(state, lambda *s: s[-1], body, label="radiance path"))
+        return _Path.of(dr.while_loop(state, lambda *s: s[-1], body, label="radiance path"), ends)
 
     def _next_event(self, scene, sampler, si, bsdf, lobes, turn, active):
         """Light that comes straight from a lamp and that these lobes scatter to si.wi.
@@ -219,28 +236,28 @@ class PathTracer:
 
 
 class _Path:
-    """A path on its way (Dr.Jit types): the ray and what it meets, vertices before, its share, the light gathered
-    after at most one scattering and after more, the last vertex, and how it was left.
+    """A path on its way (Dr.Jit types): the ray and what it meets, vertices before, its share, the light found by
+    numbers of vertices (see `PathTracer.by_vertices`), the last vertex, and how it was left.
     """
 
     ray: mi.Ray3f
     surface: mi.PreliminaryIntersection3f
 
-    FIELDS = "ray surface depth share direct indirect before density sharp sampler active".split()
+    FIELDS = "ray surface depth share found before density sharp sampler active".split()
 
-    def __init__(self, ray, surface, sampler, active):
+    def __init__(self, ray, surface, sampler, active, ends=DIRECT):
         if ray is not None:  # else it is `leave` that sets out
             self.ray, self.surface = mi.Ray3f(ray), mi.PreliminaryIntersection3f(surface)
         self.depth, self.share = mi.UInt32(0), mi.Color3f(1)
-        self.direct, self.indirect = mi.Color3f(0), mi.Color3f(0)
+        self.ends, self.found = ends, [mi.Color3f(0) for _ in range(len(ends) + 1)]
         self.before, self.density = dr.zeros(mi.Interaction3f), mi.Float(1)
         self.sharp, self.sampler, self.active = mi.Bool(True), sampler, mi.Bool(active)
 
     @classmethod
-    def of(cls, state):
+    def of(cls, state, ends):
         """Inverse of `state`."""
         path = cls.__new__(cls)
-        path.__dict__.update(zip(cls.FIELDS, state, strict=True))
+        path.__dict__.update(zip(cls.FIELDS, state, strict=True), ends=ends)
         return path
 
     def state(self):
@@ -249,9 +266,10 @@ class _Path:
 
     def gather(self, scatterings, light):
         """Add light that was scattered so often beyond this vertex."""
-        late = self.depth + scatterings > 1
-        self.direct += dr.select(late, 0, light)
-        self.indirect += dr.select(late, light, 0)
+        for number, total in enumerate(self.found):
+            late = self.depth + scatterings >= self.ends[number] if number < len(self.ends) else False
+            self.found[number] = total + dr.select(late, 0, light)
+            light = dr.select(late, light, 0)
 
     def leave(self, scene, si, sample, value):
         """Go on to the next surface."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,11 +21,12 @@ if TYPE_CHECKING:
     from .probing import Edges, Places
 
 CONE = {
+    "draft": 1.0,
     "preview": 1.0,
     "balanced": 1.15,
     "full": 1.3,
 }  # of the recordable slope: how much of the kernel's tails
-PAPER_RAYS = {"preview": 256, "balanced": 1024, "full": 4096}
+PAPER_RAYS = {"draft": 64, "preview": 256, "balanced": 1024, "full": 4096}
 PLACES = 64  # beside gloss and images that are tried
 MOST_DEPTHS = 400  # of gloss, and of images, that are looked at
 MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory
@@ -33,8 +35,9 @@ BENT_NEAR = 0.1  # ... where they would fill more of the view nearer to it
 COMPACT = 1.5  # depths of focus: images over more have their plane in their middle
 BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus, at 90 % of their places
 LOOKS = 64  # probe rays in a tile
+DRAFT_RAYS = 25  # a pixel, on average
 
-MOST_PLANES = 12  # that the plan chooses by itself,
+MOST_PLANES, DRAFT_PLANES = 12, 2  # that the plan chooses by itself,
 MOST_SLABS, MOST_IMAGES = (
     8,
     3,
@@ -46,6 +49,12 @@ CHAIN_RAYS = 2.5  # rays that one over mirrors and clear surfaces takes as long 
 # Work beside rays, in rays a pixel: what all planes share, and for each plane, its tables and silhouette, and the two
 # transforms of each frame and wavelength.
 SHARED_WORK, PLANE_WORK, MOVE_WORK = 80.0, 3.0, 0.6
+WHY = (
+    "in the middle of what it sees",
+    "a depth of focus beside gloss, which looks different across the pupil",
+    "beside what is seen in mirrors and glass, towards their outlines",
+    "beside the images of curved mirrors and lenses, whose depths differ from direction to direction",
+)  # a plane is where it is
 RIM = 0.25  # of the light in as many pixels along a shadow's edge as waves there spread over
 
 
@@ -180,13 +189,15 @@ class Scenery:
         found = [self._layout([(rays, ranges)], "all")]
         if not self.branches:
             return found + [self._layout([fit], "all") for fit in more]
+        known: dict[Slab, list] = {}  # layouts share many
         for rays, ranges in self._fits(np.isfinite(self.places.first), "surfaces", min(most - 1, MOST_SLABS)):
             slabs = overlapping([(low, high) for low, high, *_ in ranges])
-            shown = [self._kinds["images"] & slab.holds(self.places.first) for slab in slabs]
-            fits = [
-                self._fits(where, "images", MOST_IMAGES) if where.sum() > LEAST_SHOWN * where.size else []
-                for where in shown
-            ]
+            for slab in slabs:
+                if slab not in known:
+                    where = self._kinds["images"] & slab.holds(self.places.first)
+                    shown = where.sum() > LEAST_SHOWN * where.size
+                    known[slab] = self._fits(where, "images", MOST_IMAGES) if shown else []
+            fits = [known[slab] for slab in slabs]
             counts = [min(1, len(fit)) for fit in fits]
             while len(slabs) + sum(counts) <= most:
                 taken = [
@@ -218,20 +229,51 @@ class Scenery:
 
     def planes(self, layout: Layout, warnings: list[str]) -> tuple[RecordingPlane, ...]:
         """The planes of a layout."""
-        planes, places = [], self.places
-        for part in layout.parts:
-            first, low, high = places.first, part.low, part.high
-            held = places.z[self._held(part)]
-            if len(held):
-                low, high = float(held.min()), float(held.max())
-            # what is shared with other planes may lie beyond
-            z = part.z + 0.5 * (low - part.low + high - part.high)
-            beyond = first[(first > part.slab.far[1]) & part.slab.holds(first)]
-            planes.append(
-                self.plane(
-                    z, part, (low, high), float(beyond.min(initial=part.high)), len(layout.parts), warnings
+        return self._planes([self._bounds(part) for part in layout.parts], warnings)
+
+    def plane(self, z: float, warnings: list[str]) -> RecordingPlane:
+        """One plane for all."""
+        part = Part("all", EVERYWHERE, EVERYWHERE, *self.ends, z, "")
+        return self._planes([(z, part, self.ends, self.ends[0])], warnings)[0]
+
+    def _bounds(self, part):
+        """Where the plane of a part is put, the part, the depths that it sees, and where what lies beyond begins."""
+        first, low, high = self.places.first, part.low, part.high
+        held = self.places.z[self._held(part)]
+        if len(held):
+            low, high = float(held.min()), float(held.max())
+        # what is shared with other planes may lie beyond
+        z = part.z + 0.5 * (low - part.low + high - part.high)
+        beyond = first[(first > part.slab.far[1]) & part.slab.holds(first)]
+        return z, part, (low, high), float(beyond.min(initial=part.high))
+
+    def _planes(self, bounds, warnings):
+        """Planes with no more rays than are asked for on average: tiles that need the most have fewer then."""
+        settings, pixel = self.settings, (self.hologram, self.settings)
+        limits = [self._limit(z, part, ends) for z, part, ends, _ in bounds]
+        rays = [_rays(*pixel, limit) for limit in limits]
+        shares = [self._shares(z, limit, part) for (z, part, *_), limit in zip(bounds, limits, strict=True)]
+        needed = [share * whole for (share, _), whole in zip(shares, rays, strict=True)]
+
+        def on_average(most):
+            return sum(np.minimum(of_tiles, most).mean() for of_tiles in needed)
+
+        most = max(rays)
+        enough = settings.spp or (DRAFT_RAYS if settings.quality == "draft" else math.inf)
+        if settings.estimator == "lattice" and on_average(most) > enough:
+            most = max(1, bisect_right(range(1, most), enough, key=on_average))
+            if settings.spp:
+                warnings.append(
+                    f"{most} rays a pixel are fewer than the {max(rays)} that this depth range needs: the farthest "
+                    f"depths show their middle views only; raise the rays a pixel or reduce the depth range."
                 )
-            )
+        planes = []
+        for (z, part, _, beyond), limit, of_tiles, (_, chains) in zip(
+            bounds, limits, needed, shares, strict=True
+        ):
+            each = (float((np.minimum(of_tiles, most) * where).mean()) for where in (~chains, chains))
+            few = _rays(*pixel, limit, most)
+            planes.append(RecordingPlane(z, part.sees, part.slab, part.images, beyond, limit, few, *each))
         return tuple(planes)
 
     def mean_rays(self, planes: Sequence[RecordingPlane], *kinds: str) -> float:
@@ -248,34 +290,26 @@ class Scenery:
         held = self._kinds[part.sees] & part.slab.holds(self.places.first)
         return held & part.images.holds(self.places.z)
 
-    def plane(
-        self, z: float, part: Part, ends: tuple[float, float], beyond: float, planes: int, warnings: list[str]
-    ) -> RecordingPlane:
-        """A plane at z, one of several, for a `Part` whose depths have some `ends`."""
+    def _limit(self, z, part, ends):
+        """Depth limit of a plane at z for a `Part` whose depths have some `ends`."""
         hologram, thickness = self.hologram, max(ends[1] - z, z - ends[0])
-        images = bool(self.branches) and part.sees != "surfaces"
-        if images:
+        if self.branches and part.sees != "surfaces":
             thickness = max(thickness, IMAGE_REACH * hologram.pitch / (self._cone * self._slope))
-        limit, rays = _rays(hologram, self.settings, thickness, warnings, planes)
-        plain, chained = float(not images), float(images)
-        if by_region(self.settings):
-            plain, chained = self._shares(z, limit, part)
-        return RecordingPlane(
-            z, part.sees, part.slab, part.images, beyond, limit, rays, plain * rays, chained * rays
-        )
+        # rays between the probe's may meet surfaces a little beyond what it saw
+        return 1.02 * thickness + 0.1 * hologram.pitch / self._slope
 
     def _shares(self, z, limit, part):
-        """Rays that the tiles need, plain ones and others with mirrors in view, of those of whole planes."""
-        hologram, places = self.hologram, self.places
+        """Rays that tiles need, of those of whole planes, and where mirrors are in view."""
+        hologram, places, images = self.hologram, self.places, part.sees != "surfaces"
+        if not by_region(self.settings):
+            return np.ones(1), np.array([bool(self.branches) and images])
         tiles = hologram.width * hologram.height / TILE**2
         cell = TILE * max(1, math.ceil(math.sqrt(tiles * LOOKS / len(places.z))))
-        size, images = (hologram.width, hologram.height), part.sees != "surfaces"
-        look = places.look(z, limit, *size, cell, self._held(part), images)
+        look = places.look(z, limit, hologram.width, hologram.height, cell, self._held(part), images)
         whole = directions_of(self._slope, limit, hologram.pitch, self._cone)
         steps = look.steps(whole)
         reach = directions_of(self._slope, limit_of(steps, limit), hologram.pitch, self._cone)
-        share = np.where(steps < 0, 0.0, (reach / whole) ** 2)
-        return float((share * ~look.chains).mean()), float((share * look.chains).mean())
+        return np.where(steps < 0, 0.0, (reach / whole) ** 2), look.chains
 
     def _fits(self, where, sees, most):
         """Rays, and lowest and highest depth, plane and reason of each, of the best 1, 2, ... slabs for some places."""
@@ -295,25 +329,19 @@ class Scenery:
         before = np.maximum.accumulate(np.where(held, index, -1), axis=0)
         lows, highs = np.append(first, np.inf)[after], last[before]
         mirror = float(np.median(places.first[where]))
-        cost, place, why = np.full((bins, bins), np.inf), np.zeros((bins, bins)), {}
+        cost, place, why = np.full((bins, bins), np.inf), np.zeros((bins, bins)), np.zeros((bins, bins), int)
+        pairs = np.triu_indices(bins)
+        place[pairs], why[pairs] = self._put(first[pairs[0]], last[pairs[1]], sees, mirror)
         for i in range(bins):
             there, thickness = after[i] <= index[i:], last[i:] - first[i]
-            z = first[i] + 0.5 * thickness
-            for k, high in enumerate(last[i:]):
-                beside = self._beside(first[i], high, sees, mirror)
-                if beside is not None:
-                    z[k], why[i, i + k] = beside
-            limit = np.maximum(highs[i:] - z[:, None], z[:, None] - lows[i]) + RAMP * thickness[:, None]
+            z = place[i, i:, None]
+            limit = np.maximum(highs[i:] - z, z - lows[i]) + RAMP * thickness[:, None]
             rays = there * work * self._rays(np.where(there, limit, 0), chained)
-            cost[i, i:], place[i, i:] = rays.mean(1), z
-        usual = "in the middle of what it sees"
+            cost[i, i:] = rays.mean(1)
         return [
             (
                 float(sum(cost[part] for part in parts)),
-                [
-                    (float(first[i]), float(last[j]), float(place[i, j]), why.get((i, j), usual))
-                    for i, j in parts
-                ],
+                [(float(first[i]), float(last[j]), float(place[i, j]), WHY[why[i, j]]) for i, j in parts],
             )
             for parts in partitions(cost, most)
         ]
@@ -335,30 +363,25 @@ class Scenery:
         reach = directions_of(self._slope, limit, self.hologram.pitch, self._cone)
         return math.pi * np.where(chained, np.maximum(reach, IMAGE_REACH), reach) ** 2
 
-    def _beside(self, low, high, sees, mirror):
-        """Where a plane is put beside gloss or images in a slab, and why; None where the middle serves.
+    def _put(self, low, high, sees, mirror):
+        """Where planes are put for slabs between some depths, in the middle or beside gloss or images, and a number of
+        `WHY`.
 
         A mirror's outline cuts what is seen in it, at the mirror's depth: what a part of the pupil sees must not lie in
         the plane, see `_shadows`.
         """
         middle, depth = 0.5 * (low + high), depth_of_focus(self.hologram)
-        gloss = self.gloss[(self.gloss >= low) & (self.gloss <= high)]
-        if len(gloss):
-            reason = "a depth of focus beside gloss, which looks different across the pupil"
-            return _beside(low, high, gloss, depth, 0.01 * len(gloss)), reason
+        gloss, bent = _Within(self.gloss, low, high), _Within(self.bent, low, high)
+        beside = gloss.count > 0
+        place = np.where(beside, gloss.beside(depth, 0.01 * gloss.count), middle)
+        why = np.where(beside, 1, 0)
         if sees == "surfaces":
-            return None
-        if sees == "images" and high - low < COMPACT * depth:
-            reason = "beside what is seen in mirrors and glass, towards their outlines"
-            return float(np.clip(mirror, low - depth, high + depth)), reason
-        bent = self.bent[(self.bent >= low) & (self.bent <= high)]
-        spread = np.ptp(np.quantile(bent, (0.05, 0.95))) if len(bent) else 0.0
-        if spread <= BENT_SPREAD * depth or (abs(bent - middle) < BESIDE * depth).sum() <= self._few:
-            return None
-        reason = (
-            "beside the images of curved mirrors and lenses, whose depths differ from direction to direction"
-        )
-        return _beside(low, high, bent, BESIDE * depth, self._few), reason
+            return place, why
+        compact = (why == 0) & (sees == "images") & (high - low < COMPACT * depth)
+        place, why = np.where(compact, np.clip(mirror, low - depth, high + depth), place), why + 2 * compact
+        apart = (why == 0) & (bent.spread > BENT_SPREAD * depth)
+        apart &= bent.near(middle, BESIDE * depth) > self._few
+        return np.where(apart, bent.beside(BESIDE * depth, self._few), place), why + 3 * apart
 
     def _shadows(self, parts):
         """Share of the light that is lost or on the wrong side where near things stand before others of their slab.
@@ -420,43 +443,54 @@ def chosen(layouts: list[Layout], noise: float, moves: int) -> Layout:
     return min(layouts, key=worth)
 
 
-def _beside(low, high, depths, distance, few):
-    """The place nearest to the middle that has no more than a few of some depths within a distance.
+class _Within:
+    """Depths that lie in slabs between others, of each slab."""
 
-    Gloss nearer than about a depth of focus has all directions of a grain in one pixel, which cannot hold that they
-    differ. Images whose depths differ by as much as their distance from the plane leave too many rays for some grains
-    and too few for others: up to a tenth of the light.
-    """
-    middle = 0.5 * (low + high)
-    candidates = np.linspace(low - 1.05 * distance, high + 1.05 * distance, PLACES)
-    candidates = candidates[np.argsort(abs(candidates - middle), kind="stable")]
-    near = (abs(depths - candidates[:, None]) < distance).sum(1)
-    return float(candidates[np.argmax(near <= few)])
+    def __init__(self, depths, low, high):
+        self._depths, self._low, self._high = np.sort(depths), low, high
+        self._begin = np.searchsorted(self._depths, low)
+        self._end = np.searchsorted(self._depths, high, "right")
+        self.count = self._end - self._begin
+
+    @property
+    def spread(self):
+        """Of nine tenths of them."""
+        if not len(self._depths):
+            return np.zeros(self._low.shape)
+        places, last = np.arange(len(self._depths)), np.maximum(self.count - 1, 0)
+        ends = [np.interp(self._begin + part * last, places, self._depths) for part in (0.05, 0.95)]
+        return np.where(self.count > 0, ends[1] - ends[0], 0.0)
+
+    def near(self, place, distance):
+        """How many lie within a distance of a place of each slab."""
+        extra = (...,) + (None,) * (np.ndim(place) - self._low.ndim)
+        begin, end = self._begin[extra], self._end[extra]
+        first = np.clip(np.searchsorted(self._depths, place - distance, "right"), begin, end)
+        return np.clip(np.searchsorted(self._depths, place + distance), begin, end) - first
+
+    def beside(self, distance, few):
+        """The place nearest to the slab's middle that has no more than a few within a distance.
+
+        Gloss nearer than about a depth of focus has all directions of a grain in one pixel, which cannot hold that they
+        differ. Images whose depths differ by as much as their distance from the plane leave too many rays for some
+        grains and too few for others: up to a tenth of the light.
+        """
+        reach, middle = 1.05 * distance, 0.5 * (self._low + self._high)[:, None]
+        tried = np.linspace(self._low - reach, self._high + reach, PLACES, axis=-1)
+        tried = np.take_along_axis(tried, np.argsort(abs(tried - middle), axis=-1, kind="stable"), -1)
+        fits = self.near(tried, distance) <= np.reshape(few, (-1, 1))
+        return np.take_along_axis(tried, np.argmax(fits, axis=-1)[:, None], -1)[:, 0]
 
 
-def _limit(hologram, thickness):
-    """Depth limit for surfaces up to `thickness` from the plane."""
-    # rays between the probe's may meet surfaces a little beyond what it saw
-    return 1.02 * thickness + 0.1 * hologram.pitch / max_slope(hologram)
-
-
-def _rays(hologram, settings, thickness, warnings, planes):
-    """Depth limit of a plane, one of several, with surfaces up to `thickness` away, and its rays a pixel."""
-    slope, cone, limit = max_slope(hologram), CONE[settings.quality], _limit(hologram, thickness)
+def _rays(hologram, settings, limit, most=None):
+    """Rays a pixel of a plane with surfaces up to `limit` away, no more than `most`."""
+    slope, cone = max_slope(hologram), CONE[settings.quality]
     if settings.estimator == "paper":
-        return limit, settings.spp or PAPER_RAYS[settings.quality]
+        return settings.spp or PAPER_RAYS[settings.quality]
     if directions_of(slope, limit, hologram.pitch, cone) > MOST_REACH:
         raise InvalidInput(
             f"The recording plane is {limit * 1e3:.1f} mm from a surface, which would need over "
             f"{math.pi * MOST_REACH**2:.0f} rays a pixel: put it nearer to the scene (auto does), reduce the depth "
             f"range, or use the paper's estimator."
         )
-    whole = Lattice.of(slope, limit, hologram.pitch, cone)
-    most = settings.spp and max(1, settings.spp // planes)
-    lattice = Lattice.of(slope, limit, hologram.pitch, cone, most)
-    if lattice.rays < whole.rays:
-        warnings.append(
-            f"{lattice.rays} rays a pixel are fewer than the {whole.rays} that this depth range needs: the farthest "
-            f"depths lose contrast; raise the rays a pixel or reduce the depth range."
-        )
-    return limit, lattice.rays
+    return Lattice.of(slope, limit, hologram.pitch, cone, most).rays

@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from . import backend, baselines, despeckle, planner
 from .clock import Clock
 from .hologram import Settings
-from .kernel_table import Lattice, directions_of, kernel_table
+from .kernel_table import LEVELS, Lattice, directions_of, kernel_table
 from .mapping import DepthMapping
 from .phase_fields import phasors_of, pixel_transmission, recordable_fraction
 from .propagation import carrier, field_of, padded_shape, spectrum, transfer_function
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .recording_planes import RecordingPlane
 
 SIDE = 4  # rays across a pixel that a silhouette's edge is found by
+FEW_LEVELS = 64  # of a draft's or preview's kernel tables at least
 
 
 def render(
@@ -298,6 +299,7 @@ class Recording:
 
     def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
         """Where the radiance of rays comes from: a map of grains, or paths of their own."""
+        from .filtering import REACH
         from .grains import GrainGrid, measure_grains
         from .radiance import PathsPerRay
         from .rays import Rays
@@ -336,7 +338,7 @@ class Recording:
                 plan.most_passes,
                 plan.white,
                 plan.planes if plan.regions else (),
-                bool(settings.fixed.get("filter", 1)),
+                REACH[settings.quality] if settings.fixed.get("filter", 1) else 0,
                 settings.fixed.get("textures"),
             )
         self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
@@ -351,7 +353,7 @@ class Recording:
             return self.plan.passes
         from .probing import Pilot
 
-        pilot = Pilot(self.scene, self.hologram, self.camera, self.mapping, settings.seed)
+        pilot = Pilot.of(self.scene, self.hologram, self.camera, self.mapping, settings)
         most, slab, firefly = (
             self.plan.max_depth,
             planner.slab_of(self.hologram),
@@ -440,7 +442,8 @@ class Recording:
         if self.settings.estimator == "paper":
             return RandomEstimator(hologram, most, self.settings.seed)
         if depth_limit not in self._estimators:
-            lattice = Lattice.of(self.max_slope, depth_limit, hologram.pitch, self.plan.cone, most)
+            levels = FEW_LEVELS if self.settings.quality in ("draft", "preview") else LEVELS[0]
+            lattice = Lattice.of(self.max_slope, depth_limit, hologram.pitch, self.plan.cone, most, levels)
             tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
             self._estimators[depth_limit] = LatticeEstimator(hologram, lattice, tables)
         return self._estimators[depth_limit]

@@ -111,10 +111,12 @@ def depth_slabs(depths: np.ndarray, count: int) -> list[tuple[float, float]]:
 def binned(depths: np.ndarray, bins: int = DEPTH_BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lowest and highest depth in each bin that holds any, and the bin of each depth."""
     low, high = float(depths.min()), float(depths.max())
-    number = np.minimum(((depths - low) / max(high - low, 1e-12) * bins).astype(int), bins - 1)
-    used = np.bincount(number, minlength=bins) > 0
-    number = (np.cumsum(used) - 1)[number]
-    first, last = np.full(used.sum(), np.inf), np.full(used.sum(), -np.inf)
-    np.minimum.at(first, number, depths)
-    np.maximum.at(last, number, depths)
-    return first, last, number
+    number = np.minimum((depths - low) / max(high - low, 1e-12) * bins, bins - 1).astype(
+        np.min_scalar_type(bins)
+    )
+    counts = np.bincount(number, minlength=bins)
+    used = counts > 0
+    begin = np.append(0, np.cumsum(counts[used])[:-1])
+    ordered = depths[np.argsort(number, kind="stable")]  # of small integers, which is fast
+    first, last = (ends.reduceat(ordered, begin).astype(float) for ends in (np.minimum, np.maximum))
+    return first, last, (np.cumsum(used) - 1)[number]

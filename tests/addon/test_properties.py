@@ -120,7 +120,7 @@ NUMBERS = {
     "colours": "RGB MONO",
     "depth_mapping": "fit eyepiece",
     "phase_field": "designed random",
-    "quality": "preview balanced full",
+    "quality": "preview balanced full draft",
     "method": "auto full fast direct point polygon rgbd rgbd-sgd focal-stack light-field stereogram gaussian network",
     "estimator": "lattice paper",
     "radiance": "grain ray",

@@ -78,4 +78,6 @@ def test_one_ray_a_grain_at_the_depth_limit():
 def test_most_bounds_the_rays():
     assert Lattice.of(SLOPE, 5e-3, PITCH, most=100).rays <= 100
     assert Lattice.of(SLOPE, 5e-3, PITCH, most=1).rays == 1
+    # fewer are those in the middle, as close to each other
+    assert Lattice.of(SLOPE, 5e-3, PITCH, most=100).spacing == Lattice.of(SLOPE, 5e-3, PITCH).spacing
     assert Lattice.of(SLOPE, 1e-9, PITCH).rays > 1

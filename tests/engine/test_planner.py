@@ -35,11 +35,35 @@ def test_flat_picture_needs_few_rays(build, camera, small):
 def test_too_few_rays_and_too_small_an_aperture_are_warned_of(build, camera, small):
     scene = build.two_planes(build.emissive)
     assert any(
-        "rays a pixel" in w for w in engine.plan(scene, camera, small, engine.Settings(spp=20)).warnings
+        "rays a pixel" in w
+        for w in engine.plan(scene, camera, small, engine.Settings(spp=20, planes=1)).warnings
     )
     far = replace(small, depth_far=80e-3, depth_near=85e-3)
     assert any("aperture" in w for w in engine.plan(scene, camera, far).warnings)
     assert engine.plan(scene, camera, small).warnings == ()
+
+
+def test_drafts_model_little(build, camera, small):
+    """No mirrors, two planes, a few rays a pixel; and nothing to be warned of. What is fixed by hand counts."""
+    parts = {
+        "mirror": build.plane(0.8, {"bsdf": {"type": "conductor"}}, 0.2, 0.2, slant=30),
+        "pane": build.plane(0.6, build.emissive(build.texture(64, 3)), 0.1, 0.2, x=-0.1),
+        "wall": build.plane(2.0, build.emissive(build.texture(64, 3))),
+    }
+    scene, draft = build.scene(**parts), engine.Settings(quality="draft", frames=24)
+    plan = engine.plan(scene, camera, small, draft)
+    assert (plan.chain, plan.bins, plan.passes, plan.warnings) == (0, 1, 4, ())
+    assert len(plan.planes) == 2
+    assert sum(plane.plain + plane.chained for plane in plan.planes) <= 25
+    assert any(d.name == "specular hits" and "as drafts do" in d.reason for d in plan.decisions)
+    assert engine.plan(scene, camera, small, replace(draft, fixed={"chain": 2})).chain == 2
+    field = engine.render(scene, camera, small, draft, plan)
+    focus = [0.6, 2.0]
+    truth = engine.reference(scene, camera, small, focus, spp=64, near=field.near)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        assert engine.psnr(picture, reference, 16) > 22
+        picture, reference = (light[16:-16, 16:-16] for light in (picture, reference))
+        assert picture.mean() / reference.mean() == pytest.approx(1, abs=0.05)
 
 
 def test_captured_share_against_a_monte_carlo_count(small):

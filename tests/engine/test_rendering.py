@@ -45,6 +45,16 @@ def test_emissive_planes(build, camera, small):
         assert brightness(picture, reference) == pytest.approx(1, abs=0.05), depth
 
 
+def test_half_the_rays_lose_little(build, camera, small):
+    """What is left is a narrower cone, not a coarser lattice, whose aliases cost 4 dB."""
+    settings = engine.Settings(frames=24, planes=1, spp=50)
+    field, rows = compare(build.two_planes(build.emissive), camera, small, settings, [0.5, 1.0, 2.0])
+    assert field.plan["rays_per_pixel"] <= 50
+    for (depth, picture, reference), least in zip(rows, (25.5, 28, 27), strict=True):
+        assert engine.psnr(picture, reference) >= least, depth
+        assert brightness(picture, reference) == pytest.approx(1, abs=0.02), depth
+
+
 def test_diffuse_planes_under_a_lamp(build, camera, small):
     settings = engine.Settings(frames=24)
     field, rows = compare(build.two_planes(build.diffuse), camera, small, settings, [0.5, 1.0, 2.0])

@@ -48,7 +48,7 @@ BASELINES = {
     ),
     "network": ("network", "Network", "a function of your own from a picture with depth to a field"),
 }
-PATHS = {"preview": 16, "balanced": 64, "full": 256}  # of a pixel of a picture
+PATHS = {"draft": 4, "preview": 16, "balanced": 64, "full": 256}  # of a pixel of a picture
 
 
 @dataclass(frozen=True)

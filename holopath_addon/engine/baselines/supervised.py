@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from . import Job
 
-STEPS = {"preview": 100, "balanced": 200, "full": 600}  # each a look at one picture
+STEPS = {"draft": 30, "preview": 100, "balanced": 200, "full": 600}  # each a look at one picture
 RATE = 0.12  # radians, Adam's longest step; from 0.2 on it finds no rest
 
 
