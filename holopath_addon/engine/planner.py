@@ -339,7 +339,9 @@ def plan(
         ),
     )
     places = replace(seen.places, z=np.clip(seen.places.z, z_low, z_high))
-    gloss = mapping.z_far + mapping.beta * seen.gloss if seen.turn > GLOSSY_TURN else np.empty(0)
+    if seen.turn <= GLOSSY_TURN or settings.quality == "draft":  # it looks alike from all over the pupil
+        seen = replace(seen, gloss=np.empty(0))
+    gloss = mapping.z_far + mapping.beta * seen.gloss
     bent = np.clip(mapping.z_far + mapping.beta * seen.images, z_low, z_high)
     edges = pilot.edges(optics, slab_of(hologram))
     scenery = Scenery(
@@ -632,6 +634,11 @@ def sharing(settings: Settings) -> float:
     return FILTERED if settings.fixed.get("filter", 1) else 1.0
 
 
+def asked_textures(settings: Settings) -> int | None:
+    """Rays a pixel that see textures alone; None where the first paths tell how many."""
+    return settings.fixed.get("textures", 0 if settings.quality == "draft" else None)
+
+
 def _likely(settings, light):
     """Radiance paths a pixel that will be taken, and rays that see its texture alone, roughly: halves differ by more
     than the pilot's few paths tell.
@@ -652,7 +659,8 @@ def _likely_textures(settings, light, passes):
     if sharing(settings) == 1:
         return 0
     error = 0.5 * math.sqrt(_texture_left(settings, light, passes))
-    return settings.fixed.get("textures", rays_for_textures(error, 0.5 * wanted_noise(settings), passes))
+    asked = asked_textures(settings)
+    return rays_for_textures(error, 0.5 * wanted_noise(settings), passes) if asked is None else asked
 
 
 def _texture(scene, camera, hologram, settings, view, pilot, seen, light, columns, store, slow, decisions):

@@ -37,7 +37,7 @@ BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus,
 LOOKS = 64  # probe rays in a tile
 DRAFT_RAYS = 25  # a pixel, on average
 
-MOST_PLANES, DRAFT_PLANES = 12, 2  # that the plan chooses by itself,
+MOST_PLANES, DRAFT_PLANES = 12, 3  # that the plan chooses by itself,
 MOST_SLABS, MOST_IMAGES = (
     8,
     3,

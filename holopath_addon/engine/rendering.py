@@ -339,7 +339,7 @@ class Recording:
                 plan.white,
                 plan.planes if plan.regions else (),
                 REACH[settings.quality] if settings.fixed.get("filter", 1) else 0,
-                settings.fixed.get("textures"),
+                planner.asked_textures(settings),
             )
         self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
         self.rays_traced["texture rays"] = grid.columns * grid.rows * radiance.textures

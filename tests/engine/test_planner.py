@@ -357,8 +357,8 @@ def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monk
     timed, radiance = probing._timed, []
     for extra in (0.0, 10.0):
 
-        def slower(work, extra=extra):
-            seconds, _, result = timed(work)
+        def slower(*work, extra=extra):
+            seconds, _, result = timed(*work)
             return seconds, extra, result
 
         monkeypatch.setattr(probing, "_timed", slower)
