@@ -588,9 +588,8 @@ class Pilot:
         from .radiance import DIRECT
 
         trace = self._paths(optics, slab)
-        start = time.perf_counter()
-        trace(tracer_of(*DIRECT))
-        speed = self._grains * PILOT_PATHS / (time.perf_counter() - start)
+        seconds, *_ = _timed(lambda: trace(tracer_of(*DIRECT)), hurried=True)
+        speed = self._grains * PILOT_PATHS / seconds
         return replace(light, short_per_second=max(light.paths_per_second, speed))
 
     def _paths(self, optics, slab):
