@@ -287,7 +287,7 @@ def frames_designed(frames):
 
 
 def rays(spp):
-    """The lattice, coarser than the depth range needs or as fine."""
+    """The lattice, narrower than the depth range needs or whole."""
     figures = compared(planes(), display(), replace(SETTINGS, spp=spp, planes=1))
     if "warned" in figures:  # no such picture was promised
         figures |= {f"{name} of few": figures.pop(name) for name in LIMITS}
@@ -736,8 +736,8 @@ SWEEPS = [
         )
         + (300, 1000, 4096, 16384),
         rays,
-        "Below 277 rays the plan warns that they are too few for the depth range: PSNR falls by 6 dB; more change "
-        "nothing.",
+        "Below 277 rays the plan warns that they are too few for the depth range: PSNR falls by 1.5 dB with half of "
+        "them, by 4 dB with 5 to 69; more change nothing.",
         quick=(21, 277, 16384),
         log=True,
     ),

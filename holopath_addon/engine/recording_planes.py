@@ -262,18 +262,18 @@ class Scenery:
         enough = settings.spp or (DRAFT_RAYS if settings.quality == "draft" else math.inf)
         if settings.estimator == "lattice" and on_average(most) > enough:
             most = max(1, bisect_right(range(1, most), enough, key=on_average))
-            if settings.spp:
-                warnings.append(
-                    f"{most} rays a pixel are fewer than the {max(rays)} that this depth range needs: the farthest "
-                    f"depths show their middle views only; raise the rays a pixel or reduce the depth range."
-                )
+        few = [_rays(*pixel, limit, most) for limit in limits]
+        if settings.spp and max(few) < max(rays):
+            warnings.append(
+                f"{max(few)} rays a pixel are fewer than the {max(rays)} that this depth range needs: the farthest "
+                f"depths show their middle views only; raise the rays a pixel or reduce the depth range."
+            )
         planes = []
-        for (z, part, _, beyond), limit, of_tiles, (_, chains) in zip(
-            bounds, limits, needed, shares, strict=True
+        for (z, part, _, beyond), limit, count, of_tiles, (_, chains) in zip(
+            bounds, limits, few, needed, shares, strict=True
         ):
             each = (float((np.minimum(of_tiles, most) * where).mean()) for where in (~chains, chains))
-            few = _rays(*pixel, limit, most)
-            planes.append(RecordingPlane(z, part.sees, part.slab, part.images, beyond, limit, few, *each))
+            planes.append(RecordingPlane(z, part.sees, part.slab, part.images, beyond, limit, count, *each))
         return tuple(planes)
 
     def mean_rays(self, planes: Sequence[RecordingPlane], *kinds: str) -> float:
