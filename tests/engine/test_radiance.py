@@ -31,6 +31,31 @@ def test_path_tracer_agrees_with_mitsuba(build):
         assert (abs(theirs.mean(1) - ours.mean(1)) <= 4 * error).all(), depth
 
 
+def test_light_by_vertices_is_that_of_shorter_paths(build):
+    """One look tells what paths of any length find: path by path, by the same random numbers."""
+    import drjit as dr
+
+    from holopath_addon.engine.radiance import PathTracer
+
+    mi, scene, rays, ends = build.mi, build.closed_box(), 1 << 10, (1, 2, 4)
+
+    def light(tracer, *ends):
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(1, rays)
+        u = 2 * sampler.next_2d() - 1
+        ray = mi.Ray3f(mi.Point3f(0), dr.normalize(mi.Vector3f(0.5 * u.x, 0.5 * u.y, -1)))
+        found = tracer.by_vertices(
+            scene, sampler, ray, scene.ray_intersect_preliminary(ray), mi.Bool(True), ends or (1,)
+        )
+        return np.array(found)
+
+    bands = light(PathTracer(6), *ends)
+    assert (bands[1:].max((1, 2)) > 0).all()
+    for number, depth in enumerate((*ends, 6)):
+        shorter = light(PathTracer(depth)).sum(0)
+        np.testing.assert_allclose(bands[: number + 1].sum(0), shorter, rtol=1e-4, atol=1e-6)
+
+
 def test_of_many_lamps_the_one_that_matters_is_drawn(build, monkeypatch):
     """Twelve lamps, one of them bright, and a shining card: the mean of Mitsuba's `path`, a quarter of the variance."""
     import drjit as dr
