@@ -165,7 +165,7 @@ def test_split_adds_up_on_diffuse_walls(build, camera, depth):
     """Nearly all light is indirect; each quarter of the view."""
     scene = build.closed_box()
     cache, _ = bake(scene, camera, max_depth=depth)
-    light, _ = truth(build, scene, camera, depth, 512)
+    light, _ = truth(build, scene, camera, depth, 2048)
     mine = cached(build, scene, camera, cache, depth)
     if depth == 2:  # a sliver of light
         assert mine.mean() == pytest.approx(light.mean(), rel=0.03)
