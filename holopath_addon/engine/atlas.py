@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .buffers import gather_row, packed
+from .buffers import gather_row, loaded, packed
 from .lobes import nested_in, parts_of
 from .unwrapping import CHARTED_TRIANGLES, cells, charts
 
@@ -129,11 +129,12 @@ class Triangles:
         self.numbers = 1 + max(starts, default=0)
         start = np.zeros(self.numbers, np.uint32)
         start[list(starts)] = list(starts.values())
-        self._start, self._children = mi.UInt32(start), mi.UInt32(np.array(children, np.uint32))
+        self._start = loaded(mi.UInt32, start)
+        self._children = loaded(mi.UInt32, np.array(children, np.uint32))
         scale = np.ones(self.numbers, np.float32)
         for owner in self.owners:
             scale[owner.number] = owner.scale
-        self.scale = mi.Float(scale)
+        self.scale = loaded(mi.Float, scale)
         meshes = [mesh for family in self.families for mesh in family.meshes]
         meshes.sort(key=lambda mesh: mesh.first)
         self.meshes = meshes
@@ -141,10 +142,10 @@ class Triangles:
         indices = [np.full(len(m.faces), m.index, np.uint32) for m in meshes] or [np.zeros(1, np.uint32)]
         numbers = [np.arange(len(m.faces), dtype=np.uint32) for m in meshes] or [np.zeros(1, np.uint32)]
         part = [m.parts[m.faces[:, 0]].astype(np.uint32) for m in meshes] or [np.zeros(1, np.uint32)]
-        self.shape_of = mi.UInt32(np.concatenate(shapes))
-        self.index_of = mi.UInt32(np.concatenate(indices))
-        self.number_of = mi.UInt32(np.concatenate(numbers))
-        self.part_of = mi.UInt32(np.concatenate(part))
+        self.shape_of = loaded(mi.UInt32, np.concatenate(shapes))
+        self.index_of = loaded(mi.UInt32, np.concatenate(indices))
+        self.number_of = loaded(mi.UInt32, np.concatenate(numbers))
+        self.part_of = loaded(mi.UInt32, np.concatenate(part))
 
     def areas(self) -> np.ndarray:
         """Area of each part, square metres of its own mesh."""
@@ -175,7 +176,7 @@ class Triangles:
             family.meshes = [mesh for mesh in family.meshes if mesh.shape not in shapes]
         self.families = [family for family in self.families if family.meshes]
         self.meshes = [mesh for mesh in self.meshes if mesh.shape not in shapes]
-        self._children = mi.UInt32(children)
+        self._children = loaded(mi.UInt32, children)
 
     def row(self, surface: mi.PreliminaryIntersection3f, active: mi.Bool | bool = True) -> tuple:
         """Who shows the triangle where a ray hits, its row, and whether it has one (Dr.Jit types)."""
@@ -355,7 +356,7 @@ class Atlas:
         self.triangles, self.layout = triangles, layout
         self.width, height = layout.size
         self.size = self.width * height
-        self.texel_of = mi.Float(layout.texel)
+        self.texel_of = loaded(mi.Float, layout.texel)
         corners, copies = layout.corners, layout.copies
         self.points = abs(corners[:, 2] * corners[:, 5] - corners[:, 3] * corners[:, 4]) < 1e-9
         origins = np.full((triangles.numbers, 4), -1, np.float32)
@@ -375,7 +376,8 @@ class Atlas:
             row[y : y + h, x : x + w] = row[y0 : y0 + h, x0 : x0 + w]
             copy[y : y + h, x : x + w] = number
         self.rows = row.ravel()
-        self._row, self._copy, self._copies = mi.UInt32(self.rows), mi.UInt32(copy.ravel()), packed(table)
+        self._row, self._copy = loaded(mi.UInt32, self.rows), loaded(mi.UInt32, copy.ravel())
+        self._copies = packed(table)
 
     def _covered(self, base, height):
         """Row of the triangle at each texel of the first copies, NONE where there is none, one texel of margin.

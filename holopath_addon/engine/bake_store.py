@@ -102,13 +102,14 @@ class Stored:
     def cache(self, triangles: Triangles, complete: bool, translucent: bool) -> RadianceCache | None:
         """The `RadianceCache` of these triangles, None where it groups texels otherwise."""
         from .atlas import Atlas
+        from .buffers import loaded
         from .radiance_cache import Groups, RadianceCache, dr, mi
 
         cache = RadianceCache(Atlas(triangles, self.layout), complete, translucent)
         if cache.coarse.digest() != self.coarse or dr.width(cache.source) != len(self.source):
             return None
         cache.add(Groups(self.pool, self.starts, self.counts), self.fine.reshape(-1, 4)[1:])
-        cache.source = mi.Float(self.source)
+        cache.source = loaded(mi.Float, self.source)
         return cache
 
     def check(self, triangles: Triangles) -> None:

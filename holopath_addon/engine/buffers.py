@@ -37,10 +37,10 @@ ALIGNMENT = 64  # bytes, of the widest vectors of any processor
 
 
 def loaded(kind: type, values: np.ndarray) -> Any:
-    """A NumPy array that programs read lane by lane, as Dr.Jit's.
+    """A NumPy array in memory of its own, as Dr.Jit's.
 
-    Dr.Jit 1.5 would use NumPy's memory as it lies, and compile a program again for each array of it that begins at a
-    multiple of 64 bytes, or does not: with three arrays eight programs, by chance.
+    Dr.Jit 1.5 would use NumPy's memory as it lies. It compiles a program that reads an array lane by lane, or rows of
+    it, again for one that begins at a multiple of 64 bytes, or does not: with three arrays eight programs, by chance.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def packed(values: np.ndarray) -> Any:
     rows, count = values.shape
     if count != row_stride(count):
         values = np.pad(values, ((0, 0), (0, row_stride(count) - count)))
-    return (mi.UInt32 if values.dtype == np.uint32 else mi.Float)(np.ascontiguousarray(values).ravel())
+    return loaded(mi.UInt32 if values.dtype == np.uint32 else mi.Float, values.ravel())
 
 
 def packed_phasors(phasors: Sequence[np.ndarray]) -> Any:

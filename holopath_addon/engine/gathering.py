@@ -57,7 +57,7 @@ def solve(scene: mi.Scene, cache: RadianceCache, max_depth: int, seed: int, prog
             lambda done, bounce=bounce: progress((bounce + done) / bounces),
         )
         source = np.concatenate([sums[:, :3] + sums[:, 3:6], sums[:, 6:7]], axis=1)
-        cache.source = mi.Float(source.ravel())
+        cache.source = loaded(mi.Float, source.ravel())
         total = source[:, :3].sum(dtype=float)
         if abs(total - before) <= SETTLED * total:
             break
@@ -70,7 +70,7 @@ def _sums(scene, cache, tracer, groups, which, samples, done, seed, progress):
 
     `done`, a number each, tells how many they have had before.
     """
-    pool = mi.UInt32(groups.pool)
+    pool = loaded(mi.UInt32, groups.pool)
     sums = np.empty((len(which), len(SUMS)), np.float32)
     size = cache.lanes
     for first in range(0, len(which), size):
@@ -182,7 +182,7 @@ class _Filter:
 
     def __init__(self, cache, groups, first):
         self._atlas, self._slots, self._first = cache.atlas, cache.slots, first
-        self._texels = mi.UInt32(groups.leaders)
+        self._texels = loaded(mi.UInt32, groups.leaders)
         self._sides = mi.Int(np.broadcast_to(groups.sides, len(groups)))
         surface, front = self._atlas.place(self._texels, mi.Point2f(0.5))
         si = surface.compute_surface_interaction(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))

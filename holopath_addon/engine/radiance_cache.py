@@ -93,7 +93,7 @@ class RadianceCache:
         self.coarse, self.groups = Groups.all_of(atlas, side), []
         slots = np.zeros((atlas.size, 2), np.uint32)
         slots[self.coarse.pool, 1] = self.coarse.numbers
-        self.slots = mi.UInt32(slots.ravel())
+        self.slots = loaded(mi.UInt32, slots.ravel())
         self.fine, self.source = zeros(4), zeros(4 * max(1, len(self.coarse)))
         lanes = 1 << max(0, len(self.coarse) // 4).bit_length()
         self.lanes = min(max(lanes, LEAST_LANES), MOST_LANES)
@@ -323,7 +323,7 @@ class View:
         """
         pixels = self._hologram.width * self._hologram.height
         size, sampler, seen = self._look(max(1, math.ceil(math.sqrt(pixels / PROBE_RAYS))))
-        direct, path_to = (mi.Float(np.full(max(1, triangles.parts), np.inf, np.float32)) for _ in "12")
+        direct, path_to = (loaded(mi.Float, np.full(max(1, triangles.parts), np.inf)) for _ in "12")
         reached = dr.zeros(mi.UInt32, 2 * triangles.numbers)
         context = mi.BSDFContext()
         pixel = self._hologram.pitch / self._mapping.focal
@@ -368,7 +368,7 @@ class View:
         """
         _, sampler, seen = self._look(0.5)
         across, down = atlas.width // BLOCK, atlas.size // atlas.width // BLOCK
-        finest = mi.Float(np.full(across * down, np.inf, np.float32))
+        finest = loaded(mi.Float, np.full(across * down, np.inf))
         si = seen.surface.compute_surface_interaction(seen.ray, mi.RayFlags.All, seen.exists)
         cosine = dr.dot(si.n, -seen.ray.d)
         texel, known = atlas.texel(seen.surface, cosine > 0, sampler.next_2d(), seen.exists)
@@ -538,4 +538,4 @@ def _count(lanes):
 
 def zeros(count: int) -> mi.Float:
     """Zeros in memory: a literal would be compiled into the kernel, and compiled anew once it is none."""
-    return mi.Float(np.zeros(count, np.float32))
+    return loaded(mi.Float, np.zeros(count))

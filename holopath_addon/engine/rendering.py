@@ -458,6 +458,7 @@ class Recording:
         import drjit as dr
         import mitsuba as mi
 
+        from .buffers import loaded
         from .rays import Rays, intersect
 
         hologram, (height, width) = self.hologram, self.canvas
@@ -480,7 +481,7 @@ class Recording:
         edge = maximum_filter(cover, 3) != minimum_filter(cover, 3)
         if not edge.any():
             return cover
-        pixels = mi.UInt32(np.flatnonzero(edge).astype(np.uint32))
+        pixels = loaded(mi.UInt32, np.flatnonzero(edge))
         column, row, (within, height) = covered(pixels)
         share = mi.Float(0)
         for j, i in np.ndindex(SIDE, SIDE):

@@ -193,6 +193,8 @@ class Surface:
         """A `mitsuba.Mesh` with this material, its arrays copied."""
         import mitsuba as mi
 
+        from ..engine.buffers import loaded
+
         properties = mi.Properties()
         properties["bsdf"] = bsdf
         if emitter is not None:
@@ -207,13 +209,13 @@ class Surface:
             props=properties,
         )
         buffers = {
-            "vertex_positions": mi.Float(vertices.ravel()),
-            "faces": mi.UInt32(np.ascontiguousarray(self.faces, np.int32).view(np.uint32).ravel()),
+            "vertex_positions": loaded(mi.Float, vertices.ravel()),
+            "faces": loaded(mi.UInt32, np.ascontiguousarray(self.faces, np.int32).view(np.uint32).ravel()),
         }
         if self.normals is not None:
-            buffers["vertex_normals"] = mi.Float(self.normals.ravel())
+            buffers["vertex_normals"] = loaded(mi.Float, self.normals.ravel())
         if self.uv is not None:
-            buffers["vertex_texcoords"] = mi.Float(self.uv.ravel())
+            buffers["vertex_texcoords"] = loaded(mi.Float, self.uv.ravel())
         fill(mesh, buffers)
         return mesh
 
