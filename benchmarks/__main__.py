@@ -1,84 +1,54 @@
-"""Run all benchmarks, or one that is named: tables on standard output, charts in out/bench."""
+"""Run one benchmark by its name, or those of `make bench`: tables on standard output, charts in out/bench."""
 
+import argparse
 import sys
+from importlib import import_module
 
 from holopath_addon.engine import backend
 
+OUT = "out/bench"
+# Name and function of each, and whether it writes charts; those that take long only run where they are named.
+ALL = {
+    "kernel": ("kernel.run", False),
+    "accuracy": ("accuracy.run", True),
+    "convergence": ("convergence.run", True),
+    "planes": ("convergence.planes_table", False),
+    "scaling": ("scaling.run", False),
+    "optics": ("optics.run", False),
+    "phase_fields": ("phase_fields.run", True),
+    "radiance_cache": ("radiance_cache.run", False),
+    "planning": ("planning.run", False),
+    "encoding": ("encoding.run", True),
+    "export_speed": ("export_speed.run", False),
+    "exporter": ("exporter.main", False),
+}
+NAMED = {
+    "foretold": ("foretold.run", False),
+    "slm": ("slm.run", False),
+    "stability": ("stability.report.run", True),
+    "chart": ("chart.run.run", False),
+}
+
 
 def main():
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("name", nargs="?", choices=ALL | NAMED, help="default: all but " + ", ".join(NAMED))
+    parser.add_argument("parts", nargs=argparse.REMAINDER, help="of it, such as scenes; default: all")
+    options = parser.parse_args()
     backend.activate()
-    if sys.argv[1:2] == ["exporter"]:
-        from . import exporter
+    if options.name:
+        run(*(ALL | NAMED)[options.name], options.parts)
+    else:
+        for function, charts in ALL.values():
+            run(function, charts, ["--pictures", f"{OUT}/exporter"] if function == "exporter.main" else [])
 
-        exporter.main(sys.argv[2:])
-        return
-    if sys.argv[1:] == ["export_speed"]:
-        from . import export_speed
 
-        print(export_speed.run())
-        return
-    if sys.argv[1:2] == ["radiance_cache"]:
-        from . import radiance_cache
-
-        print(radiance_cache.run(*sys.argv[2:]))
-        return
-    if sys.argv[1:2] == ["encoding"]:
-        from . import encoding
-
-        print(encoding.run("out/bench", *sys.argv[2:]))
-        return
-    if sys.argv[1:2] == ["planning"]:
-        from . import planning
-
-        print(planning.run(*sys.argv[2:]))
-        return
-    if sys.argv[1:2] == ["foretold"]:
-        from . import foretold
-
-        print(foretold.run(*sys.argv[2:]))
-        return
-    if sys.argv[1:2] == ["slm"]:
-        from . import slm
-
-        print(slm.run(*sys.argv[2:]))
-        return
-    if sys.argv[1:2] == ["stability"]:
-        from .stability import report
-
-        print(report.run("out/bench", *sys.argv[2:]))
-        return
-    if sys.argv[1:2] == ["chart"]:
-        from .chart import run
-
-        print(run.run(*sys.argv[2:]))
-        return
-    from . import (
-        accuracy,
-        convergence,
-        encoding,
-        export_speed,
-        exporter,
-        kernel,
-        optics,
-        phase_fields,
-        planning,
-        radiance_cache,
-        scaling,
-    )
-
-    print(kernel.run(), flush=True)
-    print(accuracy.run("out/bench"), flush=True)
-    print(convergence.run("out/bench"), flush=True)
-    print(convergence.planes_table(), flush=True)
-    print(scaling.run(), flush=True)
-    print(optics.run(), flush=True)
-    print(phase_fields.run("out/bench"), flush=True)
-    print(radiance_cache.run(), flush=True)
-    print(planning.run(), flush=True)
-    print(encoding.run("out/bench"), flush=True)
-    print(export_speed.run(), flush=True)
-    print(exporter.run(pictures="out/bench/exporter"), flush=True)
+def run(function, charts, parts):
+    """Print the table of a benchmark, of all its parts or of those named."""
+    module, name = function.rsplit(".", 1)
+    table = getattr(import_module(f"benchmarks.{module}"), name)
+    print(table(*([OUT] if charts else []), *parts), flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -259,11 +259,11 @@ def _displayed(result, colours):
     return [*both, colours(np.clip(0.5 + relative / 0.4, 0, 1))[..., :3]]
 
 
-def main(arguments):
-    """The command's own options."""
+def main(*arguments):
+    """The table as text, by the command's own options."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks exporter", description=__doc__.split("\n")[0])
     parser.add_argument("names", nargs="*", help="groups, or words in the names of features; default: all")
     parser.add_argument("--pictures", metavar="DIR", help="write contact sheets, a PNG a group")
     parser.add_argument("--markdown", metavar="FILE", help="write the table in Markdown")
     options = parser.parse_args(arguments)
-    print(run(options.names, options.pictures, options.markdown), flush=True)
+    return run(options.names, options.pictures, options.markdown)

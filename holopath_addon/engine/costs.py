@@ -36,11 +36,8 @@ COMPILED = 0.05  # that the pilot's programs took to compile at least, where tho
 COMPILING = 0.1, 1.5, 0.6, 1.6
 MOVE = 0.024e-6  # of a pixel's way to another plane, of each frame and wavelength
 LOOK, CHARTS, ROW = 0.3, 1.6, 1.1e-6  # of baking: to begin, of meshes with charts, and of each triangle
-LOAD, LOAD_ROW, LOAD_TEXEL = (
-    0.1,
-    0.7e-6,
-    0.04e-6,
-)  # the same of what was baked before, and of each texel of all
+# The same of what was baked before, and of each texel of all.
+LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
 
