@@ -2,7 +2,8 @@
 # make test: the tests, in minutes            make env: only what both need, in .venv
 # make test-slow: those that take long, or compare with other people's programs (MINUTES=8: as many as begin in that time)
 # make test-all: both, and those in the Blender that HOLOPATH_BLENDER names
-# make lint, make bench, make extension (the zips that Blender installs)
+# make lint, make bench
+# make extension: the zips that Blender installs, in dist; make repository: a folder that Blender updates from
 # make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
 
 VENV := .venv
@@ -21,7 +22,7 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 # A worker for each processor, as far as memory goes: each has Blender and Mitsuba loaded.
 PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: env demo test test-slow test-all lint bench chart chart-quick extension clean
+.PHONY: env demo test test-slow test-all lint bench chart chart-quick extension repository clean
 
 env: $(RUN) $(DEV)
 
@@ -30,11 +31,11 @@ $(PY):
 	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { echo "make env: $(PYTHON) lacks the venv module: install it (Debian, Ubuntu: apt install python3-venv)." >&2; exit 1; }
 	"$(PYTHON)" -m venv $(VENV)
 
-# HoloPath, Blender as a module, and an LLVM.
-$(RUN): pyproject.toml install_llvm.sh | $(PY)
+# HoloPath, Blender as a module, and an LLVM (without a wheel of it, the system's or a graphics card must do).
+$(RUN): pyproject.toml wheels.lock | $(PY)
 	$(PIP_INSTALL) -e '.[blender]'
 	@$(PY) -c 'import bpy' >$(VENV)/bpy.log 2>&1 || { echo "make env: Blender's Python module cannot be loaded ($$(tail -n 1 $(VENV)/bpy.log)): install the library that it names (Debian, Ubuntu: apt install $(BPY_LIBRARIES))." >&2; exit 1; }
-	./install_llvm.sh $(VENV)
+	$(PY) -m distribution llvm || $(PY) -m holopath_addon devices
 	@touch $@
 
 # What tests, benchmarks and lint need besides.
@@ -76,8 +77,11 @@ chart: $(RUN) $(DEV)
 chart-quick: $(RUN) $(DEV)
 	$(PY) -m benchmarks chart quick
 
-extension: $(RUN)
-	$(PY) build_extension.py
+extension: $(DEV)
+	$(PY) -m distribution extension
+
+repository: $(DEV)
+	$(PY) -m distribution repository
 
 clean:
 	rm -rf out build dist

@@ -84,7 +84,7 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
     )
     llvm_library: StringProperty(
         name="LLVM Library",
-        description="libLLVM file to use in place of the newest one found; takes effect after a restart",
+        description="libLLVM file of this computer to use in place of HoloPath's own; takes effect after a restart",
         subtype="FILE_PATH",
         update=_changed,
     )

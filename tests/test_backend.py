@@ -145,31 +145,28 @@ def test_takes_the_newest_and_says_what_is_too_old(tmp_path, monkeypatch):
     assert module.find_llvm() == (str(newest), (21, 1, 7))
 
 
-def test_loads_dependencies_that_lie_beside(tmp_path):
-    compiler = shutil.which("cc")
-    if compiler is None or not sys.platform.startswith("linux"):
-        pytest.skip("needs a C compiler and Linux")
-    (tmp_path / "dep.c").write_text("unsigned holopath_major(void) { return 20; }")
-    (tmp_path / "llvm.c").write_text(
-        "unsigned holopath_major(void);"
-        "void LLVMGetVersion(unsigned *a, unsigned *b, unsigned *c) { *a = holopath_major(); *b = *c = 0; }"
-    )
-    dependency = tmp_path / "libholopathdep.so.4"
-    subprocess.run(
-        [
-            compiler,
-            "-shared",
-            "-fPIC",
-            f"-Wl,-soname,{dependency.name}",
-            "-o",
-            dependency,
-            tmp_path / "dep.c",
-        ],
-        check=True,
-    )
-    path = tmp_path / "libLLVM.so.20.0"
-    subprocess.run([compiler, "-shared", "-fPIC", "-o", path, tmp_path / "llvm.c", dependency], check=True)
-    assert module._probe(path) == ((20, 0, 0), None)
+def test_its_own_llvm_comes_before_newer_ones_of_the_system(tmp_path, monkeypatch):
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    own = tmp_path / module._OWN
+    own.mkdir()
+    (own / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(module, "_system_folders", lambda: [tmp_path])
+    path = library(own, 21)
+    other = library(tmp_path, 99)
+    assert module.find_llvm() == (str(path), (21, 1, 7))
+    assert module.describe()[1]["detail"] == "LLVM 21.1.7, HoloPath's own"
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(other))
+    assert module.describe()[1]["detail"] == f"LLVM 99.1.7, {other}"
+    # what is wrong with it is told, also where nothing else is found
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH")
+    other.unlink()
+    path.unlink()
+    (own / "libLLVM.so.22.1").write_bytes(b"cut off")
+    with pytest.raises(
+        engine.BackendUnavailable, match=r"libLLVM\.so\.22\.1 cannot be loaded \(.*(short|header)"
+    ):
+        module.find_llvm()
 
 
 def test_says_what_to_do_without_mitsuba():

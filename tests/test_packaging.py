@@ -1,7 +1,7 @@
 """The two houses stay apart, and what is installed is complete and valid."""
 
 import ast
-import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -10,6 +10,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from distribution import extension, llvm, repository, wheels
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "holopath_addon"
@@ -135,24 +137,12 @@ print(*pipeline.bake_notes({"note": "", "coarser": 1.0, "traced": ()}))
     assert "xatlas" in result.stdout and "\n" not in result.stdout.strip()
 
 
-@pytest.fixture
-def build_extension():
-    specification = importlib.util.spec_from_file_location("build_extension", ROOT / "build_extension.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
-
-
-def no_wheels(build_extension):
-    return dict.fromkeys(build_extension.WHEELS, [])
-
-
-def test_extension_is_valid_complete_and_reproducible(tmp_path, build_extension):
+def test_extension_is_valid_complete_and_reproducible(tmp_path):
     pytest.importorskip("bpy")
-    for platform in build_extension.PIP_PLATFORMS:
-        first = build_extension.build(platform, no_wheels(build_extension), tmp_path / platform / "a")
-        second = build_extension.build(platform, no_wheels(build_extension), tmp_path / platform / "b")
-        assert first.name.endswith(f"-{platform}.zip")
+    for platform in wheels.PIP_PLATFORMS:
+        first = extension.build(platform, "3.13", [], tmp_path / platform / "a")
+        second = extension.build(platform, "3.13", [], tmp_path / platform / "b")
+        assert first.name.endswith(f"-{platform}-python3.13.zip")
         assert first.read_bytes() == second.read_bytes()
         assert list(first.parent.iterdir()) == [first]
     names = set(zipfile.ZipFile(first).namelist())
@@ -163,67 +153,64 @@ def test_extension_is_valid_complete_and_reproducible(tmp_path, build_extension)
     }
 
 
-def test_zip_is_the_same_wherever_it_is_built(tmp_path, build_extension, monkeypatch):
+def test_zip_is_the_same_wherever_it_is_built(tmp_path, monkeypatch):
     """Nothing of it depends on a compressor, a clock or the system."""
     pytest.importorskip("bpy")
     monkeypatch.setattr(sys, "platform", "win32")
-    archive = zipfile.ZipFile(build_extension.build("linux-x64", no_wheels(build_extension), tmp_path))
+    archive = zipfile.ZipFile(extension.build("linux-x64", "3.11", [], tmp_path))
     for entry in archive.infolist():
         assert entry.compress_type == zipfile.ZIP_STORED
         assert (entry.create_system, entry.date_time) == (3, (1980, 1, 1, 0, 0, 0))
         assert entry.external_attr == 0o644 << 16
 
 
-def test_validator_refuses_a_bad_manifest(tmp_path, build_extension, monkeypatch):
+def test_validator_refuses_a_bad_manifest(tmp_path, monkeypatch):
     pytest.importorskip("bpy")
     bad = tmp_path / "blender_manifest.toml"
-    text = build_extension.MANIFEST.read_text(encoding="utf-8")
+    text = extension.MANIFEST.read_text(encoding="utf-8")
     bad.write_text(text.replace('tagline = "', 'tagline = "' + "x" * 60), encoding="utf-8")
-    monkeypatch.setattr(build_extension, "MANIFEST", bad)
+    monkeypatch.setattr(extension, "MANIFEST", bad)
     with pytest.raises(SystemExit, match="tagline"):
-        build_extension.build("linux-x64", no_wheels(build_extension), tmp_path / "bad")
+        extension.build("linux-x64", "3.11", [], tmp_path / "bad")
     assert not list((tmp_path / "bad").iterdir())
 
 
-def test_manifest_names_wheels_and_platform(build_extension):
-    manifest = tomllib.loads(build_extension.manifest_text("linux-x64", ["drjit-1.5.0-cp311-cp311-any.whl"]))
+def test_manifest_names_wheels_platform_and_oldest_blender():
+    text = extension.manifest_text("linux-x64", "3.11", ["drjit-1.5.0-cp311-cp311-any.whl"])
+    manifest = tomllib.loads(text)
+    assert manifest["blender_version_min"] == "4.2.0"
     assert manifest["platforms"] == ["linux-x64"]
     assert manifest["wheels"] == ["./wheels/drjit-1.5.0-cp311-cp311-any.whl"]
     assert manifest["permissions"]
 
 
-def test_zip_for_some_pythons_says_so(tmp_path, build_extension):
-    pytest.importorskip("bpy")
-    assert "-python3.13.zip" in str(build_extension.build("linux-x64", {"3.13": []}, tmp_path))
-
-
-def test_wheels_agree_with_the_project(build_extension):
+def test_wheels_agree_with_the_project():
     from packaging.requirements import Requirement
     from packaging.utils import canonicalize_name
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     ranges = {r.name: r.specifier for r in map(Requirement, project["dependencies"])}
-    for python, pins in build_extension.WHEELS.items():
+    for python, pins in wheels.PYTHONS.items():
         for name, version in (pin.split("==") for pin in pins):
             assert ranges[canonicalize_name(name)].contains(version), (python, name)
 
 
-def test_the_lock_has_every_wheel(build_extension):
+def test_the_lock_has_every_wheel():
     """And no other: of its Python, for its platform."""
     systems = {
         "linux-x64": "manylinux.*_x86_64",
         "windows-x64": "win_amd64",
-        "macos-arm64": "macosx_1[12]_0_(arm64|universal2)",
+        "macos-arm64": "macosx_1[123]_0_(arm64|universal2)",
     }
     for platform, system in systems.items():
-        for python, pins in build_extension.WHEELS.items():
-            wheels = build_extension.locked(platform, python)
-            assert len(wheels) == len(pins)
+        for python, pins in wheels.WHEELS.items():
+            found = wheels.locked(platform, python)
+            assert len(found) == len(pins)
             tag = python.replace(".", "")
-            for name, digest in wheels.items():
+            for name, digest in found.items():
                 assert re.fullmatch("[0-9a-f]{64}", digest)
                 assert re.search(
-                    rf"-(cp{tag}-cp{tag}|py2[.]py3-none)-{system}\.whl$|-none-any\.whl$", name
+                    rf"-(cp{tag}-cp{tag}|py2[.]py3-none|cp312-abi3)-{system}\.whl$|-none-any\.whl$", name
                 ), name
 
 
@@ -242,17 +229,17 @@ def wheel(folder, name, content):
 
 
 @pytest.fixture
-def small(tmp_path, build_extension, monkeypatch):
+def small(tmp_path, monkeypatch):
     """The builder with one wheel, for one platform, and a package index that is a folder."""
-    monkeypatch.setattr(build_extension, "PIP_PLATFORMS", {"windows-x64": ["win_amd64"]})
-    monkeypatch.setattr(build_extension, "WHEELS", {"3.11": ["thing==1.0"]})
-    monkeypatch.setattr(build_extension, "LOCK", tmp_path / "wheels.lock")
+    monkeypatch.setattr(wheels, "PIP_PLATFORMS", {"windows-x64": ["win_amd64"]})
+    monkeypatch.setattr(wheels, "WHEELS", {"3.11": ["thing==1.0"]})
+    monkeypatch.setattr(wheels, "LOCK", tmp_path / "wheels.lock")
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "index"))
     monkeypatch.setenv("PIP_NO_CACHE_DIR", "1")
     wheel(tmp_path / "index", "thing-1.0-cp311-cp311-win_amd64.whl", "good = True")
-    build_extension.renew_lock(tmp_path / "renewed")
-    return build_extension
+    wheels.renew_lock(tmp_path / "renewed")
+    return wheels
 
 
 def test_wheels_with_other_hashes_are_refused(tmp_path, small):
@@ -264,7 +251,7 @@ def test_wheels_with_other_hashes_are_refused(tmp_path, small):
         small.locked_wheels("windows-x64", "3.11", tmp_path / "wheels")
     assert "\n" not in str(refused.value)
     wheel(tmp_path / "index", path.name, "good = False")
-    with pytest.raises(SystemExit, match="pip cannot bring.*HASHES.*--renew-lock") as refused:
+    with pytest.raises(SystemExit, match="pip cannot bring.*HASHES.*distribution lock") as refused:
         small.locked_wheels("windows-x64", "3.11", tmp_path / "empty")
     assert "\n" not in str(refused.value)
     assert not list((tmp_path / "empty").rglob("*.whl"))
@@ -272,5 +259,73 @@ def test_wheels_with_other_hashes_are_refused(tmp_path, small):
 
 def test_a_stale_lock_is_refused(small, monkeypatch):
     monkeypatch.setattr(small, "WHEELS", {"3.11": ["thing==1.1"]})
-    with pytest.raises(SystemExit, match=r"wheels\.lock.*--renew-lock"):
+    with pytest.raises(SystemExit, match=r"wheels\.lock.*distribution lock"):
         small.locked("windows-x64", "3.11")
+
+
+def test_the_wheel_of_llvm_takes_the_library_as_it_is(tmp_path, monkeypatch):
+    """Under a name by which LLVM is known, with what lies beside it and the texts of their licenses, and no code."""
+    files = {
+        "llvm/__init__.abi3.so": b"not for every Python",
+        "llvm_nanobind.libs/libLLVM-a6b1.so.21.1": b"LLVM" * 999,
+        "llvm_nanobind.libs/libzstd-76b7.so.1.4.4": b"zstd",
+    }
+    theirs = tmp_path / "llvm_nanobind-21.1.6.3-cp312-abi3-manylinux_2_28_x86_64.whl"
+    with zipfile.ZipFile(theirs, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    monkeypatch.setattr(wheels, "locked_wheels", lambda *_: [theirs])
+    packed, stored = (llvm.wheel("linux-x64", tmp_path / str(p), packed=p) for p in (True, False))
+    assert packed.name == "holopath_llvm-21.1.6.3-py3-none-manylinux_2_28_x86_64.whl"
+    assert packed.stat().st_size < stored.stat().st_size
+    for path in (packed, stored):
+        archive = zipfile.ZipFile(path)
+        assert {n: archive.read(n) for n in archive.namelist() if n.startswith("holopath_llvm/")} == {
+            "holopath_llvm/__init__.py": b"",
+            "holopath_llvm/libLLVM.so.21.1": b"LLVM" * 999,
+            "holopath_llvm/libzstd-76b7.so.1.4.4": b"zstd",
+        }
+        texts = [n for n in archive.namelist() if "/licenses/" in n]
+        assert len(texts) == 4 and all(len(archive.read(n)) > 100 for n in texts)
+    target = tmp_path / "site"
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        "--target",
+        target,
+        packed,
+    ]
+    subprocess.run(command, check=True)  # which checks it by its RECORD
+    assert (target / "holopath_llvm" / "libLLVM.so.21.1").read_bytes() == b"LLVM" * 999
+    with zipfile.ZipFile(theirs, "w") as archive:
+        archive.writestr("llvm/__init__.abi3.so", b"")
+    with pytest.raises(SystemExit, match=r"linux-x64 has no llvm_nanobind\.libs/libLLVM"):
+        llvm.wheel("linux-x64", tmp_path / "none")
+    assert not list((tmp_path / "none").iterdir())
+
+
+def test_an_index_tells_each_blender_its_zip(tmp_path):
+    """By Blender's own program: platform, Python and the oldest Blender."""
+    pytest.importorskip("bpy")
+    folder, zips = tmp_path / "repository", []
+    for platform in wheels.PIP_PLATFORMS:
+        for python in wheels.PYTHONS:
+            tag = f"cp{python.replace('.', '')}"
+            name = f"thing-1.0-{tag}-{tag}-any.whl"
+            wheel(tmp_path / "wheels", name, "good = True")
+            zips.append(extension.build(platform, python, [tmp_path / "wheels" / name], folder))
+    (folder / "holopath-0.0.1-linux-x64-python3.11.zip").write_bytes(
+        zips[0].read_bytes()
+    )  # Blender would take any
+    repository.publish(folder, zips)
+    rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))["data"]
+    told = {(*row["platforms"], *row["python_versions"]): row["blender_version_min"] for row in rows}
+    assert len(rows) == len(told) == 9
+    assert told["linux-x64", "3.11"] == "4.2.0" and told["windows-x64", "3.13"] == "4.3.0"
+    assert all((folder / row["archive_url"]).is_file() for row in rows)
+    assert "holopath-" in (folder / "index.html").read_text(encoding="utf-8")

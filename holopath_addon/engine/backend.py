@@ -2,12 +2,14 @@
 
 Dr.Jit brings no LLVM. It loads whatever libLLVM it finds, once, when it is first imported; with LLVM 15 or
 16 the first minimum or maximum then aborts the process. So the library is chosen and its version checked
-here, before Dr.Jit is imported, and handed over in `DRJIT_LIBLLVM_PATH`. CUDA needs no LLVM.
+here, before Dr.Jit is imported, and handed over in `DRJIT_LIBLLVM_PATH`: HoloPath's own, which comes as the package
+holopath_llvm with the extension and with `make env`, else the system's newest. CUDA needs no LLVM.
 """
 
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import os
 import re
 import sys
@@ -25,7 +27,7 @@ MINIMUM_LLVM = 19
 _LIBRARY_NAME = re.compile(r"libLLVM(-[\d.]+)?\.(so(\.[\w.-]+)?|dylib)|LLVM-C\.dll")
 _VERSION_IN_NAME = re.compile(r"libLLVM(?:-|\.so\.)(\d+)(?:\.(\d+))?")
 _VERSION_IN_FOLDER = re.compile(r"llvm[-@]?(\d+)")
-_MISSING_DEPENDENCY = re.compile(r"(lib[\w.+-]+\.so[\w.]*): cannot open shared object")
+_OWN = "holopath_llvm"
 
 _lock = threading.RLock()
 # Variants that know our plugins. Mitsuba outlives this module where Blender installs a new version of HoloPath.
@@ -128,14 +130,15 @@ def describe() -> list[dict]:
         rows = [{"name": CUDA, "available": usable, "detail": detail}]
         try:
             path, version = find_llvm()
-            row = {"available": True, "detail": f"LLVM {_dotted(version)}, {path}"}
+            where = "HoloPath's own" if Path(path).parent in _own_folders() else path
+            row = {"available": True, "detail": f"LLVM {_dotted(version)}, {where}"}
         except BackendUnavailable as error:
             row = {"available": False, "detail": str(error)}
         return rows + [{"name": LLVM, **row}]
 
 
 def find_llvm() -> tuple[str, tuple[int, ...]]:
-    """Find the newest usable libLLVM; `DRJIT_LIBLLVM_PATH`, where set, is the only candidate.
+    """Find a usable libLLVM: HoloPath's own, else the newest; `DRJIT_LIBLLVM_PATH`, where set, is the only candidate.
 
     Returns
     -------
@@ -254,7 +257,7 @@ def _cuda_device():
 
 
 def _candidates():
-    """Library files that may be a libLLVM: those of `make env` first, then the system's, newest first."""
+    """Library files that may be a libLLVM: HoloPath's own first, then the system's, newest first."""
     found = {}
     for rank, folders in enumerate((_own_folders(), _system_folders())):
         for folder in folders:
@@ -266,8 +269,9 @@ def _candidates():
 
 
 def _own_folders():
-    """Where `make env` puts a library that it may not install."""
-    return [Path(sys.prefix) / "lib" / "llvm", Path(__file__).parents[2] / ".venv" / "lib" / "llvm"]
+    """Where the LLVM lies that HoloPath brings: a package without code, beside Mitsuba's."""
+    package = importlib.util.find_spec(_OWN)
+    return [Path(folder) for folder in package.submodule_search_locations or ()] if package else []
 
 
 def _system_folders():
@@ -311,7 +315,7 @@ def _probe(path):
     if 0 < major < MINIMUM_LLVM:
         return None, f"is LLVM {major}"
     try:
-        library = _load(path)
+        library = ctypes.CDLL(str(path))
     except OSError as error:
         return None, f"cannot be loaded ({_one_line(error)})"
     try:
@@ -324,21 +328,6 @@ def _probe(path):
     if version[0] < MINIMUM_LLVM:
         return None, f"is LLVM {_dotted(version)}"
     return version, None
-
-
-def _load(path):
-    """Load a library, and before it those of its dependencies that lie beside it and the system lacks."""
-    tried = {path}
-    while True:
-        try:
-            return ctypes.CDLL(str(path))
-        except OSError as error:
-            missing = _MISSING_DEPENDENCY.search(str(error))
-            beside = path.parent / missing[1] if missing else path
-            if beside in tried or not beside.exists():
-                raise
-            tried.add(beside)
-            _load(beside)
 
 
 def _how_to_install():

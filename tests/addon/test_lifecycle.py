@@ -4,7 +4,6 @@ Whole life cycles run in a Python of their own: they load HoloPath and Mitsuba a
 """
 
 import gc
-import importlib.util
 import json
 import os
 import subprocess
@@ -17,8 +16,11 @@ import bpy
 import numpy as np
 import pytest
 
+from distribution import extension
+from distribution.wheels import this_platform
+
 ROOT = Path(__file__).parents[2]
-PLATFORM = {"win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform, "linux-x64")
+PLATFORM = this_platform()
 
 
 def run(code, folder, *arguments, **environment):
@@ -47,10 +49,7 @@ def run(code, folder, *arguments, **environment):
 @pytest.fixture
 def zipped(tmp_path):
     """The extension without wheels: the Python that runs the tests has them."""
-    specification = importlib.util.spec_from_file_location("build_extension", ROOT / "build_extension.py")
-    build_extension = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(build_extension)
-    return build_extension.build(PLATFORM, dict.fromkeys(build_extension.WHEELS, []), tmp_path / "dist")
+    return extension.build(PLATFORM, "3.11", [], tmp_path / "dist")
 
 
 INSTALL = """

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from distribution.wheels import this_platform
+
 ROOT = Path(__file__).parents[2]
 BLENDER = os.environ.get("HOLOPATH_BLENDER", "")
-PLATFORM = {"win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform, "linux-x64")
 
 
 class Blender:
@@ -52,6 +53,14 @@ class Blender:
             os.killpg(process.pid, signal.SIGKILL)
 
 
+def python_of(blender):
+    """Version of a Blender's Python, as 3.13; the first call may have to set the Blender up."""
+    tell = "import sys; print('python=%d.%d' % sys.version_info[:2])"
+    status, output = blender("--background", "--factory-startup", "--python-expr", tell, timeout=900)
+    assert status == 0, output
+    return re.search(r"^python=([\d.]+)$", output, re.MULTILINE)[1]
+
+
 @pytest.fixture(scope="session")
 def blender(tmp_path_factory):
     """A Blender with the extension installed from its zip and enabled; for all tests, which leave it there."""
@@ -59,14 +68,10 @@ def blender(tmp_path_factory):
         pytest.skip("HOLOPATH_BLENDER names no Blender")
     folder = tmp_path_factory.mktemp("blender")
     blender = Blender(folder / "user")
-    # The first call may have to set the Blender up.
-    tell = "import sys; print('python=%d.%d' % sys.version_info[:2])"
-    status, output = blender("--background", "--factory-startup", "--python-expr", tell, timeout=900)
-    assert status == 0, output
-    python = re.search(r"^python=([\d.]+)$", output, re.MULTILINE)[1]
-    command = [sys.executable, ROOT / "build_extension.py", "--out", folder]
-    command += ["--platform", PLATFORM, "--python", python]
-    built = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
+    python = python_of(blender)
+    command = [sys.executable, "-m", "distribution", "extension", "--stored", "--out", folder]
+    command += ["--platform", this_platform(), "--python", python]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900, check=False)
     assert built.returncode == 0, built.stderr
     status, output = blender(
         "--command", "extension", "install-file", "-r", "user_default", "-e", built.stdout.strip()

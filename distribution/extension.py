@@ -1,0 +1,106 @@
+"""The zips that Blender installs: the package, its manifest and the wheels that it needs.
+
+One for each platform and Python. Every wheel has the SHA-256 that wheels.lock has for it, and nothing depends on a
+clock or a system: the same sources give the same bytes, LLVM's as far as liblzma packs alike. Blender's own validator,
+from the bpy package, has the last word.
+"""
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+from . import llvm
+from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels
+
+PACKAGE = ROOT / "holopath_addon"
+LICENSE = ROOT / "LICENSE"
+MANIFEST = ROOT / "blender_manifest.toml"
+PROJECT = ROOT / "pyproject.toml"
+OUT = ROOT / "dist"
+
+# Blender 4.2 is built with Python 3.11 only, and does not ask an index for which Python an extension is.
+OLDEST_BLENDER = {"3.11": "4.2.0", "3.13": "4.3.0", "3.14": "4.3.0"}
+
+
+def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, kept=KEPT, packed=True):
+    """Build the zips of these platforms and Pythons: a generator of their paths, a line of sizes each on stderr."""
+    for platform in platforms:
+        library = llvm.wheel(platform, kept / platform / "own", kept, packed)
+        for python in pythons:
+            wheels = [*locked_wheels(platform, python, kept), library]
+            target = build(platform, python, wheels, out)
+            print(sizes(target, wheels), file=sys.stderr)
+            yield target
+
+
+def manifest_text(platform, python, wheels):
+    """The manifest with the platform, the oldest Blender and the wheels' names written in, before its first table."""
+    lines = [f'blender_version_min = "{OLDEST_BLENDER[python]}"', f'platforms = ["{platform}"]', "wheels = ["]
+    lines += [f'  "./wheels/{name}",' for name in wheels]
+    lines += ["]", "", ""]
+    head, bracket, tables = MANIFEST.read_text(encoding="utf-8").partition("[permissions]")
+    return head + "\n".join(lines) + bracket + tables
+
+
+def sources():
+    """Files of the package, by their names in the zip: the same that pip installs."""
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))
+    patterns = ["*.py", *project["tool"]["setuptools"]["package-data"]["*"]]
+    return {
+        path.relative_to(PACKAGE).as_posix(): path for pattern in patterns for path in PACKAGE.rglob(pattern)
+    }
+
+
+def build(platform, python, wheels, out):
+    """Write and validate a zip of these wheels; return its path. One that is not valid never stands under its name."""
+    files = {path.name: path for path in wheels}
+    text = manifest_text(platform, python, sorted(files))
+    target = out / f"holopath-{tomllib.loads(text)['version']}-{platform}-python{python}.zip"
+    out.mkdir(parents=True, exist_ok=True)
+    unfinished = out / f".unfinished-{target.name}"
+    members = {"LICENSE": LICENSE} | sources() | {f"wheels/{name}": path for name, path in files.items()}
+    try:
+        with zipfile.ZipFile(unfinished, "w") as archive:  # stored: what compresses well is small
+            archive.writestr(entry("blender_manifest.toml"), text)
+            for name, path in sorted(members.items()):
+                archive.writestr(entry(name), path.read_bytes())
+        blenders_own("validate", unfinished)
+        os.replace(unfinished, target)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return target
+
+
+def blenders_own(*arguments):
+    """Run Blender's program for extensions, or stop with what it says."""
+    bpy = importlib.util.find_spec("bpy")
+    if bpy is None or bpy.origin is None:
+        raise SystemExit(
+            "distribution: Blender's validator and index are part of the bpy package: run `make env` first."
+        )
+    programs = Path(bpy.origin).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
+    command = [sys.executable, next(programs), *arguments]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise SystemExit(
+            f"distribution: Blender's {arguments[0]} says: {result.stdout}{result.stderr}".strip()
+        )
+
+
+def sizes(archive, wheels):
+    """What a zip takes, and what Blender unpacks from its wheels besides: a line."""
+    return (
+        f"{archive.name}: {archive.stat().st_size / 1e6:.0f} MB; unpacked: {_unpacked(wheels) / 1e6:.0f} MB"
+    )
+
+
+def _unpacked(wheels):
+    total = 0
+    for wheel in wheels:
+        with zipfile.ZipFile(wheel) as archive:
+            total += sum(entry.file_size for entry in archive.infolist())
+    return total
