@@ -10,6 +10,8 @@ from .engine import BakeStore, backend
 # In an extension the add-on is the package above that holds the manifest.
 _PACKAGE = __name__.rpartition(".")[0]
 ADDON = ".".join(_PACKAGE.split(".")[: 3 if _PACKAGE.startswith("bl_ext.") else 1])
+PROGRAMS = "DRJIT_CACHE_DIR"
+_found: dict = {}
 
 
 def _chosen():
@@ -29,6 +31,18 @@ def store():
     return BakeStore.default()
 
 
+def attach():
+    """Have Dr.Jit keep compiled programs in the extension's own folder, which goes with it, unless told where."""
+    if ADDON.startswith("bl_ext.") and PROGRAMS not in os.environ:
+        os.environ[PROGRAMS] = _found["programs"] = bpy.utils.extension_path_user(ADDON, path="programs")
+
+
+def detach():
+    """Undo `attach`."""
+    if _found.pop("programs", None):
+        os.environ.pop(PROGRAMS, None)
+
+
 def wanted():
     """Backend that the preferences choose, None for the best; tells the LLVM that they name to `engine.backend`."""
     preferences = _chosen()
@@ -39,9 +53,6 @@ def wanted():
     elif _found.pop("llvm", None):
         os.environ.pop("DRJIT_LIBLLVM_PATH", None)
     return None if preferences.backend == "AUTO" else preferences.backend
-
-
-_found: dict = {}
 
 
 def backends():

@@ -23,6 +23,8 @@ def register():
         for cls in _CLASSES:
             bpy.utils.register_class(cls)
             _undo.append(lambda cls=cls: bpy.utils.unregister_class(cls))
+        preferences.attach()
+        _undo.append(preferences.detach)
         properties.attach()
         _undo.append(properties.detach)
         ui.share_panels()
@@ -58,4 +60,5 @@ def unregister():
 def _run_command(argv):
     from . import cli
 
+    preferences.wanted()  # the LLVM that they name
     return cli.main(argv, preferences.store())

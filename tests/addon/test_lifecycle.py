@@ -53,7 +53,8 @@ def zipped(tmp_path):
 
 
 INSTALL = """
-    import json, sys
+    import json, os, sys
+    del os.environ["DRJIT_CACHE_DIR"]  # of the tests
     import bpy
     import addon_utils
     from traces import modules, traces
@@ -67,9 +68,11 @@ INSTALL = """
     backend, told["store"] = install()
     told["enabled"] = traces()
     told["file"] = sys.modules[name].__file__
+    told["programs"] = os.environ["DRJIT_CACHE_DIR"]
     backend.activate()
     addon_utils.disable(name, default_set=True)
     told["disabled"] = traces()
+    told["forgotten"] = "DRJIT_CACHE_DIR" not in os.environ
     addon_utils.enable(name, default_set=True)
     bpy.ops.script.reload()
     told["reloaded"] = traces()
@@ -90,6 +93,7 @@ INSTALL = """
 
     place = [repository.module for repository in bpy.context.preferences.extensions.repos].index("user_default")
     bpy.ops.extensions.package_uninstall(repo_index=place, pkg_id="holopath")
+    told["left"] = os.listdir(os.path.dirname(told["programs"])) if os.path.exists(told["programs"]) else []
     told["uninstalled"], told["modules"] = traces(), modules(name)
     print("\\n" + json.dumps(told, default=str))
 """
@@ -100,9 +104,10 @@ def test_from_installing_to_uninstalling(tmp_path, zipped):
     installed = tmp_path / "blender" / "user" / "extensions"
     assert Path(told["file"]).is_relative_to(installed / "user_default" / "holopath")
     assert Path(told["store"]).is_relative_to(installed / ".user")
+    assert Path(told["programs"]).is_relative_to(installed / ".user") and told["forgotten"]
     assert "class HOLOPATH_OT_render_hologram" in told["enabled"]
     assert told["reloaded"] == told["renewed"] == told["enabled"]
-    assert told["before"] == told["disabled"] == told["uninstalled"] == told["modules"] == []
+    assert told["before"] == told["disabled"] == told["uninstalled"] == told["modules"] == told["left"] == []
     assert told["anew"], "the new version's modules are loaded"
     assert told["plugin"], "Mitsuba makes materials of the new version's classes"
 
