@@ -1,6 +1,7 @@
 """What the scene's settings mean to the engine."""
 
 import math
+from pathlib import Path
 
 import bpy
 import pytest
@@ -234,3 +235,68 @@ def test_focus_list(settings):
     assert properties.focus_list_of(settings) == [math.inf, 0.5, 2.0]
     settings.focus_index = 2  # clicked
     assert settings.focus == 0.5 and not settings.focus_auto
+
+
+# Set in Blender 4.3 by version 0.1.0, none as it is by default; data/settings-0.1.0.blend is the file.
+OLD = {
+    "focus_infinity": False,
+    "focus_dioptres": 0.4,
+    "display": "pluto-2",
+    "resolution_x": 1921,
+    "resolution_y": 1081,
+    "pitch_um": 10.0,
+    "bits": 9,
+    "colours": "MONO",
+    "wavelength_nm": 645.625,
+    "depth_mapping": "eyepiece",
+    "depth_far_mm": 100.0,
+    "depth_near_mm": 106.25,
+    "near_auto": False,
+    "near": 0.625,
+    "frames": 9,
+    "wish_speckle": True,
+    "speckle": 0.1875,
+    "phase_field": "random",
+    "despeckle": 1,
+    "quality": "full",
+    "method": "full",
+    "limit_rays": True,
+    "spp": 257,
+    "estimator": "paper",
+    "radiance": "ray",
+    "paths": 2,
+    "planes_auto": False,
+    "planes": 5,
+    "most_hits": 9,
+    "virtual_image": "opl",
+    "wrp_auto": False,
+    "wrp_mm": 15.625,
+    "max_depth": 9,
+    "seed": 1,
+    "keep_fields": True,
+    "animation_folder": "//holopath",
+    "focus_auto": False,
+    "focus": 2.5,
+    "focus_index": 1,
+    "show_overlay": False,
+    "use_pupil": True,
+    "pupil_diameter_mm": 5.0,
+    "encoding": "sgd",
+    "refocused": "PHASE",
+    "fill_factor": 1.0,
+    "unmodulated": 0.5,
+    "crosstalk": 0.5,
+    "phase_frame": 1,
+}
+
+
+def test_a_file_of_version_0_1_0_keeps_its_settings(addon):
+    file = Path(__file__).with_name("data") / "settings-0.1.0.blend"
+    with bpy.data.libraries.load(str(file)) as (there, wanted):
+        wanted.scenes = there.scenes
+    (scene,) = wanted.scenes
+    try:
+        told = {name: getattr(scene.holopath, name) for name in OLD}
+        assert {name: round(v, 5) if isinstance(v, float) else v for name, v in told.items()} == OLD
+    finally:
+        bpy.data.scenes.remove(scene)
