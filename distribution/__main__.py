@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from . import extension, llvm, repository, wheels
+from . import extension, llvm, proof, repository, wheels
 
 
 def main(argv=None):
@@ -32,12 +32,14 @@ def main(argv=None):
     elif options.command == "llvm":
         llvm.install(wheels.this_platform())
     else:
-        targets = []
-        for target in extension.build_all(
+        targets, proofs = [], []
+        for target, found in extension.build_all(
             options.platform, options.python, options.out, packed=not options.stored
         ):
             targets.append(target)
+            proofs.append(found)
             print(target, flush=True)
+        print(proof.table(proofs), file=sys.stderr)
         if options.command == "repository":
             repository.publish(options.out, targets)
             print(options.out / "index.json")

@@ -13,7 +13,7 @@ import tomllib
 import zipfile
 from pathlib import Path
 
-from . import llvm
+from . import llvm, proof
 from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels
 
 PACKAGE = ROOT / "holopath_addon"
@@ -27,14 +27,28 @@ OLDEST_BLENDER = {"3.11": "4.2.0", "3.13": "4.3.0", "3.14": "4.3.0"}
 
 
 def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, kept=KEPT, packed=True):
-    """Build the zips of these platforms and Pythons: a generator of their paths, a line of sizes each on stderr."""
+    """Build the zips of these platforms and Pythons, whose binaries are proven to load there.
+
+    Yields
+    ------
+    target : Path
+        Of a zip; a line on its sizes goes to standard error.
+    proof : Proof
+        What its binaries need.
+    """
     for platform in platforms:
         library = llvm.wheel(platform, kept / platform / "own", kept, packed)
         for python in pythons:
             wheels = [*locked_wheels(platform, python, kept), library]
+            try:
+                found = proof.prove(wheels, platform, python)
+            except proof.Unproven as error:
+                raise SystemExit(
+                    f"distribution: the zip for {platform} and Python {python} would not load:\n{error}"
+                ) from None
             target = build(platform, python, wheels, out)
             print(sizes(target, wheels), file=sys.stderr)
-            yield target
+            yield target, found
 
 
 def manifest_text(platform, python, wheels):
