@@ -14,7 +14,7 @@ import zipfile
 from pathlib import Path
 
 from . import llvm, proof
-from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels
+from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels, pythons_of
 
 PACKAGE = ROOT / "holopath_addon"
 LICENSE = ROOT / "LICENSE"
@@ -38,7 +38,7 @@ def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, k
     """
     for platform in platforms:
         library = llvm.wheel(platform, kept / platform / "own", kept, packed)
-        for python in pythons:
+        for python in [python for python in pythons_of(platform) if python in pythons]:
             wheels = [*locked_wheels(platform, python, kept), library]
             try:
                 found = proof.prove(wheels, platform, python)

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 # What a platform's loader takes from the system, by patterns, in lower case on Windows.
 SYSTEM = {
@@ -47,8 +48,7 @@ BLENDER = {"windows-x64": ("vcruntime140.dll", "vcruntime140_1.dll", "msvcp140.d
 PROCESSOR = {"linux-x64": "X86_64", "macos-arm64": "ARM64", "windows-x64": "AMD64"}
 
 # The newest versions that may be needed: of Rocky Linux 8 and Windows 8.1, the oldest for Blender 4.2; the macOS that
-# LLVM is built for; and MSVCP140.dll as Blender 5.1 has it. Until 5.0 that was 14.29: there, what needs 14.40 loads
-# and crashes.
+# LLVM is built for; and MSVCP140.dll as Blender 5.1 has it.
 NEWEST = {
     "GLIBC": (2, 28),
     "GLIBCXX": (3, 4, 25),
@@ -60,6 +60,8 @@ NEWEST = {
     "Windows": (6, 3),
     "MSVCP140": (14, 44),
 }
+# Of Blenders with Python 3.11, 4.2 to 5.0: what needs 14.40 loads there, and crashes Blender at the first lock.
+NEWEST_OF_PYTHON = {"3.11": {"MSVCP140": (14, 29)}}
 
 BINARY = (b"\x7fELF", b"MZ", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 LIBRARY = re.compile(r"\.(so[\d.]*|dylib|dll|pyd)$")
@@ -239,14 +241,14 @@ def _read(wheels, platform):
                         continue
                     looked_up = LOOKED_UP.findall(data) if DRJIT.match(path) else []
                     looked_up = {name.decode() for name in looked_up}
-                    binaries[path] = Binary(wheel.name.split("-")[0], looked_up, *facts(binary, path))
+                    binaries[path] = Binary(wheel.name.split("-")[0], looked_up, **facts(binary, path))
                 elif name.endswith("/__init__.py"):
                     dll_folders += DLL_FOLDER.findall(archive.read(name).decode())
     return binaries, dll_folders, findings
 
 
-def _elf(binary, path):
-    """What a binary of Linux goes by, its processor, imports, needs, exports, and what it hands down."""
+def _elf(binary, path) -> dict[str, Any]:
+    """What a loader reads in a binary of Linux."""
     tags = {entry.tag.name: entry for entry in binary.dynamic_entries}
     searched = tags.get("RUNPATH") or tags.get("RPATH")
     folders = _within(path, "$ORIGIN", searched.paths if searched else [])
@@ -262,10 +264,17 @@ def _elf(binary, path):
     name = tags["SONAME"].name if "SONAME" in tags else posixpath.basename(path)
     exports = {symbol.name for symbol in binary.exported_symbols}
     handed_down = [] if "RUNPATH" in tags else folders  # the newer kind is for a library's own imports alone
-    return name, binary.header.machine_type.name, imports, needs, exports, handed_down
+    return {
+        "name": name,
+        "processor": binary.header.machine_type.name,
+        "imports": imports,
+        "needs": needs,
+        "exports": exports,
+        "handed_down": handed_down,
+    }
 
 
-def _macho(universal, path):
+def _macho(universal, path) -> dict[str, Any]:
     """The same of a binary of macOS, which can be several in one."""
     binary = next((part for part in universal if part.header.cpu_type.name == "ARM64"), universal.at(0))
     name, imports = path, {}
@@ -278,10 +287,11 @@ def _macho(universal, path):
             imports[library.name] = _within(path, "@loader_path", places)
     needs = [("macOS", tuple(binary.build_version.minos))] if binary.build_version else []
     exports = {symbol.name.removeprefix("_") for symbol in binary.exported_symbols}
-    return name, binary.header.cpu_type.name, imports, needs, exports
+    processor = binary.header.cpu_type.name
+    return {"name": name, "processor": processor, "imports": imports, "needs": needs, "exports": exports}
 
 
-def _pe(binary, path):
+def _pe(binary, path) -> dict[str, Any]:
     """The same of a binary of Windows."""
     tables = (*binary.imports, *binary.delay_imports)
     functions = {table.name.lower(): {entry.name for entry in table.entries} for table in tables}
@@ -294,7 +304,8 @@ def _pe(binary, path):
         needs.append(("MSVCP140", (14, 40)))
     exported = binary.get_export()
     exports = {entry.name for entry in exported.entries} if exported else set()
-    return posixpath.basename(path), binary.header.machine.name, imports, needs, exports
+    name, processor = posixpath.basename(path), binary.header.machine.name
+    return {"name": name, "processor": processor, "imports": imports, "needs": needs, "exports": exports}
 
 
 def _within(path, token, names):
@@ -305,6 +316,7 @@ def _within(path, token, names):
 def _misfits(binaries, platform, python) -> Iterator[str]:
     """A sentence for each binary of another processor or Python, or of a newer system."""
     ends = tuple(end.format(python=python.replace(".", "")) for end in MODULE_ENDS[platform])
+    newest = NEWEST | NEWEST_OF_PYTHON.get(python, {})
     for path, binary in binaries.items():
         where = f"{path} ({binary.wheel})"
         if binary.processor != PROCESSOR[platform]:
@@ -314,10 +326,10 @@ def _misfits(binaries, platform, python) -> Iterator[str]:
         if platform == "macos-arm64" and not binary.needs:
             yield f"{where} does not tell which macOS it needs."
         for kind, version in binary.needs:
-            if kind not in NEWEST:
+            if kind not in newest:
                 yield f"{where} needs {kind}, which systems do not promise."
-            elif version > NEWEST[kind]:
-                yield f"{where} needs {kind} {_dotted(version)}, newer than {_dotted(NEWEST[kind])}."
+            elif version > newest[kind]:
+                yield f"{where} needs {kind} {_dotted(version)}, newer than {_dotted(newest[kind])}."
 
 
 def _origins(binaries, dll_folders, platform, python):

@@ -34,6 +34,8 @@ PYTHONS = {
     "3.13": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "xatlas==0.0.11", "pyserial==3.5", *SDL],
     "3.14": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "pyserial==3.5", *SDL],
 }
+# Blender for Windows has Python 3.11 until 5.0, with a C++ library of 2021 with which Mitsuba and LLVM would crash it.
+REFUSED = {("windows-x64", "3.11")}
 # Not installed as it is, see `llvm`: it asks for a Python of 3.12 or newer, and its library for none.
 LLVM = "llvm"
 WHEELS = PYTHONS | {LLVM: ["llvm_nanobind==21.1.6.3"]}
@@ -45,14 +47,19 @@ LOCK_HEADER = f"""\
 """
 
 
+def pythons_of(platform):
+    """Pythons whose Blenders can load HoloPath on a platform."""
+    return [python for python in PYTHONS if (platform, python) not in REFUSED]
+
+
 def renew_lock(folder=KEPT):
     """Fetch the wheels for all platforms anew into `folder`, and write what they are to the lock."""
     lines = []
     for platform in PIP_PLATFORMS:
-        for name, pins in WHEELS.items():
+        for name in (*pythons_of(platform), LLVM):
             target = folder / platform / name
             shutil.rmtree(target, ignore_errors=True)
-            fetch(platform, name, target, pins)
+            fetch(platform, name, target, WHEELS[name])
             lines += [
                 f"{sha256(path)}  {platform}/{name}/{path.name}\n" for path in sorted(target.glob("*.whl"))
             ]

@@ -19,6 +19,7 @@ import pytest
 
 _user = tempfile.mkdtemp(prefix="holopath-tests-")
 atexit.register(shutil.rmtree, _user, ignore_errors=True)
+atexit.register(gc.unfreeze)  # else lief would tell at the end what it takes for leaks
 os.environ["BLENDER_USER_RESOURCES"] = _user
 os.environ["BLENDER_USER_EXTENSIONS"] = os.path.join(_user, "extensions")
 os.environ["HOLOPATH_CACHE"] = os.path.join(_user, "cache")

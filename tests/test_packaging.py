@@ -203,7 +203,8 @@ def test_the_lock_has_every_wheel():
         "macos-arm64": "macosx_1[123]_0_(arm64|universal2)",
     }
     for platform, system in systems.items():
-        for python, pins in wheels.WHEELS.items():
+        for python in (*wheels.pythons_of(platform), wheels.LLVM):
+            pins = wheels.WHEELS[python]
             found = wheels.locked(platform, python)
             assert len(found) == len(pins)
             tag = python.replace(".", "")
@@ -232,7 +233,9 @@ def wheel(folder, name, content):
 def small(tmp_path, monkeypatch):
     """The builder with one wheel, for one platform, and a package index that is a folder."""
     monkeypatch.setattr(wheels, "PIP_PLATFORMS", {"windows-x64": ["win_amd64"]})
-    monkeypatch.setattr(wheels, "WHEELS", {"3.11": ["thing==1.0"]})
+    monkeypatch.setattr(wheels, "REFUSED", ())
+    monkeypatch.setattr(wheels, "PYTHONS", {"3.11": ["thing==1.0"]})
+    monkeypatch.setattr(wheels, "WHEELS", {"3.11": ["thing==1.0"], wheels.LLVM: []})
     monkeypatch.setattr(wheels, "LOCK", tmp_path / "wheels.lock")
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "index"))
@@ -314,7 +317,7 @@ def test_an_index_tells_each_blender_its_zip(tmp_path):
     pytest.importorskip("bpy")
     folder, zips = tmp_path / "repository", []
     for platform in wheels.PIP_PLATFORMS:
-        for python in wheels.PYTHONS:
+        for python in wheels.pythons_of(platform):
             tag = f"cp{python.replace('.', '')}"
             name = f"thing-1.0-{tag}-{tag}-any.whl"
             wheel(tmp_path / "wheels", name, "good = True")
@@ -325,7 +328,7 @@ def test_an_index_tells_each_blender_its_zip(tmp_path):
     repository.publish(folder, zips)
     rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))["data"]
     told = {(*row["platforms"], *row["python_versions"]): row["blender_version_min"] for row in rows}
-    assert len(rows) == len(told) == 9
+    assert len(rows) == len(told) == 8
     assert told["linux-x64", "3.11"] == "4.2.0" and told["windows-x64", "3.13"] == "4.3.0"
     assert all((folder / row["archive_url"]).is_file() for row in rows)
     assert "holopath-" in (folder / "index.html").read_text(encoding="utf-8")

@@ -6,15 +6,13 @@ import sys
 import zipfile
 from pathlib import Path
 
+import lief
 import pytest
 
-from distribution.proof import NEWEST, OPTIONAL, Unproven, prove, table
+from distribution.proof import OPTIONAL, Unproven, prove, table
 
-lief = pytest.importorskip("lief")
 lief.logging.disable()
 
-WHEELS = Path(__file__).parents[1] / "build" / "wheels"
-TAGS = {"linux-x64": "manylinux", "macos-arm64": "macosx", "windows-x64": "win"}
 CORE, THREADS, LLVM = "drjit/libdrjit-core.so", "drjit/libnanothread.so", "holopath_llvm/libLLVM.so.21.1"
 
 
@@ -265,23 +263,12 @@ def test_another_processor_python_and_windows_are_named(tmp_path):
     ]
 
 
-def test_mutexes_that_begin_as_zeros_need_a_newer_library(tmp_path, monkeypatch):
-    monkeypatch.setitem(NEWEST, "MSVCP140", (14, 29))
+def test_mutexes_that_begin_as_zeros_need_a_newer_library(tmp_path):
+    """Blenders with Python 3.11 have none that is new enough."""
     files = {"one/a.dll": pe(["MSVCP140.dll"]), "one/b.dll": pe(["MSVCP140.dll"], functions=["_Mtx_lock"])}
-    assert complaints(tmp_path, files, "windows-x64") == [
+    for python in ("3.11", "3.13"):
+        (tmp_path / python).mkdir()
+    assert complaints(tmp_path / "3.13", files, "windows-x64") == []
+    assert complaints(tmp_path / "3.11", files, "windows-x64", "3.11") == [
         "one/b.dll (one) needs MSVCP140 14.40, newer than 14.29."
     ]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("python", ["3.11", "3.13", "3.14"])
-@pytest.mark.parametrize("platform", TAGS)
-def test_the_zips_are_proven(platform, python):
-    wheels = [
-        *WHEELS.glob(f"{platform}/{python}/*.whl"),
-        *WHEELS.rglob(f"holopath_llvm-*-{TAGS[platform]}*.whl"),
-    ]
-    if not any(wheel.name.startswith("holopath_llvm-") for wheel in wheels) or len(wheels) < 2:
-        pytest.skip("the wheels are not here: build_extension.py fetches them")
-    proof = prove(list({wheel.name: wheel for wheel in wheels}.values()), platform, python)
-    assert proof.binaries > 200 and proof.exported == proof.looked_up - len(OPTIONAL)
