@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from . import engine
 from .engine.clock import Clock
 from .engine.hologram import channel
 from .engine.mapping import DepthMapping
+from .engine.progress import Compiling
 
 LARGE_DISPLAY = 6e-3  # metres of the shorter side from which on the engine's own depth range suits
 SMALL_DISPLAY = 4.096e-3  # 512 pixels of 8 µm
@@ -18,7 +19,12 @@ SMALL_DEPTH_RANGE = (10e-3, 15e-3)
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
 SOON = 2.0  # seconds within which no preview is needed
-PREVIEW_SHARE = 0.1  # of the planned time
+PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
+# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them; drafts take less than is
+# foretold, so that it is three times or more in truth.
+SEVERAL = 2.0
+DRAFT_FRAMES = 4  # most
+DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
 REFERENCE_PATHS = 32  # a pixel, of each of many references whose noise averages out
 
@@ -186,10 +192,8 @@ def _begun(started, plan):
     return min(max(least, spent / (spent + plan.seconds)), most) if plan.seconds else least
 
 
-def _preview(scene, camera, hologram, settings, plan, focus, pupil, progress, offer):
-    """Offer pictures through a thin lens, ever finer, for a small part of the time that the hologram takes."""
-    if plan.seconds < SOON:
-        return
+def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, progress, offer):
+    """Offer pictures through a thin lens, ever finer: one, and more for so long."""
     start = time.monotonic()
     mapping = DepthMapping.of(hologram, camera, plan.near)
     aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
@@ -199,9 +203,56 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, progress, of
         aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
     picture = engine.Preview(scene, camera, *size, focus, aperture, settings.max_depth, centre=centre)
     # each picture has twice the paths of the last, and takes as long as all before
-    while 2 * (time.monotonic() - start) < PREVIEW_SHARE * plan.seconds or not picture.spp:
+    while 2 * (time.monotonic() - start) < seconds or not picture.spp:
         light = picture.refine(max(1, picture.spp), progress)
         offer(engine.to_rgb(light[..., channels], hologram.wavelengths))
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """A hologram of less quality that is there in a fraction of the time."""
+
+    settings: engine.Settings
+    plan: engine.Plan
+    seconds: float  # foretold
+
+
+def _draft(scene, camera, hologram, settings, plan, store):
+    """The `_Draft` of a planned hologram; None where waiting for the hologram itself is as good."""
+    if settings.method not in DRAFTED or settings.quality == "draft":
+        return None
+    settings = settings.resolved()
+    settings = replace(
+        settings,
+        quality="draft",
+        method="full",  # what a draft bakes would serve the hologram, and change it
+        frames=min(settings.frames, DRAFT_FRAMES),
+        speckle=None,
+        spp=None,
+        despeckle=0,
+    )
+    compiles = Compiling()
+    drafted = engine.plan(scene, camera, hologram, settings, store)
+    stages = {name: min(own, plan.stages.get(name, own)) for name, own in drafted.stages.items()}
+    # The wanted plan has looked at more paths, and knows better how long they take.
+    if compiles():  # and so will the rendering, for a draft alone
+        stages = drafted.stages
+    elif "radiance" in stages and plan.passes and not plan.cached:
+        stages["radiance"] = min(stages["radiance"], plan.stages["radiance"] * drafted.passes / plan.passes)
+    seconds = sum(stages.values())
+    return _Draft(settings, drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
+
+
+def _drafted(scene, camera, hologram, draft, depths, pupil, progress, store):
+    """The `Result` of a draft."""
+
+    def told(done, message):
+        progress(done, f"Draft: {message}")
+
+    at = stage(told, 0.0, 0.95)
+    field = engine.render(scene, camera, hologram, draft.settings, draft.plan, at, store)
+    images = engine.reconstruct(field, depths, pupil, progress=stage(told, 0.95, 1.0))
+    return Result(draft.plan, field, depths, images, field.report["seconds"])
 
 
 def compute(
@@ -235,7 +286,9 @@ def compute(
     field : engine.WaveField, optional
         Of the same scene and settings, to be refocused instead of rendering it again.
     offer : callable, optional
-        ``offer(picture)`` with pictures, array [y, x, 3], to look at meanwhile.
+        ``offer(picture)`` with pictures, array [y, x, 3], to look at meanwhile; ``offer(picture, draft)`` with the
+        `Result` of quality draft that it is of, where the hologram takes several times as long. The hologram is the
+        same with and without.
 
     Returns
     -------
@@ -259,11 +312,23 @@ def compute(
     _check_view(plan, camera, hologram, depths, pupil)
     if field is None:
         begun = _begun(started, plan)
-        if offer is not None:
+        if offer is not None and plan.seconds >= SOON:
+            with clock("draft"):
+                draft = _draft(scene, camera, hologram, settings, plan, store)
+            share = PREVIEW_SHARE * (plan.seconds if draft is None else draft.seconds)
+            begun = max(begun, _begun(started, plan))
             at = stage(progress, begun, begun)
             with clock("preview"):
-                _preview(scene, camera, hologram, settings, plan, depths[0], pupil, at, offer)
-            begun = _begun(started, plan)
+                _preview(scene, camera, hologram, settings, plan, depths[0], pupil, share, at, offer)
+            begun = max(begun, _begun(started, plan))
+            if draft is not None:
+                drawn = _begun(started - draft.seconds, plan)
+                with clock("draft"):
+                    early = _drafted(
+                        scene, camera, hologram, draft, depths, pupil, stage(progress, begun, drawn), store
+                    )
+                offer(engine.to_rgb(early.images[0], hologram.wavelengths), early)
+                begun = max(drawn, _begun(started, plan))
         field = engine.render(scene, camera, hologram, settings, plan, stage(progress, begun, 0.95), store)
         clock.seconds.update(field.report["seconds"])
     with clock("refocusing"):

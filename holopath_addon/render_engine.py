@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from . import engine, output, properties, stills, viewport
+from .engine.progress import Compiling
 from .export import unit_scale
 from .operators import session
 from .operators.jobs import on_main_thread
@@ -42,9 +43,10 @@ class HoloPathEngine(bpy.types.RenderEngine):
             max(1, n * settings.resolution_percentage // 100)
             for n in (settings.resolution_x, settings.resolution_y)
         ]
-        pixels, failure = {}, ""
+        pixels, failure, progress = {}, "", self._progress(Compiling())
         try:
-            self.update_stats("", "HoloPath: exporting the scene")
+            self.update_progress(0.0)
+            self.update_stats("", "HoloPath: Reading the scene")
             start = time.perf_counter()
             task = on_main_thread(lambda: session.prepare(depsgraph, properties.of(depsgraph.scene), size))
             spent = time.perf_counter() - start
@@ -52,9 +54,9 @@ class HoloPathEngine(bpy.types.RenderEngine):
             listed = keep or properties.of_layer(layer).use_pass_focus
             still = task.still(properties.focus_list_of(properties.of(depsgraph.scene)) if listed else ())
             if keep:
-                result = self._kept(still, _folder(depsgraph), spent)
+                result = self._kept(still, _folder(depsgraph), progress, spent)
             else:
-                result = still.compute(self._progress)
+                result = still.compute(progress)
             session.keep(task, result)
             pixels = _pixels(still, result, depsgraph)
         except BaseException as error:
@@ -73,14 +75,14 @@ class HoloPathEngine(bpy.types.RenderEngine):
         if failure:
             self.report({"ERROR"}, failure)
 
-    def _kept(self, still, folder, export_seconds):
+    def _kept(self, still, folder, progress, export_seconds):
         """The render of a still, made and put into its folder, or taken from there."""
 
         def say(text):
             self.report({"INFO"}, f"{folder.name}: {text}")
 
-        result, _ = stills.update(folder, still, self._progress, export_seconds, say)
-        return result or still.compute(self._progress, stills.kept(folder))
+        result, _ = stills.update(folder, still, progress, export_seconds, say)
+        return result or still.compute(progress, stills.kept(folder))
 
     def view_update(self, context: bpy.types.Context, depsgraph):
         """Called by Blender when its scene has changed; `viewport` listens for itself."""
@@ -90,11 +92,16 @@ class HoloPathEngine(bpy.types.RenderEngine):
         shown = viewport.of(self, context.region)
         self.update_stats("", shown.draw(context, depsgraph, self.get_preview_pixel_size(context.scene)))
 
-    def _progress(self, done, message):
-        if self.test_break():
-            raise engine.Cancelled
-        self.update_progress(done)
-        self.update_stats("", f"HoloPath: {message}")
+    def _progress(self, compiles):
+        """What work calls to tell Blender how far it is, and to learn that it is to stop."""
+
+        def progress(done, message):
+            if self.test_break():
+                raise engine.Cancelled
+            self.update_progress(done)
+            self.update_stats("", f"HoloPath: {'Compiling…' if compiles() else message}")
+
+        return progress
 
 
 def _region(settings, target, size):

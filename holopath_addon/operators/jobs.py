@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from .. import engine
+from ..engine.progress import Compiling
 
 # The main thread may be busy with a dialog, or wait for this very thread.
 PATIENCE = 10.0  # seconds
@@ -61,6 +62,8 @@ class Job:
         0..1.
     message : str
         What is being done.
+    compiling : bool
+        Whether programs are compiled for that, which takes its time once on each machine.
     result : object or None
     error : BaseException or None
     """
@@ -74,6 +77,8 @@ class Job:
         self._started = time.monotonic()
         self.done = 0.0
         self.message = ""
+        self.compiling = False
+        self._compiles: Compiling | None = None
         self.result: Any = None
         self.error: BaseException | None = None
 
@@ -148,7 +153,7 @@ class Job:
             answered.set()
 
     def offer(self, picture):
-        """Called by the work: something to look at until there is a result."""
+        """Called by the work: what can be looked at until there is a result."""
         self._picture = picture
 
     def take(self):
@@ -159,7 +164,9 @@ class Job:
     def _progress(self, done, message):
         if self._cancel.is_set():
             raise engine.Cancelled
-        self.done, self.message = done, message
+        if self._compiles is None:
+            self._compiles = Compiling()
+        self.done, self.message, self.compiling = done, message, self._compiles()
 
 
 def _let_go(error):

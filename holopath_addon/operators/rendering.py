@@ -19,27 +19,31 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
 
         def render(job, progress):
             task = export(job, progress, scene)
-            return task, task.compute(progress, job.offer if watched else None)
+
+            def offer(picture, draft=None):
+                job.offer((picture, task, draft))
+
+            return task, task.compute(progress, offer if watched else None)
 
         return render
 
-    def glimpse(self, context: bpy.types.Context, picture):
-        self.present(context, session.show_rgb(picture))
+    def glimpse(self, context: bpy.types.Context, offered):
+        self.present(context, session.show_early(self.scene_settings(), *offered))
 
     def finish(self, context: bpy.types.Context, result):
-        task, result = result
-        session.keep(task, result)
-        props = self.scene_settings()
-        if task.focus is None and props is not None:
-            properties.note_focus(props, result.focus[0])
-        self.present(context, session.show(result.images[0], task.hologram.wavelengths))
+        self.present(context, session.keep_shown(self.scene_settings(), *result))
         if not bpy.app.background:
             bpy.ops.ed.undo_push(message=self.bl_label)
         return "Hologram rendered"
 
+    def stopped(self):
+        if self._presented and session.current.draft:
+            return "Canceled, the draft stays"
+        return super().stopped()
+
 
 class HOLOPATH_OT_cancel(bpy.types.Operator):
-    """Stop what is at work"""
+    """Stop what is at work; what was there before stays"""
 
     bl_idname = "holopath.cancel"
     bl_label = "Cancel"

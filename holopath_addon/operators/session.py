@@ -45,6 +45,8 @@ class Session:
         Name of the scene that the last plan and notes are of.
     rendered : str
         Name of the scene that the field is of.
+    draft : bool
+        Whether the field is a draft, kept until there is better.
     in_view : tuple of float
         Nearest and farthest thing in view of the field, dioptres.
     notes : list of str
@@ -73,6 +75,7 @@ class Session:
     plan: engine.Plan | None = None
     scene: str = ""
     rendered: str = ""
+    draft: bool = False
     in_view: tuple = (0.0, 0.0)
     notes: list = dataclasses.field(default_factory=list)
     bake: dict | None = None
@@ -140,7 +143,7 @@ class Task:
         )
 
     def compute(self, progress, offer=None):
-        """`pipeline.Result` of the task; `offer` is called with pictures to look at meanwhile."""
+        """`pipeline.Result` of the task; `offer` is called with what can be looked at meanwhile, see there."""
         progress(0.0, "Building the scene")
         return self.still().compute(progress, offer=offer)
 
@@ -187,16 +190,67 @@ def prepare(depsgraph, props, resolution=None):
     )
 
 
-def keep(task, result):
-    """Remember a finished render."""
+def keep(task, result, draft=False):
+    """Remember a finished render, or the draft of one."""
     field = result.field
-    current.refocuser, current.task = engine.Refocuser(field), task
+    current.refocuser, current.task, current.draft = engine.Refocuser(field), task, draft
     keep_phase(None)
     current.rendered, current.pace = task.reading.name, math.inf
     current.in_view = pipeline.dioptres_in_view(result.plan, field.camera, field.hologram)
     keep_plan(task, result.plan)
     if "bake" in field.report:
         current.bake, current.texture = field.report["bake"], None
+
+
+def keep_shown(props, task, result, draft=False):
+    """`keep` a render and show it as the user looks by now; on the main thread.
+
+    Parameters
+    ----------
+    props : properties.HoloPathSettings or None
+        Of the scene, if it is still there.
+    task : Task
+    result : pipeline.Result
+    draft : bool
+        Whether there will be better.
+
+    Returns
+    -------
+    bpy.types.Image
+    """
+    keep(task, result, draft)
+    focus = task.focus
+    if props is not None and focus is None and props.focus_auto:
+        properties.note_focus(props, result.focus[0])
+        focus = properties.focus_of(props)
+    image = bpy.data.images.get(IMAGE)
+    if image is None or props is None or properties.seen_of(props)[:2] == (focus, task.pupil):
+        return show(result.images[0], result.field.hologram.wavelengths)
+    request_refocus(*properties.seen_of(props))  # it was moved meanwhile
+    return image
+
+
+def show_early(props, picture, task, draft=None):
+    """Show a picture while its hologram is rendered; a draft is kept where it takes no whole hologram's place.
+
+    Parameters
+    ----------
+    props : properties.HoloPathSettings or None
+        See `keep_shown`.
+    picture : numpy.ndarray, shape (y, x, 3)
+    task : Task
+    draft : pipeline.Result, optional
+        What the picture is of.
+
+    Returns
+    -------
+    bpy.types.Image
+    """
+    if draft is None or not (current.field is None or current.draft):
+        return show_rgb(picture)
+    image = keep_shown(props, task, draft, draft=True)
+    redraw()
+    return image
 
 
 def keep_phase(phase):
@@ -488,9 +542,13 @@ def show_again():
 
 
 def progress_text(job):
-    """How far a job is, in a few words: ``42 % Wave tracing, 12 s left``."""
-    left = job.remaining
-    return f"{job.done:.0%} {job.message}" + ("" if left is None else f", {math.ceil(left)} s left")
+    """How far a job is, in a few words: ``42% Wave tracing, 12 s left``, ``Compiling…`` before there is a share."""
+    doing, left = "Compiling" if job.compiling else job.message, job.remaining
+    if job.cancelling:
+        return "Canceling…"
+    if not job.done:
+        return f"{doing}…"
+    return f"{job.done:.0%} {doing}" + ("" if left is None else f", {math.ceil(left)} s left")
 
 
 @bpy.app.handlers.persistent

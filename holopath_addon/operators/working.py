@@ -83,10 +83,10 @@ class Working(_Operator):
                 session.leave()
                 return self._end(context, job)
             job.serve()
-            picture = job.take()
-            if picture is not None:
+            offered = job.take()
+            if offered is not None:
                 try:
-                    self.glimpse(context, picture)
+                    self.glimpse(context, offered)
                 except Exception as error:  # the work goes on
                     session.fail(error)
             self._tell(context, job)
@@ -102,8 +102,12 @@ class Working(_Operator):
         if session.current.job is job:
             bpy.app.timers.register(lambda: _clear_away(job))
 
-    def glimpse(self, context: bpy.types.Context, picture):
+    def glimpse(self, context: bpy.types.Context, offered):
         """Show what the work offers before its end."""
+
+    def stopped(self):
+        """What to tell where it was canceled."""
+        return "Canceled"
 
     def scene_settings(self):
         """HoloPath's settings of the scene that was chosen, or None if it has been deleted since."""
@@ -119,7 +123,7 @@ class Working(_Operator):
     def _tell(self, context: bpy.types.Context, job):
         """Show progress where there is news, now and then."""
         now = time.monotonic()
-        text = "cancelling" if job.cancelling else f"{session.progress_text(job)}, Esc cancels"
+        text = session.progress_text(job) + ("" if job.cancelling else " (Esc cancels)")
         if text == self._told or now - self._told_at < REDRAW:
             return
         self._told, self._told_at = text, now
@@ -152,7 +156,7 @@ class Working(_Operator):
             if self._presented:
                 session.show_again()
             if failures.cancelled(error):
-                self.report({"INFO"}, "HoloPath: cancelled.")
+                self.report({"INFO"}, f"HoloPath: {self.stopped()}.")
             else:
                 self.report({"ERROR"}, session.fail(error))
             return {"CANCELLED"}

@@ -194,8 +194,7 @@ def render(layout: UILayout, context: Context) -> None:
         show.module = preferences.ADDON
     column = layout.column(align=True)
     if job is not None and job.running:
-        text = "Cancelling" if job.cancelling else session.progress_text(job)
-        column.progress(factor=job.done, text=text)
+        column.progress(factor=job.done, text=session.progress_text(job))
         column.operator("holopath.cancel", icon="CANCEL")
     else:
         column.enabled = not missing

@@ -6,6 +6,7 @@ import time
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
 
 
@@ -49,6 +50,32 @@ def test_pictures_are_taken_once():
     job.offer("first")
     job.offer("second")
     assert job.take() == "second" and job.take() is None
+
+
+def test_compiling_is_told_while_it_happens(backend):
+    """From a report that follows a program that was nowhere, to one that follows none; not of those on disk."""
+    import drjit as dr
+    import mitsuba as mi
+
+    new = time.time_ns() % 1_000_003  # no run before had a program with this number
+
+    def compute():
+        dr.eval(dr.arange(mi.Float, 5) * dr.cos(mi.Float(new) + dr.arange(mi.Float, 5) ** 3) + new)
+
+    told = []
+
+    def work(progress):
+        for done, message in ((0.0, "Starting"), (0.1, "First"), (0.2, "Second")):
+            progress(done, message)
+            told.append((job.compiling, session.progress_text(job)))
+            compute()
+
+    job = Job(work)
+    job.run()
+    assert job.error is None
+    assert told == [(False, "Starting…"), (True, "10% Compiling"), (False, "20% Second")]
+    job.cancel()
+    assert session.progress_text(job) == "Canceling…"
 
 
 def test_time_left(monkeypatch):

@@ -306,9 +306,9 @@ def test_progress_and_cancel(window, monkeypatch):
     """The row with the button is progress while anything is at work, with a button that ends it."""
     assert "holopath.render_hologram" in row(window).all("operator", "operator")
     for name, factor, text in (
-        ("starting", 0.0, "0% Starting Mitsuba"),
+        ("starting", 0.0, "Starting Mitsuba…"),
         ("rendering", 0.25, r"25% Wave tracing, \d+ s left"),
-        ("cancelling", 0.25, "Cancelling"),
+        ("cancelling", 0.25, "Canceling…"),
         ("baking", 0.5, "50% Baking light in view"),
     ):
         with STATES[name](window.scene, monkeypatch):
