@@ -16,7 +16,7 @@ _DRIVERS = [
     ("virtual", "Virtual Bench", "A simulated SLM with its optics and a camera", 4),
 ]
 _PACKINGS = [
-    ("time", "One Hologram", "One frame of one colour a picture, one after the other", 0),
+    ("time", "One Hologram", "One frame of one color per picture, one after the other", 0),
     (
         "colour",
         "Three in RGB",
@@ -25,6 +25,7 @@ _PACKINGS = [
     ),
     ("bits", "24 in Bits", "24 holograms of one bit in the bits of red, green and blue, for binary SLMs", 2),
 ]
+_MODELS = {"holoeye": "HOLOEYE", "ti-plm": "TI PLM"}  # names that are not their words with capitals
 _ORDERS = [(order, order, f"{order[0]}, then {order[1]}, then {order[2]}", n) for n, order in enumerate(
     ("RGB", "GRB", "BRG", "RBG", "GBR", "BGR"))]  # fmt: skip
 
@@ -48,7 +49,7 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         search_options={"SUGGESTION"},
     )
     primary: BoolProperty(
-        name="Allow the Primary Monitor",
+        name="Allow Primary Monitor",
         description="Show the hologram where you work; Esc there closes it",
         default=False,
     )
@@ -59,12 +60,18 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         search_options={"SUGGESTION"},
     )
     baud: IntProperty(
-        name="Baud", description="Speed of the serial line", default=BAUD, min=SLOWEST, max=100_000_000
+        name="Baud Rate",
+        description="Speed of the serial line, in bits per second",
+        default=BAUD,
+        min=SLOWEST,
+        max=100_000_000,
     )
     model: EnumProperty(
         name="Model",
         description="Which of slmsuite's devices",
-        items=[(name, name, path, n) for n, (name, path) in enumerate(DEVICES.items())],
+        items=[
+            (name, _MODELS.get(name, name.title()), path, n) for n, (name, path) in enumerate(DEVICES.items())
+        ],
         default="simulated",
     )
     options: StringProperty(
@@ -77,13 +84,15 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         description="JSON file of the device: phase of its levels, correction, flips and shift. Empty: 8 bits, even",
         subtype="FILE_PATH",
     )
-    packing: EnumProperty(name="Packing", description="How many holograms one picture holds", items=_PACKINGS)
+    packing: EnumProperty(name="Packing", description="Holograms that one picture holds", items=_PACKINGS)
     order: EnumProperty(
-        name="Order", description="In which the channels of a picture are shown", items=_ORDERS
+        name="Channel Order",
+        description="Order in which the SLM shows the channels of a picture",
+        items=_ORDERS,
     )
     rate: FloatProperty(
         name="Rate",
-        description="Pictures a second; 0: as the device does best",
+        description="Pictures per second, in hertz; 0: as the device does best",
         default=0.0,
         min=0.0,
         max=1e4,
@@ -108,7 +117,11 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         subtype="FILE_PATH",
     )
     plane: IntProperty(
-        name="Plane", description="At which the camera looks, from 0", default=0, min=0, max=99
+        name="Plane",
+        description="Focus plane at which the camera looks, counted from 0",
+        default=0,
+        min=0,
+        max=99,
     )
     camera: StringProperty(
         name="Camera",

@@ -33,32 +33,35 @@ _LABELS = {
         "Bake diffuse light into a texture, once for all views and focus distances of the same scene",
     ),
     "direct": ("Direct", "Trace straight from the SLM with random directions: the paper's slow baseline"),
-    "draft": ("Draft", "Something true at once: mirrors and glass show pictures on their own surface"),
+    "draft": (
+        "Draft",
+        "A true hologram at once, with much noise: mirrors and glass show pictures on their own surface",
+    ),
     "preview": ("Preview", "Few rays and radiance samples, for a first look"),
     "balanced": ("Balanced", "Enough rays for every depth in view"),
     "full": ("Full", "A wider cone of rays and more radiance samples"),
     "lattice": ("Lattice", "Directions on a lattice with the exact kernel: no noise but the radiance's"),
     "paper": ("Paper", "Random directions with a spherical wave, as published"),
     "grain": (
-        "Per grain",
+        "Per Grain",
         "Average every grain's radiance before the root is taken: right where light is indirect",
     ),
-    "ray": ("Per ray", "Light paths of its own for each ray, as published: dark where light is indirect"),
+    "ray": ("Per Ray", "Light paths of its own for each ray, as published: dark where light is indirect"),
     "designed": ("Designed", "Maps designed so that the frames' mean has little speckle, at any focus"),
     "random": (
         "Random",
         "Independent for each frame, as published: speckle of one over the root of the frames",
     ),
-    "curvature": ("Wavefront", "Where neighbouring rays cross: right for curved mirrors and lenses"),
-    "opl": ("Path length", "At the optical path length, as published: right for flat mirrors only"),
-    "fit": ("Fit scene", "Spread the scene from its near end to infinity over the depth range"),
+    "curvature": ("Wavefront", "Where neighboring rays cross: right for curved mirrors and lenses"),
+    "opl": ("Path Length", "At the optical path length, as published: right for flat mirrors only"),
+    "fit": ("Fit Scene", "Spread the scene from its near end to infinity over the depth range"),
     "dpac": (
-        "Double phase",
-        "Neighbouring pixels whose mean is the complex amplitude: at once, for a first look",
+        "Double Phase",
+        "Neighboring pixels whose mean is the complex amplitude: at once, for a first look",
     ),
-    "sgd": ("Each frame", "Gradient descent towards each frame's complex field"),
+    "sgd": ("Each Frame", "Gradient descent towards each frame's complex field"),
     "joint": (
-        "All frames",
+        "All Frames",
         "Each frame, then all together, so that what is seen through them is what the field shows",
     ),
     "refine": (
@@ -72,7 +75,7 @@ _LABELS = {
 _ENCODING_LABELS = _LABELS | {
     "auto": (
         "Automatic",
-        "References where the method Full traced all light for this view; else all frames, or each where there is one",
+        "References where the method Full traced all light; else All Frames, or Each Frame where there is one",
     )
 }
 _METHOD_LABELS = _LABELS | {"full": ("Full", "Trace all light for this view alone")}
@@ -100,7 +103,9 @@ def _items(names, labels=_LABELS, numbered=None):
 
 
 def _display_items():
-    items = [(CUSTOM, "Custom", "Resolution, pixel pitch and bits as set below", _DISPLAY_NUMBERS[CUSTOM])]
+    items = [
+        (CUSTOM, "Custom", "Resolution, pixel pitch and bit depth as set below", _DISPLAY_NUMBERS[CUSTOM])
+    ]
     for display in engine.DISPLAYS.values():
         size = f"{display.width} × {display.height} pixels of {display.pitch * 1e6:g} µm, {display.bits} bits"
         items.append((display.name, display.label, size, _DISPLAY_NUMBERS[display.name]))
@@ -175,8 +180,8 @@ class _Focus:
         name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
     )
     focus_dioptres: FloatProperty(
-        name="Focus (dioptres)",
-        description="The same distance in dioptres, one over metres; 0 is infinity",
+        name="Focus (D)",
+        description="The same distance in diopters, one over meters; 0 is infinity",
         get=_get_dioptres,
         set=_set_dioptres,
         min=0.0,
@@ -192,7 +197,7 @@ class HoloPathFocus(_Focus, bpy.types.PropertyGroup):
 
     focus: FloatProperty(
         name="Focus (m)",
-        description="Distance from the camera, in metres",
+        description="Distance from the camera, in meters",
         default=1.0,
         min=1e-3,
         max=LARGEST_FOCUS,
@@ -208,7 +213,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
 
     display: EnumProperty(
         name="Display",
-        description="Spatial light modulator that will show the hologram; sets pixels, pitch, bits and depth range",
+        description="Spatial light modulator (SLM) to show the hologram on; sets resolution, pitch, bits and depths",
         items=_display_items(),
         update=_display_changed,
     )
@@ -230,7 +235,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     pitch_um: FloatProperty(
         name="Pixel Pitch (µm)",
-        description="Distance between neighbouring pixels, in micrometres; smaller ones spread light wider",
+        description="Distance between neighboring pixels, in micrometers; a smaller pitch spreads light wider",
         default=8.0,
         min=0.1,
         max=1000.0,
@@ -240,16 +245,16 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         precision=2,
     )
     bits: IntProperty(
-        name="Bits",
-        description="Bits of phase that a pixel of the display takes: two to that power are the levels it shows",
+        name="Bit Depth",
+        description="Bits of phase that a pixel of the SLM takes: two to that power are the levels it shows",
         default=8,
         min=1,
         max=16,
         update=_focus_changed,
     )
     colours: EnumProperty(
-        name="Colours",
-        description="Wavelengths to compute",
+        name="Colors",
+        description="Wavelengths to compute: red, green and blue take three times as long as a single one",
         items=[
             ("RGB", "RGB", "Three wavelengths: red, green and blue", 0),
             ("MONO", "Single", "One wavelength", 1),
@@ -257,7 +262,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     wavelengths_nm: FloatVectorProperty(
         name="Wavelengths (nm)",
-        description="Vacuum wavelengths of the red, green and blue light, in nanometres",
+        description="Vacuum wavelengths of the red, green and blue light, in nanometers",
         size=3,
         default=(640.0, 516.5, 455.4),
         min=100.0,
@@ -268,7 +273,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     wavelength_nm: FloatProperty(
         name="Wavelength (nm)",
-        description="Vacuum wavelength, in nanometres; it shows the scene's red, green or blue light",
+        description="Vacuum wavelength, in nanometers; it shows the scene's red, green or blue light",
         default=516.5,
         min=100.0,
         max=10000.0,
@@ -283,7 +288,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     depth_far_mm: FloatProperty(
         name="Far End (mm)",
-        description="Distance from the SLM at which infinity appears, in millimetres",
+        description="Distance from the SLM at which infinity appears, in millimeters",
         default=10.0,
         soft_min=-200.0,
         soft_max=500.0,
@@ -292,7 +297,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     depth_near_mm: FloatProperty(
         name="Near End (mm)",
-        description="Distance from the SLM at which the near end appears, in millimetres; beyond the far end",
+        description="Distance from the SLM at which the near end appears, in millimeters; larger than the far end",
         default=15.0,
         soft_min=-200.0,
         soft_max=500.0,
@@ -306,7 +311,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     near: FloatProperty(
         name="Near (m)",
-        description="Distance from the camera that appears at the near end of the depth range, in metres",
+        description="Distance from the camera that appears at the near end of the depth range, in meters",
         default=0.5,
         min=1e-4,
         soft_min=0.05,
@@ -316,7 +321,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     frames: IntProperty(
         name="Frames",
-        description="Time-multiplexed frames a colour; more have less speckle",
+        description="Time-multiplexed frames per color; more have less speckle and take longer",
         default=8,
         min=1,
         max=256,
@@ -324,11 +329,11 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     wish_speckle: BoolProperty(
         name="Frames by Speckle",
-        description="Take as many frames as a wished speckle contrast needs",
+        description="Take as many frames as the wanted speckle contrast needs",
     )
     speckle: FloatProperty(
         name="Speckle",
-        description="Contrast of the speckle that may be left, as a share of the picture's intensity",
+        description="Speckle contrast that may be left: standard deviation over mean of the intensity, from 0 to 1",
         subtype="FACTOR",
         default=0.15,
         min=0.01,
@@ -338,14 +343,14 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     phase_field: EnumProperty(
         name="Phase Fields",
-        description="Where the phases of the frames come from",
+        description="Where the phases of the frames come from; they cost the same",
         items=_items(choices.PHASE_FIELDS),
     )
     despeckle: IntProperty(
         name="Despeckle",
         description=(
             "Steps that take speckle out of this scene's own fields after tracing, towards the mean of 96 frames, "
-            "which are traced for it; 60 do most. 0: none"
+            "which are traced for it and multiply the time; 60 do most. 0: none"
         ),
         default=0,
         min=0,
@@ -354,7 +359,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     quality: EnumProperty(
         name="Quality",
-        description="Sets rays and radiance samples",
+        description="Rays and radiance samples per pixel: more take longer and leave less noise",
         items=_items(choices.QUALITIES, numbered=("preview", "balanced", "full", "draft")),
         default="balanced",
     )
@@ -364,11 +369,11 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         items=_items(choices.METHODS, _METHOD_LABELS),
     )
     limit_rays: BoolProperty(
-        name="Limit Rays", description="Set the largest number of rays a pixel by hand", default=False
+        name="Limit Rays", description="Set the largest number of rays per pixel by hand", default=False
     )
     spp: IntProperty(
-        name="Rays a Pixel",
-        description="Largest number of rays a pixel, on average",
+        name="Rays per Pixel",
+        description="Most rays per pixel, on average; fewer than are needed fill a narrower cone",
         default=256,
         min=1,
         max=1 << 20,
@@ -385,7 +390,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         items=_items(choices.RADIANCES),
     )
     paths: IntProperty(
-        name="Paths a Ray",
+        name="Paths per Ray",
         description="Radiance paths that are averaged for each ray; few are dark where light is indirect",
         default=1,
         min=1,
@@ -409,10 +414,10 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         soft_max=8,
     )
     most_hits: IntProperty(
-        name="Mirrors, Glass",
+        name="Mirrors and Glass",
         description=(
-            "Longest chain of mirrors and clear glass that is followed to what is seen in it; what is beyond is "
-            "black. 0: none are followed, and reflections lie on the mirror"
+            "Most reflections and refractions in a row that are followed to what is seen in them; what is beyond is "
+            "black. 0: none are followed, and reflections lie on the mirror's surface"
         ),
         default=8,
         min=0,
@@ -420,7 +425,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         soft_max=16,
     )
     fixed: StringProperty(
-        name="Fix Decisions",
+        name="Fixed Decisions",
         description=(
             "Decisions of the plan that you take yourself, for example: chain=4 passes=64. "
             f"There are {', '.join(engine.FIXABLE)}"
@@ -438,7 +443,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     wrp_mm: FloatProperty(
         name="Recording Plane (mm)",
-        description="Distance of the wave recording plane from the SLM, in millimetres",
+        description="Distance of the wave recording plane from the SLM, in millimeters",
         default=12.5,
         soft_min=-200.0,
         soft_max=500.0,
@@ -446,14 +451,16 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         precision=2,
     )
     max_depth: IntProperty(
-        name="Path Depth",
-        description="Longest light path, in vertices: 1 emission only, 2 direct light",
+        name="Max Path Depth",
+        description="Longest light path, in vertices: 1 is emission only, 2 direct light, each further one a bounce",
         default=8,
         min=1,
         max=64,
         soft_max=16,
     )
-    seed: IntProperty(name="Seed", description="Seed of all random numbers", default=0, min=0)
+    seed: IntProperty(
+        name="Seed", description="Seed of all random numbers: another one gives other noise", default=0, min=0
+    )
     keep_fields: BoolProperty(
         name="Keep Wave Fields",
         description=(
@@ -472,12 +479,12 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     focus_auto: BoolProperty(
         name="Auto",
-        description="Every render focuses on the middle of the view; off once a focus is chosen",
+        description="Focus on the middle of the view at every render; off once a focus is chosen",
         default=True,
     )
     focus: FloatProperty(
         name="Focus (m)",
-        description="Distance at which the picture is sharp, in metres; refocuses without rendering again",
+        description="Distance at which the picture is sharp, in meters; refocuses without rendering again",
         default=1.0,
         min=1e-3,
         max=LARGEST_FOCUS,
@@ -506,14 +513,14 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         default=True,
     )
     use_pupil: BoolProperty(
-        name="Pupil",
-        description="Look through a part of the light's cone only; off: the whole cone",
+        name="Partial Pupil",
+        description="Look through a part of the pupil only: less light, more depth of field; off: all of the light",
         default=False,
         update=_focus_changed,
     )
     pupil_offset_mm: FloatVectorProperty(
         name="Offset (mm)",
-        description="Pupil's centre to the right of and above the camera's axis, in world millimetres",
+        description="Pupil's center to the right of and above the camera's axis, in world millimeters",
         size=2,
         default=(0.0, 0.0),
         soft_min=-50.0,
@@ -524,7 +531,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     pupil_diameter_mm: FloatProperty(
         name="Diameter (mm)",
-        description="Pupil's diameter, in world millimetres",
+        description="Pupil's diameter, in world millimeters",
         default=4.0,
         min=1e-3,
         soft_max=100.0,
@@ -539,8 +546,8 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         default="auto",
     )
     refocused: EnumProperty(
-        name="Refocused",
-        description="What the reconstruction shows",
+        name="Shown",
+        description="What the reconstruction in the Image Editor shows",
         items=[
             ("FIELD", "Wave Field", "The complex field that was rendered", 0),
             (
@@ -554,15 +561,15 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     fill_factor: FloatProperty(
         name="Fill Factor",
-        description="Share of a pixel's area that modulates light; the rest is dark",
+        description="Share of a pixel's area that modulates light, from 0 to 1; the rest is dark",
         default=1.0,
         min=0.01,
         max=1.0,
         update=_focus_changed,
     )
     unmodulated: FloatProperty(
-        name="Unmodulated",
-        description="Share of the light that leaves the display as it came",
+        name="Zeroth Order",
+        description="Share of the light that leaves the SLM unmodulated, from 0 to 1",
         default=0.0,
         min=0.0,
         max=1.0,
@@ -570,7 +577,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     )
     crosstalk: FloatProperty(
         name="Crosstalk (pixels)",
-        description="How far a pixel's field reaches into its neighbours: standard deviation of a Gaussian, in pixels",
+        description="How far a pixel's field reaches into its neighbors: standard deviation of a Gaussian, in pixels",
         default=0.0,
         min=0.0,
         max=9.0,
@@ -586,7 +593,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         max=255,
         update=_phase_frame_changed,
     )
-    device: PointerProperty(type=HoloPathDevice)
+    device: PointerProperty(type=HoloPathDevice, name="Device", description="What shows the hologram")
 
 
 class HoloPathMaterial(bpy.types.PropertyGroup):
@@ -595,7 +602,7 @@ class HoloPathMaterial(bpy.types.PropertyGroup):
     abbe_number: FloatProperty(
         name="Abbe Number",
         description=(
-            "How little clear glass of this material spreads colours: 59 is crown glass, 36 flint glass, and "
+            "How little clear glass of this material spreads colors: 59 is crown glass, 36 flint glass, and "
             "0 means that it spreads none. The node's IOR is that of yellow light, 587.6 nm"
         ),
         default=0.0,

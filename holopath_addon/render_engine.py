@@ -12,6 +12,7 @@ from .engine.progress import Compiling
 from .export import unit_scale
 from .operators import session
 from .operators.jobs import on_main_thread
+from .operators.rendering import output_size
 
 NOTHING = 1e10  # depth where there is no surface, as Cycles writes it
 
@@ -39,10 +40,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
         Blender gets a result in any case: writing a multilayer EXR without one crashes it.
         """
         settings, layer = depsgraph.scene.render, depsgraph.view_layer_eval
-        size = [
-            max(1, n * settings.resolution_percentage // 100)
-            for n in (settings.resolution_x, settings.resolution_y)
-        ]
+        size = list(output_size(depsgraph.scene))
         pixels, failure, progress = {}, "", self._progress(Compiling())
         try:
             self.update_progress(0.0)

@@ -72,7 +72,7 @@ class Hologram:
             if wavelength >= 2 * self.pitch:
                 raise InvalidInput(
                     f"The pixel pitch {self.pitch * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
-                    f"it must exceed half the wavelength."
+                    f"make it larger than half the wavelength."
                 )
         if not (
             math.isfinite(self.depth_far)
@@ -81,7 +81,7 @@ class Hologram:
         ):
             raise InvalidInput(
                 f"The depth range must run from far to near with near farther from the SLM, not "
-                f"{self.depth_far * 1e3:g} mm to {self.depth_near * 1e3:g} mm."
+                f"{self.depth_far * 1e3:g} mm to {self.depth_near * 1e3:g} mm: make the near end larger."
             )
         if self.depth_mapping not in DEPTH_MAPPINGS:
             raise InvalidInput(
@@ -203,7 +203,7 @@ class Settings:
             raise InvalidInput(f"Rays a pixel must be between 1 and {1 << 20}, not {self.spp}.")
         if self.wrp != "auto" and not (isinstance(self.wrp, (int, float)) and math.isfinite(self.wrp)):
             raise InvalidInput(
-                "The recording plane must be 'auto' or a distance from the SLM in millimetres."
+                "The recording plane must be 'auto' or a distance from the SLM in millimeters."
             )
         if self.planes != "auto" and not (isinstance(self.planes, int) and 1 <= self.planes <= 32):
             raise InvalidInput(f"Recording planes must be 'auto' or 1 to 32, not {self.planes}.")

@@ -72,7 +72,7 @@ class DepthMapping:
         depth = np.asarray(depth, dtype=np.float64)
         if not (depth > 0).all():
             raise InvalidInput(
-                "A focus distance must be in front of the camera: give a positive number of metres, or inf."
+                "A focus distance must be in front of the camera: give a positive number of meters, or inf."
             )
         return self.z_far + self.beta / depth
 

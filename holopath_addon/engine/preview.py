@@ -87,7 +87,7 @@ class Preview:
             raise InvalidInput(f"A picture of {width} x {height} pixels is empty: give it at least one.")
         if focus is not None and not focus > 0:
             raise InvalidInput(
-                "A focus distance must be in front of the camera: give a positive number of metres, or inf."
+                "A focus distance must be in front of the camera: give a positive number of meters, or inf."
             )
         self._lens = Lens(camera, width, height, focus or math.inf)
         self._aperture, self._centre = number(aperture), constant(mi.Point2f, centre)

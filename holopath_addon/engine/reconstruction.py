@@ -58,7 +58,8 @@ def pupil_mask(
     if not (inside & (fx[None, :] ** 2 + fy[:, None] ** 2 <= (0.5 / pitch) ** 2)).any():
         radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * pitch))))
         raise InvalidInput(
-            f"The pupil lies outside the light: the hologram fills a radius of {radius * 1e3:.3g} mm around the axis."
+            f"The pupil lies outside the light, which fills a radius of {radius * 1e3:.3g} mm around the axis: "
+            f"move it there."
         )
     return inside
 

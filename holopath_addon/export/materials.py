@@ -140,7 +140,7 @@ class Materials:
             try:
                 look, uv_names = read_material(material, self._textures, notes)
             except RecursionError:
-                notes.add(name, "Nodes linked in a circle", "shown in the default grey")
+                notes.add(name, "Nodes linked in a circle", "shown in the default gray")
                 look, uv_names = read_material(None, self._textures, notes)
             if look.emission is not None and not np.any(self._textures.mean_colour(look.emission) > 0):
                 look.emission = None
@@ -249,7 +249,7 @@ class _ShaderReader:
             None if node.mute else getattr(self, "_read_" + node.bl_idname.removeprefix("ShaderNode"), None)
         )
         if reader is None:
-            self._note(f"{node.bl_label} node", "not supported: shown as the material's viewport colour")
+            self._note(f"{node.bl_label} node", "not supported: shown as the material's viewport color")
             return self._fallback()
         look = reader(source)
         # the Principled BSDF bends its own normals, but not those of what is seen through it
@@ -292,7 +292,7 @@ class _ShaderReader:
         look = Look(self._matt(base, self._number(node, "Diffuse Roughness", 0.0)))
         if metallic != 1 and transmission != 1:
             if self._deviates(node, "Subsurface Weight", 0.0):
-                self._note("Principled Subsurface Weight", "shown as a diffuse surface of the same colour")
+                self._note("Principled Subsurface Weight", "shown as a diffuse surface of the same color")
             f0 = 2 * self._constant(node, "Specular IOR Level", 0.5) * _f0(ior)
             if f0 > 0:
                 smooth = _at_most(gloss["roughness"], SMOOTH)
@@ -356,7 +356,7 @@ class _ShaderReader:
         return Look(bsdf, transmissive=True)
 
     def _read_SubsurfaceScattering(self, node):
-        self._note("Subsurface Scattering node", "shown as a diffuse surface of the same colour")
+        self._note("Subsurface Scattering node", "shown as a diffuse surface of the same color")
         return Look(self.diffuse(self._colour(node, "Color")))
 
     def _read_BsdfSheen(self, node):

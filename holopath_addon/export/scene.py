@@ -200,7 +200,7 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
     if world is not None:
         parts["world"] = world
     if world is None and not contents.emitters and not contents.emits:
-        notes.add(scene.name, "No light, emission or world colour", "the picture is black")
+        notes.add(scene.name, "No light, emission or world color", "the picture is black")
     if contents.emitters:
         for name, material in contents.smooth:
             missing = Notes(material)

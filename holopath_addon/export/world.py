@@ -107,7 +107,7 @@ def _baked(source, world, frame, notes):
     try:
         radiance = baking.bake_world(world, WIDTH, HEIGHT, frame)
     except baking.BakingFailed as error:
-        notes.add(world.name, feature, f"not baked, {error}: the world's viewport colour is used")
+        notes.add(world.name, feature, f"not baked, {error}: the world's viewport color is used")
         return _uniform(world.color)
     if np.ptp(radiance, axis=(0, 1)).max() <= 1e-4 * radiance.max():
         return _uniform(radiance.mean((0, 1), float))

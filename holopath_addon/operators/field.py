@@ -98,7 +98,7 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
     """Move the focus to and fro between the nearest and the farthest thing in view; again, or Esc, stops it"""
 
     bl_idname = "holopath.sweep"
-    bl_label = "Play"
+    bl_label = "Play Focus"
 
     PERIOD = 8.0  # seconds there and back
 

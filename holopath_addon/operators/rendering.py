@@ -59,6 +59,41 @@ class HOLOPATH_OT_cancel(bpy.types.Operator):
         return {"FINISHED"}
 
 
+def own_size(scene):
+    """Pixels of the hologram that the button renders: width and height."""
+    props = properties.of(scene)
+    return props.resolution_x, props.resolution_y
+
+
+def output_size(scene):
+    """Pixels of F12's picture, and so of its hologram: width and height."""
+    settings = scene.render
+    percent = settings.resolution_percentage
+    return tuple(max(1, n * percent // 100) for n in (settings.resolution_x, settings.resolution_y))
+
+
+def match_output(scene):
+    """Have F12 render as many pixels as the button does."""
+    scene.render.resolution_x, scene.render.resolution_y = own_size(scene)
+    scene.render.resolution_percentage = 100
+
+
+class HOLOPATH_OT_match_output(bpy.types.Operator):
+    """Set the resolution in the Output properties to the hologram's, so that F12 renders the same size"""
+
+    bl_idname = "holopath.match_output"
+    bl_label = "Match F12 to Hologram"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        return context.scene is not None
+
+    def execute(self, context: bpy.types.Context):
+        match_output(context.scene)
+        return {"FINISHED"}
+
+
 class HOLOPATH_OT_plan(bpy.types.Operator):
     """Look at the scene and say what would be computed, why, and how long it takes"""
 
@@ -102,4 +137,10 @@ class HOLOPATH_OT_check(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (HOLOPATH_OT_render_hologram, HOLOPATH_OT_cancel, HOLOPATH_OT_plan, HOLOPATH_OT_check)
+CLASSES = (
+    HOLOPATH_OT_render_hologram,
+    HOLOPATH_OT_cancel,
+    HOLOPATH_OT_match_output,
+    HOLOPATH_OT_plan,
+    HOLOPATH_OT_check,
+)

@@ -28,7 +28,7 @@ def device(layout: UILayout, context: Context) -> None:
     row = layout.row(heading="Trigger")
     row.prop(props, "trigger", text="")
     if props.trigger:
-        row.prop(props, "pulse", text="µs")
+        row.prop(props, "pulse", text="")
         if props.driver != "serial":
             _port(layout, props)
     _progress(layout, context)
@@ -66,7 +66,7 @@ def _progress(layout: UILayout, context: Context) -> None:
     if devices.streaming():
         counts = current.counts
         column.operator("holopath.stop_streaming", icon="SNAP_FACE")
-        text = "Opening the device" if counts is None else f"{counts}"
+        text = "Opening Device…" if counts is None else f"{counts}"
     else:
         column.operator("holopath.stream", icon="PLAY")
         counts, text = current.counts, f"Last: {current.counts}" if current.counts else ""

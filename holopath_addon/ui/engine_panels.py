@@ -38,7 +38,7 @@ class HOLOPATH_PT_passes(_Engine, bpy.types.Panel):
 class HOLOPATH_PT_animation(_Engine, bpy.types.Panel):
     """What animation renders keep, below Blender's own output of pictures."""
 
-    bl_label = "Animation's Wave Fields"
+    bl_label = "Wave Fields"
     bl_context = "output"
     bl_parent_id = "RENDER_PT_output"
 

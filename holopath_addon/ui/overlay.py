@@ -83,7 +83,7 @@ def outlines(scene):
     if mapped is not None:
         mapping, hologram = mapped
         near = float(mapping.z_to_depth(hologram.depth_near))
-        drawn.append((near, _NEAR, 0.0, f"Near end {_distance(near)}"))
+        drawn.append((near, _NEAR, 0.0, f"Near End {_distance(near)}"))
         circles = _pupil(props, hologram, mapping, camera, scale)
     drawn.sort(key=lambda row: row[0])
     frames = [
@@ -120,7 +120,9 @@ def _pupil(props, hologram, mapping, camera, scale):
     part = pupil_or_none(props)
     if part is not None:
         corners = _circle(camera, part.x, part.y, part.diameter / 2) / scale
-        circles.append(Outline(corners, _PART, 0.15, f"Part {part.diameter * 1e3:.3g} mm", at_camera=True))
+        circles.append(
+            Outline(corners, _PART, 0.15, f"Partial Pupil {part.diameter * 1e3:.3g} mm", at_camera=True)
+        )
     return circles
 
 

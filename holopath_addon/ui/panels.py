@@ -18,7 +18,7 @@ _SUBPANELS = (
     ("estimate", "Estimate", sections.estimate, True),
     ("baked_light", "Baked Light", sections.baked_light, True),
     ("render", "", sections.render, False),
-    ("reconstruct", "Reconstruct", sections.reconstruct, False),
+    ("reconstruct", "Reconstruction", sections.reconstruct, False),
     ("hologram", "Hologram", sections.hologram, False),
     ("device", "Display Device", device, True),
     ("notes", "Export Notes", sections.notes, True),

@@ -7,22 +7,21 @@ from bpy.types import Context, UILayout
 from .. import pipeline, preferences, properties
 from ..engine.baselines import BASELINES
 from ..operators import session
+from ..operators.rendering import output_size, own_size
 from ..properties import HoloPathSettings, display_of
 from .focus_list import HOLOPATH_UL_focus
 from .text import count, wrapped
 
 
 def summary(layout: UILayout, context: Context) -> None:
-    """What will be rendered, in a line; and what F12 renders."""
+    """What will be rendered, in two lines."""
     props = properties.of(context.scene)
-    frames = f"frames for {props.speckle:.0%} speckle" if props.wish_speckle else count(props.frames, "frame")
+    frames = f"Frames for {props.speckle:.0%} Speckle" if props.wish_speckle else count(props.frames, "Frame")
+    column = layout.column(align=True)
+    wrapped(column, context, f"{props.resolution_x} × {props.resolution_y} px, {props.pitch_um:g} µm Pitch")
     wrapped(
-        layout,
-        context,
-        f"{props.resolution_x} × {props.resolution_y} pixels of {props.pitch_um:g} µm, "
-        f"{frames}, {'three colours' if props.colours == 'RGB' else 'one colour'}",
+        column, context, f"{frames}, {'RGB' if props.colours == 'RGB' else f'{props.wavelength_nm:g} nm'}"
     )
-    f12(layout, context)
 
 
 def display(layout: UILayout, context: Context) -> None:
@@ -31,18 +30,18 @@ def display(layout: UILayout, context: Context) -> None:
     layout.prop(props, "display")
     if display_of(props) is None:
         column = layout.column(align=True)
-        column.prop(props, "resolution_x", text="Pixels X")
+        column.prop(props, "resolution_x", text="Resolution X")
         column.prop(props, "resolution_y", text="Y")
         layout.prop(props, "pitch_um")
         layout.prop(props, "bits")
         facts = ""
     else:  # nothing to set: Custom has these
         facts = (
-            f"{props.resolution_x} × {props.resolution_y} pixels of {props.pitch_um:.4g} µm, "
-            f"{count(props.bits, 'bit')} of phase. "
+            f"{props.resolution_x} × {props.resolution_y} px, {props.pitch_um:.4g} µm Pitch, "
+            f"{count(props.bits, 'Bit')}, "
         )
     width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
-    wrapped(layout, context, f"{facts}Size: {width:.3g} × {height:.3g} mm")
+    wrapped(layout, context, f"{facts}{width:.3g} × {height:.3g} mm")
     column = layout.column()
     column.row().prop(props, "colours", expand=True)
     if props.colours == "RGB":
@@ -60,18 +59,18 @@ def depth(layout: UILayout, context: Context) -> None:
     column.prop(props, "depth_far_mm")
     column.prop(props, "depth_near_mm")
     if props.depth_mapping == "eyepiece":
-        wrapped(layout, context, "The eyepiece says which distance is the near end.", icon="INFO")
+        wrapped(layout, context, "Near End: Set by Eyepiece", icon="INFO")
     else:
         layout.prop(props, "near_auto")
         plan = session.plan_of(context.scene)
         if not props.near_auto:
             layout.prop(props, "near")
         elif plan is None:
-            wrapped(layout, context, "Estimate, or render, finds the nearest surface.", icon="INFO")
+            wrapped(layout, context, "Near: Not Estimated Yet", icon="INFO")
         else:
-            wrapped(layout, context, f"Near: {plan.near:.3g} m when last looked")
+            wrapped(layout, context, f"Near: {plan.near:.3g} m at Last Estimate")
     layout.use_property_split = False
-    layout.label(text="Focus list (metres, dioptres)")
+    layout.label(text="Focus List (m, D)")
     row = layout.row()
     row.template_list(
         HOLOPATH_UL_focus.__name__, "", props, "focus_list", props, "focus_index", rows=3, maxrows=6
@@ -98,7 +97,6 @@ def quality(layout: UILayout, context: Context) -> None:
     layout.prop(props, "method")
     layout.prop(props, "despeckle")
     layout.prop(props, "max_depth")
-    layout.prop(props, "seed")
 
 
 def advanced(layout: UILayout, context: Context) -> None:
@@ -108,21 +106,23 @@ def advanced(layout: UILayout, context: Context) -> None:
         wrapped(
             layout,
             context,
-            f"{_method(props)}, to compare with, has frames, quality, bounces, seed, and rays of a picture's pixel:",
+            f"For Comparison: {_method(props)} Uses Few Settings",
             icon="INFO",
         )
+        layout.prop(props, "seed")
         row = layout.row(heading="Limit Rays")
         row.prop(props, "limit_rays", text="")
         if props.limit_rays:
             row.prop(props, "spp", text="")
         return
+    layout.prop(props, "seed")
     layout.prop(props, "phase_field")
     row = layout.row(heading="Limit Rays")
     row.prop(props, "limit_rays", text="")
     if props.limit_rays:
         row.prop(props, "spp", text="")
     if props.method == "direct":
-        wrapped(layout, context, "The method Direct has the paper's estimator.", icon="INFO")
+        wrapped(layout, context, "Estimator: Paper, by Method Direct", icon="INFO")
     else:
         layout.prop(props, "estimator")
     layout.prop(props, "radiance")
@@ -154,21 +154,19 @@ def baked_light(layout: UILayout, context: Context) -> None:
     else:
         row.operator("holopath.show_texture", icon="TEXTURE")
     row = layout.row(align=True)
-    row.label(text=f"All on disk: {size / 1e6:.1f} MB")
+    row.label(text=f"On Disk: {size / 1e6:.1f} MB")
     row.operator("holopath.clear_baked", icon="TRASH")
     props = properties.of(context.scene)
     if props.method in {"full", "direct", *BASELINES}:
-        wrapped(layout, context, f"The method {_method(props)} does not use baked light.", icon="INFO")
+        wrapped(layout, context, f"Not Used by Method {_method(props)}", icon="INFO")
     if bake is None:
-        wrapped(layout, context, "Nothing is baked yet in this session. The methods Auto and Fast bake, too.")
+        wrapped(layout, context, "Nothing Baked in This Session")
         return
-    source = {"all": "All of it was on disk", "part": "Part of it was on disk"}.get(
-        bake["reused"], "Baked anew"
-    )
+    source = {"all": "Loaded From Disk", "part": "Partly Loaded From Disk"}.get(bake["reused"], "Baked Anew")
     seconds = sum(bake["seconds"].values())
     size = f", {bake['bytes'] / 1e6:.1f} MB" if bake["bytes"] else ""
     column = layout.column(align=True)
-    wrapped(column, context, f"{bake['texels']:,} texels in view{size}")
+    wrapped(column, context, f"{bake['texels']:,} Texels in View{size}")
     wrapped(column, context, f"{source}: {seconds:.1f} s")
     for note in pipeline.bake_notes(bake):
         wrapped(layout, context, note, icon="INFO")
@@ -202,10 +200,12 @@ def render(layout: UILayout, context: Context) -> None:
         column.operator("holopath.render_hologram", icon="RENDER_STILL")
     if not missing:
         failure(layout, context)
+    f12(layout, context)
     noted = len(session.current.notes)
     if noted and session.plan_of(context.scene) is not None:
-        things = "1 feature is" if noted == 1 else f"{noted} features are"
-        wrapped(layout, context, f"{things} approximated, baked or left out: see Export Notes.", icon="INFO")
+        wrapped(
+            layout, context, f"{count(noted, 'Export Note')}: Features Not Exactly as in Cycles", icon="INFO"
+        )
 
 
 def failure(layout: UILayout, context: Context) -> None:
@@ -217,18 +217,15 @@ def failure(layout: UILayout, context: Context) -> None:
 
 
 def f12(layout: UILayout, context: Context) -> None:
-    """What F12 renders."""
+    """Which size F12 renders, and how to have it render the button's."""
     if context.scene is None or context.scene.render.engine != "HOLOPATH":
         return
-    render_settings = context.scene.render
-    percent = render_settings.resolution_percentage
-    width, height = (n * percent // 100 for n in (render_settings.resolution_x, render_settings.resolution_y))
-    wrapped(
-        layout,
-        context,
-        f"F12: a hologram of {width} × {height} pixels, see Output properties",
-        icon="INFO",
-    )
+    size, own = output_size(context.scene), own_size(context.scene)
+    if size == own:
+        wrapped(layout, context, f"F12: Same Size, {size[0]} × {size[1]} px", icon="CHECKMARK")
+        return
+    wrapped(layout, context, f"F12: {size[0]} × {size[1]} px, by Output Properties", icon="INFO")
+    layout.operator("holopath.match_output", icon="OUTPUT")
 
 
 def reconstruct(layout: UILayout, context: Context) -> None:
@@ -244,7 +241,7 @@ def reconstruct(layout: UILayout, context: Context) -> None:
     distance.active = not props.focus_infinity
     distance.prop(props, "focus")
     column.prop(props, "focus_dioptres", slider=True)
-    layout.prop(props, "use_pupil", text="Look through a part of the pupil")
+    layout.prop(props, "use_pupil", text="Partial Pupil")
     if props.use_pupil:
         column = layout.column(align=True)
         column.prop(props, "pupil_offset_mm", index=0, text="Right (mm)")
@@ -252,7 +249,7 @@ def reconstruct(layout: UILayout, context: Context) -> None:
         column.prop(props, "pupil_diameter_mm")
     field = session.current.field
     if field is None:
-        wrapped(layout, context, "Render a hologram to refocus it.", icon="INFO")
+        wrapped(layout, context, "No Wave Field Yet", icon="INFO")
         return
     row = layout.row(align=True)
     row.operator("holopath.refocus", icon="FILE_REFRESH")
@@ -263,12 +260,12 @@ def reconstruct(layout: UILayout, context: Context) -> None:
     layout.operator("holopath.save_field", icon="FILE_TICK")
     hologram = field.hologram
     there = session.current.rendered
-    whose = "" if context.scene is None or there == context.scene.name else f", of the scene '{there}'"
+    whose = "" if context.scene is None or there == context.scene.name else f", Scene '{there}'"
     wrapped(
         layout,
         context,
-        f"Stored: {hologram.width} × {hologram.height} pixels, "
-        f"{count(len(hologram.wavelengths), 'wavelength')}, {count(len(field.data), 'frame')}{whose}",
+        f"{'Draft' if session.current.draft else 'Wave Field'}: {hologram.width} × {hologram.height} px, "
+        f"{count(len(hologram.wavelengths), 'Wavelength')}, {count(len(field.data), 'Frame')}{whose}",
     )
 
 
@@ -279,11 +276,11 @@ def hologram(layout: UILayout, context: Context) -> None:
     layout.operator("holopath.encode", icon="IMAGE_ALPHA")
     phase = session.current.phase
     if phase is None:
-        text = "Render a hologram to encode it." if session.current.field is None else "Not encoded yet."
+        text = "No Wave Field Yet" if session.current.field is None else "Not Encoded Yet"
         wrapped(layout, context, text, icon="INFO")
         return
     if len(phase.data) > 1:
-        layout.prop(props, "phase_frame", text=f"Frame (0 to {len(phase.data) - 1})")
+        layout.prop(props, "phase_frame", text=f"Frame (0–{len(phase.data) - 1})")
     layout.prop(props, "refocused")
     if props.refocused == "PHASE":
         column = layout.column(align=True)
@@ -300,8 +297,11 @@ def estimate(layout: UILayout, context: Context) -> None:
     if plan is None:
         return
     if plan.seconds:  # of baselines nothing is foretold
-        cost = f"About {plan.seconds:.0f} s, {plan.memory_bytes / 1e6:.0f} MB, {plan.rays_per_pixel} rays a pixel"
-        wrapped(layout, context, f"{cost}; {plan.error:.1%} error of the field by noise.")
+        column = layout.column(align=True)
+        wrapped(column, context, f"Time: About {plan.seconds:.0f} s")
+        wrapped(column, context, f"Memory: {plan.memory_bytes / 1e6:.0f} MB")
+        wrapped(column, context, f"Rays per Pixel: {plan.rays_per_pixel}")
+        wrapped(column, context, f"Noise: {plan.error:.1%} of the Field")
     for warning in plan.warnings:
         wrapped(layout, context, warning, icon="ERROR")
     for decision in plan.decisions:
@@ -315,12 +315,10 @@ def estimate(layout: UILayout, context: Context) -> None:
 def notes(layout: UILayout, context: Context) -> None:
     """What the exporter approximated or left out."""
     if session.plan_of(context.scene) is None:
-        wrapped(
-            layout, context, "Estimate, or render: then this lists what is approximated, baked or left out."
-        )
+        wrapped(layout, context, "Listed by Estimate and Render")
         return
     if not session.current.notes:
-        wrapped(layout, context, "Nothing was approximated or left out.")
+        wrapped(layout, context, "Nothing Approximated or Left Out")
     for note in session.current.notes:
         wrapped(layout, context, note, icon="DOT")
 
@@ -332,6 +330,9 @@ def _method(props: HoloPathSettings) -> str:
 
 
 def _title(name: str) -> str:
-    """A decision's name as Blender writes labels: ``settings.phase_field`` is ``Phase field``."""
-    name = name.removeprefix("settings.").replace("_", " ")
-    return name[:1].upper() + name[1:]
+    """A decision's name as Blender writes labels: ``settings.phase_field`` is ``Phase Field``."""
+    words = name.removeprefix("settings.").replace("_", " ").split()
+    small = {"a", "an", "and", "at", "by", "for", "in", "of", "on", "or", "per", "the", "to", "with"}
+    return " ".join(
+        word if number and word in small else word[:1].upper() + word[1:] for number, word in enumerate(words)
+    )

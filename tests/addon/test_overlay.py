@@ -47,7 +47,7 @@ def test_frames_fill_the_view(turned, fit, size):
         "0.5 m (2 D)": 50,
         "2 m (0.5 D)": 200,
         "∞ (0 D)": 5000,  # the camera's end
-        "Near end 0.4 m (2.5 D)": 40,
+        "Near End 0.4 m (2.5 D)": 40,
     }.items():
         seen = [
             world_to_camera_view(turned, turned.camera, Vector(corner)) for corner in found[label].corners
@@ -77,10 +77,10 @@ def test_near_end_of_the_last_plan(turned):
     turned.holopath.near_auto = True
     assert len(overlay.outlines(turned)) == 3  # the distances: the rest is not known yet
     session.current.plan, session.current.scene = SimpleNamespace(near=0.25), turned.name
-    assert "Near end 0.25 m (4 D)" in by_label(turned)
+    assert "Near End 0.25 m (4 D)" in by_label(turned)
     turned.holopath.depth_mapping = "eyepiece"
     session.current.plan = None
-    assert any(label.startswith("Near end") for label in by_label(turned))
+    assert any(label.startswith("Near End") for label in by_label(turned))
     turned.holopath.depth_near_mm = turned.holopath.depth_far_mm - 1  # no hologram: its frames remain
     assert len(overlay.outlines(turned)) == 3
 

@@ -15,6 +15,7 @@ from holopath_addon.operators import devices, session
 from holopath_addon.operators.jobs import Job
 from holopath_addon.ui import menus, sections
 from tests.addon.layout import Context, Layout, draw
+from tests.addon.test_words import BRITISH
 
 SHOWN = [
     cls
@@ -265,7 +266,8 @@ def window(lit):
 def test_every_panel_in_every_state(window, monkeypatch, name):
     with STATES[name](window.scene, monkeypatch):
         for cls in SHOWN:
-            assert draw(cls, window).drawn, cls
+            layout = draw(cls, window)
+            assert layout.drawn and not BRITISH.search(layout.words), cls
         for header in (bpy.types.HOLOPATH_PT_view3d_display, bpy.types.HOLOPATH_PT_render_display):
             draw(header, window, "draw_header_preset")
         menus._add_menu(SimpleNamespace(layout=Layout(window)), window)

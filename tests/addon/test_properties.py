@@ -104,11 +104,11 @@ def test_every_setting_says_what_it_is(settings):
         unit = prop.name.partition("(")[2].rstrip(")")
         word = {
             "µs": "microsecond",
-            "µm": "micrometre",
-            "mm": "millimetre",
-            "nm": "nanometre",
-            "m": "metre",
-            "dioptres": "dioptre",
+            "µm": "micrometer",
+            "mm": "millimeter",
+            "nm": "nanometer",
+            "m": "meter",
+            "D": "diopter",
             "pixels": "pixels",
             "": "",
         }

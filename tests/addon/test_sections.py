@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import bpy
 import pytest
 
 from holopath_addon.operators import session
@@ -20,24 +21,24 @@ def drawn(section, scene):
 def test_display(scene):
     names, words = drawn(sections.display, scene)
     assert {"resolution_x", "resolution_y", "pitch_um", "bits"} <= set(names)
-    assert "Size: 0.512 × 0.512 mm" in words
+    assert words == "0.512 × 0.512 mm"
     scene.holopath.display = "ti-plm-067"
     names, words = drawn(sections.display, scene)
     assert not {"resolution_x", "resolution_y", "pitch_um", "bits"} & set(names)
-    assert "1358 × 800 pixels of 10.8 µm, 4 bits of phase" in words
+    assert words.startswith("1358 × 800 px, 10.8 µm Pitch, 4 Bits, 14.7")
 
 
 def test_depth(scene):
     props = scene.holopath
     names, words = drawn(sections.depth, scene)
-    assert "near_auto" in names and "near" not in names and "Estimate" in words
+    assert "near_auto" in names and "near" not in names and "Not Estimated" in words
     session.current.plan, session.current.scene = SimpleNamespace(near=0.25), scene.name
     assert "0.25 m" in drawn(sections.depth, scene)[1]
     props.near_auto = False
     assert "near" in drawn(sections.depth, scene)[0]
     props.depth_mapping = "eyepiece"
     names, words = drawn(sections.depth, scene)
-    assert "near_auto" not in names and "near" not in names and "eyepiece" in words
+    assert "near_auto" not in names and "near" not in names and "Eyepiece" in words
 
 
 @pytest.mark.parametrize(
@@ -56,3 +57,31 @@ def test_advanced_shows_what_counts(scene, hidden, change):
     names, words = drawn(sections.advanced, scene)
     assert (hidden in names) is not before
     assert hidden != "estimator" or "Direct" in words
+
+
+def f12_says(scene):
+    layout = Layout(Context(scene))
+    sections.render(layout, layout._context)
+    return layout.words, "holopath.match_output" in layout.all("operator", "operator")
+
+
+def test_which_size_f12_takes(scene):
+    """At the button, where F12 is ours: that of the Output properties, until it is made the same."""
+    words, offered = f12_says(scene)
+    assert "F12" not in words and not offered
+    scene.render.engine = "HOLOPATH"
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 192, 108, 50
+    words, offered = f12_says(scene)
+    assert "F12: 96 × 54 px" in words and offered
+    assert bpy.ops.holopath.match_output() == {"FINISHED"}
+    words, offered = f12_says(scene)
+    assert "F12: Same Size, 64 × 64 px" in words and not offered
+    bpy.ops.render.render()
+    assert session.current.field.data.shape[-2:] == (64, 64)
+
+
+def test_a_draft_is_called_one(scene):
+    bpy.ops.holopath.render_hologram()
+    assert "Wave Field: 64 × 64 px, 3 Wavelengths, 4 Frames" in drawn(sections.reconstruct, scene)[1]
+    session.current.draft = True
+    assert "Draft: 64 × 64 px" in drawn(sections.reconstruct, scene)[1]

@@ -324,4 +324,4 @@ def test_world_nodes_beyond_that_are_noted(stage, small_worlds):
 
 def test_darkness_is_noted(stage):
     floor(stage)
-    assert [n.feature for n in stage.export().notes] == ["No light, emission or world colour"]
+    assert [n.feature for n in stage.export().notes] == ["No light, emission or world color"]
