@@ -222,9 +222,9 @@ def f12(layout: UILayout, context: Context) -> None:
         return
     size, own = output_size(context.scene), own_size(context.scene)
     if size == own:
-        wrapped(layout, context, f"F12: Same Size, {size[0]} × {size[1]} px", icon="CHECKMARK")
+        wrapped(layout, context, "F12: Same Size", icon="CHECKMARK")
         return
-    wrapped(layout, context, f"F12: {size[0]} × {size[1]} px, by Output Properties", icon="INFO")
+    wrapped(layout, context, f"F12: {size[0]} × {size[1]} px (Output)", icon="INFO")
     layout.operator("holopath.match_output", icon="OUTPUT")
 
 
@@ -261,12 +261,10 @@ def reconstruct(layout: UILayout, context: Context) -> None:
     hologram = field.hologram
     there = session.current.rendered
     whose = "" if context.scene is None or there == context.scene.name else f", Scene '{there}'"
-    wrapped(
-        layout,
-        context,
-        f"{'Draft' if session.current.draft else 'Wave Field'}: {hologram.width} × {hologram.height} px, "
-        f"{count(len(hologram.wavelengths), 'Wavelength')}, {count(len(field.data), 'Frame')}{whose}",
-    )
+    kind, column = "Draft" if session.current.draft else "Wave Field", layout.column(align=True)
+    wrapped(column, context, f"{kind}: {hologram.width} × {hologram.height} px{whose}")
+    colors = count(len(hologram.wavelengths), "Wavelength")
+    wrapped(column, context, f"{colors}, {count(len(field.data), 'Frame')}")
 
 
 def hologram(layout: UILayout, context: Context) -> None:

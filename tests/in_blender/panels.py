@@ -323,6 +323,8 @@ def steps():
     scene.holopath.focus_dioptres = 1.0
     yield from all_drawn("nothing rendered")
     yield from unavailable()
+    configure(scene, SIZE)
+    yield from drafting(scene)
     configure(scene, 160)
     yield 1.0  # until nothing else has anything to be drawn
     yield from watching()
@@ -346,6 +348,42 @@ def unavailable():
     assert module("preferences").missing(), "this machine has a graphics card: name none to this test"
     yield from all_drawn("Mitsuba unavailable")
     preferences.backend = "AUTO"
+
+
+def drafting(scene):
+    """A draft first, however little it saves: it can be refocused, stays after Esc, and gives way to the hologram."""
+    pipeline, session = module("pipeline"), module("operators.session")
+    usual, pipeline.SOON, pipeline.SEVERAL = (pipeline.SOON, pipeline.SEVERAL), 0.0, 0.0
+    gate.close("Draft")
+    press(bpy.ops.holopath.render_hologram)
+    yield from gate.reached()
+    assert session.current.field is None
+    yield from all_drawn("drafting")
+    gate.close("Radiance")
+    yield from gate.reached()
+    yield from until(lambda: session.current.draft, "no draft is kept")
+    yield from all_drawn("a draft")
+    assert at_work()
+    draft, before = session.current.field, picture()
+    scene.holopath.focus = 2.0
+    yield from until(lambda: not session.refocusing(), "the draft is not refocused")
+    assert picture() != before
+    key("ESC")
+    yield from until(lambda: session.current.job.cancelling, "Esc does nothing")
+    gate.open()
+    yield from over()
+    assert session.current.field is draft and session.current.draft and not session.current.error
+    yield from until(lambda: not session.refocusing(), "its picture does not come back")
+    yield from all_drawn("the draft stays")
+    press(bpy.ops.holopath.render_hologram)
+    yield from over()
+    assert session.current.field is not draft and not session.current.draft
+    assert scene.holopath.focus == 2.0
+    pipeline.SOON, pipeline.SEVERAL = usual
+
+
+def picture():
+    return bpy.data.images["HoloPath Reconstruction"].pixels[:]
 
 
 def no_camera(scene):
