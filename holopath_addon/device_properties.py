@@ -49,8 +49,8 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         search_options={"SUGGESTION"},
     )
     primary: BoolProperty(
-        name="Allow Primary Monitor",
-        description="Show the hologram where you work; Esc there closes it",
+        name="Primary Monitor",
+        description="Allow the monitor that you work at to show the hologram; Esc there closes it",
         default=False,
     )
     port: StringProperty(

@@ -414,9 +414,9 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         soft_max=8,
     )
     most_hits: IntProperty(
-        name="Mirrors and Glass",
+        name="Specular Hits",
         description=(
-            "Most reflections and refractions in a row that are followed to what is seen in them; what is beyond is "
+            "Most mirrors and clear surfaces in a row that are followed to what is seen in them; what is beyond is "
             "black. 0: none are followed, and reflections lie on the mirror's surface"
         ),
         default=8,
@@ -576,7 +576,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         update=_focus_changed,
     )
     crosstalk: FloatProperty(
-        name="Crosstalk (pixels)",
+        name="Crosstalk (px)",
         description="How far a pixel's field reaches into its neighbors: standard deviation of a Gaussian, in pixels",
         default=0.0,
         min=0.0,

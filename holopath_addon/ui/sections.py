@@ -34,14 +34,14 @@ def display(layout: UILayout, context: Context) -> None:
         column.prop(props, "resolution_y", text="Y")
         layout.prop(props, "pitch_um")
         layout.prop(props, "bits")
-        facts = ""
+        bits = ""
     else:  # nothing to set: Custom has these
-        facts = (
-            f"{props.resolution_x} × {props.resolution_y} px, {props.pitch_um:.4g} µm Pitch, "
-            f"{count(props.bits, 'Bit')}, "
+        wrapped(
+            layout, context, f"{props.resolution_x} × {props.resolution_y} px, {props.pitch_um:.4g} µm Pitch"
         )
+        bits = f"{count(props.bits, 'Bit')}, "
     width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
-    wrapped(layout, context, f"{facts}{width:.3g} × {height:.3g} mm")
+    wrapped(layout, context, f"{bits}Size {width:.3g} × {height:.3g} mm")
     column = layout.column()
     column.row().prop(props, "colours", expand=True)
     if props.colours == "RGB":
@@ -131,10 +131,10 @@ def advanced(layout: UILayout, context: Context) -> None:
     layout.prop(props, "most_hits")
     if props.most_hits > 0:
         layout.prop(props, "virtual_image")
-    row = layout.row(heading="Recording Planes")
+    row = layout.row(heading="Plane Depths")
     row.prop(props, "wrp_auto", text="Automatic")
     if props.wrp_auto:
-        row = layout.row(heading="Number")
+        row = layout.row(heading="Plane Count")
         row.prop(props, "planes_auto", text="Automatic")
         if not props.planes_auto:
             row.prop(props, "planes", text="")
@@ -193,7 +193,9 @@ def render(layout: UILayout, context: Context) -> None:
     column = layout.column(align=True)
     if job is not None and job.running:
         column.progress(factor=job.done, text=session.progress_text(job))
-        column.operator("holopath.cancel", icon="CANCEL")
+        row = column.row()
+        row.enabled = not job.cancelling
+        row.operator("holopath.cancel", icon="CANCEL")
     else:
         column.enabled = not missing
         column.scale_y = 2.0  # as high as both, so that what is below stays where it is
@@ -203,9 +205,7 @@ def render(layout: UILayout, context: Context) -> None:
     f12(layout, context)
     noted = len(session.current.notes)
     if noted and session.plan_of(context.scene) is not None:
-        wrapped(
-            layout, context, f"{count(noted, 'Export Note')}: Features Not Exactly as in Cycles", icon="INFO"
-        )
+        wrapped(layout, context, f"{count(noted, 'Export Note')}: Features Approximated", icon="INFO")
 
 
 def failure(layout: UILayout, context: Context) -> None:
@@ -298,7 +298,6 @@ def estimate(layout: UILayout, context: Context) -> None:
         column = layout.column(align=True)
         wrapped(column, context, f"Time: About {plan.seconds:.0f} s")
         wrapped(column, context, f"Memory: {plan.memory_bytes / 1e6:.0f} MB")
-        wrapped(column, context, f"Rays per Pixel: {plan.rays_per_pixel}")
         wrapped(column, context, f"Noise: {plan.error:.1%} of the Field")
     for warning in plan.warnings:
         wrapped(layout, context, warning, icon="ERROR")
@@ -329,7 +328,7 @@ def _method(props: HoloPathSettings) -> str:
 
 def _title(name: str) -> str:
     """A decision's name as Blender writes labels: ``settings.phase_field`` is ``Phase Field``."""
-    words = name.removeprefix("settings.").replace("_", " ").split()
+    words = name.removeprefix("settings.").replace("_", " ").replace(" a pixel", " per pixel").split()
     small = {"a", "an", "and", "at", "by", "for", "in", "of", "on", "or", "per", "the", "to", "with"}
     return " ".join(
         word if number and word in small else word[:1].upper() + word[1:] for number, word in enumerate(words)

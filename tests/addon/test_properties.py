@@ -109,7 +109,7 @@ def test_every_setting_says_what_it_is(settings):
             "nm": "nanometer",
             "m": "meter",
             "D": "diopter",
-            "pixels": "pixels",
+            "px": "pixels",
             "": "",
         }
         assert word[unit] in prop.description, prop.identifier

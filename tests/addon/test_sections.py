@@ -21,11 +21,11 @@ def drawn(section, scene):
 def test_display(scene):
     names, words = drawn(sections.display, scene)
     assert {"resolution_x", "resolution_y", "pitch_um", "bits"} <= set(names)
-    assert words == "0.512 × 0.512 mm"
+    assert words == "Size 0.512 × 0.512 mm"
     scene.holopath.display = "ti-plm-067"
     names, words = drawn(sections.display, scene)
     assert not {"resolution_x", "resolution_y", "pitch_um", "bits"} & set(names)
-    assert words.startswith("1358 × 800 px, 10.8 µm Pitch, 4 Bits, 14.7")
+    assert words == "1358 × 800 px, 10.8 µm Pitch 4 Bits, Size 14.7 × 8.64 mm"
 
 
 def test_depth(scene):

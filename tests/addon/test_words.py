@@ -11,7 +11,7 @@ BRITISH = re.compile(
     re.IGNORECASE,
 )
 SMALL = {"a", "an", "and", "at", "by", "for", "from", "in", "of", "on", "or", "per", "the", "to", "with"}
-UNITS = {"m", "mm", "nm", "µm", "µs", "pixels", "x"}
+UNITS = {"m", "mm", "nm", "µm", "µs", "px", "x"}
 OWN = {"slmsuite"}  # names that begin small
 
 
