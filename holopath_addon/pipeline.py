@@ -20,9 +20,9 @@ COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
 SOON = 2.0  # seconds within which no preview is needed
 PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
-# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them; drafts take less than is
-# foretold, so that it is three times or more in truth.
-SEVERAL = 2.0
+# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them. In truth it is three times
+# or more: tables and propagation, most of a draft, take a third of what is foretold.
+SEVERAL = 1.75
 DRAFT_FRAMES = 4  # most
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made

@@ -285,6 +285,7 @@ def watching():
         tell(self, text)
 
     panel.section, space.status_text_set = staticmethod(heard), told
+    gate.reports.clear()
     press(bpy.ops.holopath.render_hologram)
     while not rows:
         yield 0.01
