@@ -313,6 +313,7 @@ def compute(
     if field is None:
         begun = _begun(started, plan)
         if offer is not None and plan.seconds >= SOON:
+            progress(begun, "Draft: Planning")
             with clock("draft"):
                 draft = _draft(scene, camera, hologram, settings, plan, store)
             share = PREVIEW_SHARE * (plan.seconds if draft is None else draft.seconds)
