@@ -20,8 +20,8 @@ COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
 SOON = 2.0  # seconds within which no preview is needed
 PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
-# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them. In truth it is three times
-# or more: tables and propagation, most of a draft, take a third of what is foretold.
+# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them. In truth it is three
+# times or more: tables and propagation, most of a draft, take a third of what is foretold.
 SEVERAL = 1.75
 DRAFT_FRAMES = 4  # most
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles

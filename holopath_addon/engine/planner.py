@@ -824,7 +824,7 @@ def _wavelengths(scene, hologram, settings, chain, light, decisions):
         value = "rays for each" if groups > 1 else "rays once for all"
         reason = "glass in view disperses" if groups > 1 else "no glass that disperses is in view"
         if grey:
-            value, reason = f"{value}, one radiance", f"{reason}; colours differ by {light.chroma:.1%}"
+            value, reason = f"{value}, one radiance", f"{reason}; colors differ by {light.chroma:.1%}"
         saving = f"{colours - 1} of {colours} tracings" if groups == 1 else ""
         decisions.append(Decision("wavelengths", value, reason, saving, 0.5 * light.chroma if grey else 0.0))
     return grey, groups

@@ -9,7 +9,7 @@ from .lobes import REFLECTION, REFRACTION, nested_in, parts_of
 MOST_NAMES = 3
 # what Mitsuba's RGB variants load but cannot evaluate, by Mitsuba's names of the types, and what to do
 SPECTRA = (
-    "a spectrum of type '{}', which Mitsuba evaluates in its spectral variants only: give a colour (<rgb>)"
+    "a spectrum of type '{}', which Mitsuba evaluates in its spectral variants only: give a color (<rgb>)"
 )
 REFUSED = {
     "BlackBodySpectrum": SPECTRA.format("blackbody"),
