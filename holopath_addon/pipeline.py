@@ -20,9 +20,10 @@ COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
 SOON = 2.0  # seconds within which no preview is needed
 PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
-# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them. In truth it is three
-# times or more: tables and propagation, most of a draft, take a third of what is foretold.
-SEVERAL = 1.75
+# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them: where that much is
+# foretold it takes three to five times as long. The default cube takes twice as long, and goes without.
+SEVERAL = 2.5
+COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, where some of the plan's were
 DRAFT_FRAMES = 4  # most
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
@@ -231,15 +232,15 @@ def _draft(scene, camera, hologram, settings, plan, store):
         spp=None,
         despeckle=0,
     )
-    compiles = Compiling()
+    compiles, started = Compiling(), time.monotonic()
     drafted = engine.plan(scene, camera, hologram, settings, store)
     stages = {name: min(own, plan.stages.get(name, own)) for name, own in drafted.stages.items()}
-    # The wanted plan has looked at more paths, and knows better how long they take.
-    if compiles():  # and so will the rendering, for a draft alone
-        stages = drafted.stages
-    elif "radiance" in stages and plan.passes and not plan.cached:
+    if "radiance" in stages and plan.passes and not plan.cached:
+        # The wanted plan has looked at more paths, and knows better how long they take.
         stages["radiance"] = min(stages["radiance"], plan.stages["radiance"] * drafted.passes / plan.passes)
     seconds = sum(stages.values())
+    if compiles():
+        seconds += COMPILED * (time.monotonic() - started)
     return _Draft(settings, drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
 
 
