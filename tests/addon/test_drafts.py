@@ -40,10 +40,13 @@ def picture():
     return np.array(image.pixels[:]).reshape(image.size[1], image.size[0], 4)[::-1, :, :3]
 
 
-@pytest.mark.parametrize("method", ["full", "auto"])
-def test_the_hologram_is_the_same_with_a_draft(lit, eager, method):
+@pytest.mark.parametrize("method", ["full", "fast"])
+def test_the_hologram_is_the_same_with_a_draft(lit, eager, monkeypatch, tmp_path, method):
+    """Bit for bit; no light is baked before in either."""
     lit.holopath.method, lit.holopath.frames = method, 6
+    monkeypatch.setenv("HOLOPATH_CACHE", str(tmp_path / "plain"))
     plain = task_of(lit).compute(lambda done, message: None)
+    monkeypatch.setenv("HOLOPATH_CACHE", str(tmp_path / "watched"))
     offered, told, result = watched(task_of(lit))
     assert result.field.data.tobytes() == plain.field.data.tobytes()
     np.testing.assert_array_equal(result.images, plain.images)
@@ -65,23 +68,26 @@ def test_a_draft_shows_the_scene(lit, eager):
     np.testing.assert_allclose(*blocks, rtol=0.35, atol=0.02 * blocks[1].max())
 
 
-@pytest.mark.parametrize(
-    "settings", [{"quality": "draft"}, {"method": "direct"}, {"method": "point"}, {"despeckle": 0}]
-)
-def test_no_draft_where_it_is_not_worth_it(scene, monkeypatch, settings):
-    """Of a draft, of other people's methods, and where it would take a large part of the time."""
-    monkeypatch.setattr(pipeline, "SOON", 0.0)
-    if "despeckle" not in settings:
-        monkeypatch.setattr(pipeline, "SEVERAL", 0.0)
+def drafted(scene):
+    """The draft that a plan of the scene has, or None."""
+    task = task_of(scene)
+    view = task.exported.scene, task.exported.camera, task.hologram, task.settings
+    return pipeline._draft(*view, task.plan(), task.store)
+
+
+@pytest.mark.parametrize("settings", [{"quality": "draft"}, {"method": "direct"}, {"method": "point"}])
+def test_no_draft_of_drafts_and_other_methods(scene, eager, settings):
+    assert drafted(scene) is not None
     for name, value in settings.items():
         setattr(scene.holopath, name, value)
-    plan = task_of(scene).plan()
-    task = task_of(scene)
-    if "despeckle" in settings:
-        monkeypatch.setattr(pipeline, "SEVERAL", 1e6)
-    exported = task.exported
-    view = exported.scene, exported.camera, task.hologram, task.settings, plan, task.store
-    assert pipeline._draft(*view) is None
+    assert drafted(scene) is None
+
+
+def test_no_draft_where_it_would_take_much_of_the_time(scene, eager, monkeypatch):
+    draft, plan = drafted(scene), task_of(scene).plan()
+    assert 0 < draft.seconds < plan.seconds
+    monkeypatch.setattr(pipeline, "SEVERAL", 1e6)
+    assert drafted(scene) is None
 
 
 def test_nobody_watches(scene, eager):
