@@ -381,6 +381,10 @@ def register() -> None:
             towards = dr.dot(si.n, si.to_world(si.wi))
             return dr.select(towards == 0, si.wi.z > 0, towards > 0)
 
+        def eval_diffuse_reflectance(self, si, active=True):
+            # by Mitsuba's default, light that leaves along the normal: none of what is seen from the other side
+            return self._reflectance.eval(si, active)
+
         def _value(self, si, wi, wo, active):
             colour = self._reflectance.eval(si, active)
             cosine = dr.abs(wo.z)
