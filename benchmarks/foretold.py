@@ -14,18 +14,20 @@ import numpy as np
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 SIDE, FRAMES = 384, 8
 SCENES = ("planes", "suzanne", "mirror", "glass", "tea", "box", "room", "cube", "lamps", "hills 100000")
+DEMOS = ("demo:suzanne", "demo:box", "demo:planes")
 
 
-def cube(pixels):
-    """Blender's own default scene, by the exporter; needs bpy."""
-    import bpy
-
+def exported(name, pixels):
+    """Blender's own default scene, or a demo, by the exporter; needs bpy."""
     from holopath_addon.sources import open_source
 
-    bpy.ops.wm.read_factory_settings()
-    file = os.path.join(tempfile.mkdtemp(prefix="holopath-foretold-"), "cube.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=file)
-    loaded = open_source(file).load(pixels, pixels)
+    if name == "cube":
+        import bpy
+
+        bpy.ops.wm.read_factory_settings()
+        name = os.path.join(tempfile.mkdtemp(prefix="holopath-foretold-"), "cube.blend")
+        bpy.ops.wm.save_as_mainfile(filepath=name)
+    loaded = open_source(name).load(pixels, pixels)
     return loaded.scene, loaded.camera
 
 
@@ -51,9 +53,11 @@ def lamps():
 
 
 def built(name):
-    """A scene of `SCENES` and its camera."""
-    if name in ("cube", "lamps"):
-        return cube(SIDE) if name == "cube" else lamps()
+    """A scene of `SCENES` or `DEMOS` and its camera."""
+    if name == "lamps":
+        return lamps()
+    if name == "cube" or name in DEMOS:
+        return exported(name, SIDE)
     from .chart.scenes import built
 
     return built(name, SIDE)
@@ -111,7 +115,7 @@ def run(*names):
         "paths a pixel, planned and taken",
     ]
     within = total = 0
-    for name in names or SCENES:
+    for name in names or SCENES + DEMOS:
         with tempfile.TemporaryDirectory(prefix="holopath-foretold-") as folder:
             for kind in ("first", "second"):
                 row = measured(name, folder)
