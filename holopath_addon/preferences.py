@@ -71,7 +71,12 @@ def look_again():
 def missing():
     """Why nothing can compute as the preferences wish, in a sentence; empty if it can."""
     rows = [row for row in backends() if _found["wanted"] in (None, row["name"])]
-    return "" if any(row["available"] for row in rows) else rows[-1]["detail"]
+    if any(row["available"] for row in rows):
+        return ""
+    detail = rows[-1]["detail"]
+    if rows[-1]["name"] == backend.CUDA:
+        detail = f"The graphics card cannot be used: {detail}; choose Automatic in the add-on's preferences."
+    return detail
 
 
 def _changed(preferences, context):
@@ -89,7 +94,7 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         update=_changed,
         items=[
             ("AUTO", "Automatic", "The graphics card where Mitsuba can use it, else the processor", 0),
-            (backend.CUDA, "Graphics card (CUDA)", "An NVIDIA card with OptiX", 1),
+            (backend.CUDA, "Graphics Card (CUDA)", "An NVIDIA card with OptiX", 1),
             (backend.LLVM, "Processor (LLVM)", "All cores, through LLVM 19 or newer", 2),
         ],
     )

@@ -414,6 +414,15 @@ def test_without_a_backend(scene, monkeypatch):
     assert preferences.missing() == ""
 
 
+def test_a_graphics_card_that_is_not_there(scene, monkeypatch):
+    monkeypatch.setattr(engine.backend, "_cuda_device", lambda: (False, "no card"))
+    monkeypatch.setattr(preferences, "wanted", lambda: engine.backend.CUDA)
+    preferences.look_again()
+    told = preferences.missing()
+    preferences.look_again()
+    assert "no card" in told and "choose Automatic" in told
+
+
 def test_dioptres_in_view(scene):
     bpy.ops.holopath.render_hologram()
     near, far = session.current.in_view
