@@ -32,16 +32,15 @@ def main(argv=None):
     elif options.command == "llvm":
         llvm.install(wheels.this_platform())
     else:
-        targets, proofs = [], []
+        proofs = []
         for target, found in extension.build_all(
             options.platform, options.python, options.out, packed=not options.stored
         ):
-            targets.append(target)
             proofs.append(found)
             print(target, flush=True)
         print(proof.table(proofs), file=sys.stderr)
         if options.command == "repository":
-            repository.publish(options.out, targets)
+            repository.publish(options.out, extension.version())
             print(options.out / "index.json")
 
 

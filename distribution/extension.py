@@ -35,7 +35,18 @@ def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, k
         Of a zip; a line on its sizes goes to standard error.
     proof : Proof
         What its binaries need.
+
+    Raises
+    ------
+    SystemExit
+        Where a platform's Blenders have none of these Pythons, or binaries would not load.
     """
+    for platform in platforms:
+        if not set(pythons) & set(pythons_of(platform)):
+            raise SystemExit(
+                f"distribution: on {platform} no Blender that can load HoloPath has Python {', '.join(pythons)}: "
+                f"take {' or '.join(pythons_of(platform))}."
+            )
     for platform in platforms:
         library = llvm.wheel(platform, kept / platform / "own", kept, packed)
         for python in [python for python in pythons_of(platform) if python in pythons]:
@@ -60,6 +71,11 @@ def manifest_text(platform, python, wheels):
     return head + "\n".join(lines) + bracket + tables
 
 
+def version():
+    """HoloPath's, as the manifest has it."""
+    return tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["version"]
+
+
 def sources():
     """Files of the package, by their names in the zip: the same that pip installs."""
     project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))
@@ -73,7 +89,7 @@ def build(platform, python, wheels, out):
     """Write and validate a zip of these wheels; return its path. One that is not valid never stands under its name."""
     files = {path.name: path for path in wheels}
     text = manifest_text(platform, python, sorted(files))
-    target = out / f"holopath-{tomllib.loads(text)['version']}-{platform}-python{python}.zip"
+    target = out / f"holopath-{version()}-{platform}-python{python}.zip"
     out.mkdir(parents=True, exist_ok=True)
     unfinished = out / f".unfinished-{target.name}"
     members = {"LICENSE": LICENSE} | sources() | {f"wheels/{name}": path for name, path in files.items()}

@@ -3,20 +3,19 @@
 from .extension import blenders_own
 
 
-def publish(folder, zips):
+def publish(folder, version):
     """Write ``index.json`` and ``index.html`` of the zips in a folder by Blender's own program.
 
     Each Blender takes the zip for its platform and its Python. Of several versions it would take any, so HoloPath's
-    other zips in the folder are deleted first.
+    zips of others are deleted first.
 
     Parameters
     ----------
     folder : Path
-    zips : iterable of Path
-        In the folder, of one version.
+    version : str
+        Of the zips to keep.
     """
-    keep = set(zips)
     for path in folder.glob("holopath-*.zip"):
-        if path not in keep:
+        if not path.name.startswith(f"holopath-{version}-"):
             path.unlink()
     blenders_own("server-generate", "--repo-dir", folder, "--html")

@@ -315,20 +315,25 @@ def test_the_wheel_of_llvm_takes_the_library_as_it_is(tmp_path, monkeypatch):
 def test_an_index_tells_each_blender_its_zip(tmp_path):
     """By Blender's own program: platform, Python and the oldest Blender."""
     pytest.importorskip("bpy")
-    folder, zips = tmp_path / "repository", []
+    folder = tmp_path / "repository"
     for platform in wheels.PIP_PLATFORMS:
         for python in wheels.pythons_of(platform):
             tag = f"cp{python.replace('.', '')}"
             name = f"thing-1.0-{tag}-{tag}-any.whl"
             wheel(tmp_path / "wheels", name, "good = True")
-            zips.append(extension.build(platform, python, [tmp_path / "wheels" / name], folder))
-    (folder / "holopath-0.0.1-linux-x64-python3.11.zip").write_bytes(
-        zips[0].read_bytes()
-    )  # Blender would take any
-    repository.publish(folder, zips)
+            built = extension.build(platform, python, [tmp_path / "wheels" / name], folder)
+    older = folder / "holopath-0.0.1-linux-x64-python3.11.zip"
+    older.write_bytes(built.read_bytes())  # Blender would take any
+    repository.publish(folder, extension.version())
     rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))["data"]
     told = {(*row["platforms"], *row["python_versions"]): row["blender_version_min"] for row in rows}
     assert len(rows) == len(told) == 8
     assert told["linux-x64", "3.11"] == "4.2.0" and told["windows-x64", "3.13"] == "4.3.0"
     assert all((folder / row["archive_url"]).is_file() for row in rows)
     assert "holopath-" in (folder / "index.html").read_text(encoding="utf-8")
+
+
+def test_no_zip_where_no_blender_could_load_it(tmp_path):
+    with pytest.raises(SystemExit, match=r"windows-x64 .* has Python 3\.11: take 3\.13 or 3\.14"):
+        next(extension.build_all(["windows-x64"], ["3.11"], tmp_path))
+    assert not list(tmp_path.iterdir())

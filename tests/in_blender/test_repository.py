@@ -50,8 +50,8 @@ def put(folder, python, version, monkeypatch, tmp_path):
     monkeypatch.setattr(extension, "MANIFEST", manifest)
     platform = this_platform()
     library = llvm.wheel(platform, tmp_path / "wheels", KEPT, packed=False)
-    target = extension.build(platform, python, [*locked_wheels(platform, python), library], folder)
-    repository.publish(folder, [target])
+    extension.build(platform, python, [*locked_wheels(platform, python), library], folder)
+    repository.publish(folder, version)
 
 
 def test_installs_updates_and_removes(tmp_path, server, monkeypatch):
