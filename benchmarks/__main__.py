@@ -4,7 +4,7 @@ import argparse
 import sys
 from importlib import import_module
 
-from holopath_addon.engine import backend
+from holopath_addon.engine.scene import variants
 
 OUT = "out/bench"
 # Name and function of each, and whether it writes charts; those that take long only run where they are named.
@@ -35,7 +35,7 @@ def main():
     parser.add_argument("name", nargs="?", choices=ALL | NAMED, help="default: all but " + ", ".join(NAMED))
     parser.add_argument("parts", nargs=argparse.REMAINDER, help="of it, such as scenes; default: all")
     options = parser.parse_args()
-    backend.activate()
+    variants.activate()
     if options.name:
         run(*(ALL | NAMED)[options.name], options.parts)
     else:

@@ -14,16 +14,16 @@ import numpy as np
 import scipy.fft
 
 from holopath_addon import engine, pipeline
-from holopath_addon.engine import backend
 from holopath_addon.engine.encoding import descent
 from holopath_addon.engine.encoding.frame_mean import FrameMean
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import ComplexTarget
-from holopath_addon.engine.hologram import PHASE_FIELDS
-from holopath_addon.engine.modulator import grey_levels
-from holopath_addon.engine.phase_fields import phasors_of
-from holopath_addon.engine.pictures import Look, Pictures
-from holopath_addon.engine.supervision import Frames
+from holopath_addon.engine.scene import variants
+from holopath_addon.engine.settings import PHASE_FIELDS
+from holopath_addon.engine.waves.modulator import grey_levels
+from holopath_addon.engine.waves.phase_fields import phasors_of
+from holopath_addon.engine.waves.pictures import Look, Pictures
+from holopath_addon.engine.waves.supervision import Frames
 
 from .convergence import border
 from .scenes import FOV, GREEN, Scenes
@@ -48,7 +48,7 @@ LARGE, LARGE_FRAMES = (1080, 1920), 4
 
 def run(folder, part=None):
     """Tables as text, of one part or of all; the chart goes to ``folder/encoding.png``."""
-    backend.activate()
+    variants.activate()
     parts = {"methods": methods, "refine": lambda: refine(folder), "cost": cost, "large": large}
     return "\n".join(parts[name]() for name in ([part] if part else parts))
 
@@ -73,7 +73,7 @@ def planes(scene, side=SIDE):
 
 def suzanne(side=SIDE):
     """The demo scene from Blender."""
-    from holopath_addon.sources import open_source
+    from holopath_addon.command_line.sources import open_source
 
     loaded = open_source("demo:suzanne").load(side, side, None)
     hologram = engine.Hologram(side, side, PITCH, (GREEN,), *pipeline.default_depth_range(side, side, PITCH))

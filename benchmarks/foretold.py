@@ -19,7 +19,7 @@ DEMOS = ("demo:suzanne", "demo:box", "demo:planes")
 
 def exported(name, pixels):
     """Blender's own default scene, or a demo, by the exporter; needs bpy."""
-    from holopath_addon.sources import open_source
+    from holopath_addon.command_line.sources import open_source
 
     if name == "cube":
         import bpy
@@ -66,10 +66,10 @@ def built(name):
 def once(name, method="auto", side=SIDE):
     """Seconds foretold and measured of one render in this process, a dict."""
     from holopath_addon import engine
-    from holopath_addon.engine import backend
-    from holopath_addon.engine.bake_store import BakeStore
+    from holopath_addon.engine.light.bake_store import BakeStore
+    from holopath_addon.engine.scene import variants
 
-    backend.activate()
+    variants.activate()
     scene, camera = built(name)
     hologram = engine.Hologram(side, side, 8e-6, RGB, 1e-3, 6e-3)
     store = BakeStore(Path(os.environ["HOLOPATH_CACHE"]))

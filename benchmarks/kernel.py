@@ -7,16 +7,17 @@ import mitsuba as mi
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.buffers import gather_row, packed
-from holopath_addon.engine.chains import FirstHits
-from holopath_addon.engine.estimators import LatticeEstimator
-from holopath_addon.engine.grains import GrainGrid, measure_grains
-from holopath_addon.engine.kernel_table import Lattice, kernel_table
+from holopath_addon.engine.light.path_tracer import PathTracer
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.phase_fields import random_phasors
-from holopath_addon.engine.radiance import PathTracer
-from holopath_addon.engine.rays import Rays
-from holopath_addon.engine.tracer import Part, trace_field
+from holopath_addon.engine.scene.buffers import gather_row, packed
+from holopath_addon.engine.scene.rays import Rays
+from holopath_addon.engine.scene.specular_chains import FirstHits
+from holopath_addon.engine.tracing.estimators import LatticeEstimator
+from holopath_addon.engine.tracing.grain_grid import GrainGrid
+from holopath_addon.engine.tracing.grains import measure_grains
+from holopath_addon.engine.tracing.kernel_table import Lattice, kernel_table
+from holopath_addon.engine.tracing.wave_tracer import Part, trace_field
+from holopath_addon.engine.waves.phase_fields import random_phasors
 
 from .scenes import FOV, GREEN, Scenes
 

@@ -11,10 +11,10 @@ import scipy.fft
 
 from holopath_addon import engine
 from holopath_addon.engine import rendering
-from holopath_addon.engine.hologram import PHASE_FIELDS
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.phase_fields import SETS, designed_phasors, phasors_of
-from holopath_addon.engine.propagation import transfer_function
+from holopath_addon.engine.settings import PHASE_FIELDS
+from holopath_addon.engine.waves.phase_fields import SETS, designed_phasors, phasors_of
+from holopath_addon.engine.waves.propagation import transfer_function
 
 from .convergence import border, view_of
 from .optics import scenes as optics_scenes
@@ -152,7 +152,7 @@ def pictures(frames=(8, 24)):
 
 def demo(frames=8):
     """The demo scene in colour, as ``make demo`` renders it."""
-    from holopath_addon import sources
+    from holopath_addon.command_line import sources
 
     source = sources.open_source("demo:suzanne")
     loaded = source.load(512, 512, None)
@@ -309,8 +309,8 @@ def _despeckling_chart(curves, path):
 
 def textured():
     """Squared error in textured pictures over that of independent frames: `phase_fields.GAIN`."""
-    from holopath_addon.engine.phase_fields.design import Design, Recipe, invent
-    from holopath_addon.engine.supervision import Frames
+    from holopath_addon.engine.waves.phase_fields.design import Design, Recipe, invent
+    from holopath_addon.engine.waves.supervision import Frames
 
     lines = ["textured pictures: squared error over that of independent frames"]
     with Frames() as threads:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine import backend
+from holopath_addon.engine.scene import variants
 
 from .scenes import GREEN, Scenes
 
@@ -95,7 +95,7 @@ def to_line(rungs, method, line):
 
 def run(scene=None, side=SIDE):
     """Tables as text, of one scene or of all."""
-    backend.activate()
+    variants.activate()
     lines = [
         f"where diffuse light comes from: {side} x {side}, M = {FRAMES}, mean of {len(FOCUS)} focus depths"
     ]

@@ -16,7 +16,7 @@ import serial
 
 from holopath_addon import slm
 from holopath_addon.engine import Camera, Hologram, PhaseHologram
-from holopath_addon.slm.link import Link
+from holopath_addon.slm.drivers.link import Link
 from tests.slm.device import Board, Firmware
 
 SIZE = 1080, 1920

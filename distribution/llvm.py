@@ -18,7 +18,7 @@ from pathlib import Path
 
 from . import wheels
 
-PACKAGE = "holopath_llvm"  # where holopath_addon/engine/backend.py looks for it
+PACKAGE = "holopath_llvm"  # where holopath_addon/engine/scene/variants.py looks for it
 LICENSES = Path(__file__).with_name("licenses")
 
 # Files of llvm-nanobind's wheel, and their names in ours where they change: those by which others know LLVM.

@@ -13,10 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from . import engine, failures, lengths, output, pipeline, slm_commands, sources, stills
-from .console import Progress, close_line
+from . import engine, failures, lengths, output, pipeline, stills
+from .command_line import slm_commands, sources
+from .command_line.console import Progress, close_line
 from .engine import displays, encoding
-from .engine import hologram as choices
+from .engine import settings as choices
+from .engine.hologram import DEPTH_MAPPINGS
 
 
 def main(argv=None, store=None):
@@ -307,7 +309,7 @@ def _add_scene(parser, store):
     )
     add(
         "--depth-mapping",
-        choices=choices.DEPTH_MAPPINGS,
+        choices=DEPTH_MAPPINGS,
         help="fit the scene into the depth range, or map it as an eyepiece does",
     )
     add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")

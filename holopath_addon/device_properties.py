@@ -4,8 +4,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from . import engine, slm
-from .slm.controller import BAUD, SLOWEST
-from .slm.slmsuite_device import DEVICES, options_of
+from .slm.drivers.controller import BAUD, SLOWEST
+from .slm.drivers.slmsuite_device import DEVICES, options_of
 
 # A .blend holds the numbers.
 _DRIVERS = [

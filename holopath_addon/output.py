@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .engine import InvalidInput, PhaseHologram
-from .engine.folders import whole_folder
+from .engine.files import whole_folder
 from .lengths import format_distance
 
 FORMAT = "HoloPath output"

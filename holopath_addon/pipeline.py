@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from . import engine
-from .engine.clock import Clock
 from .engine.hologram import channel
 from .engine.mapping import DepthMapping
-from .engine.progress import Compiling
+from .engine.planning.planner import resolved
+from .engine.progress import Clock, Compiling
 
 LARGE_DISPLAY = 6e-3  # metres of the shorter side from which on the engine's own depth range suits
 SMALL_DISPLAY = 4.096e-3  # 512 pixels of 8 µm
@@ -128,7 +128,7 @@ def centre_depth(scene, camera):
     float or None
         World depth in metres: the median over the middle tenth of the view; None where nothing is.
     """
-    from .engine.depth import depths_along
+    from .engine.viewing.depth import depths_along
 
     tangent = math.tan(camera.fov_x / 2)
     offsets = np.linspace(-0.1, 0.1, 15) * tangent
@@ -154,7 +154,7 @@ def bake_notes(bake):
     """
     if bake is None:
         return []
-    from .engine.unwrapping import LACKING
+    from .engine.light.unwrapping import LACKING
 
     notes = [note for note in (bake["note"], LACKING) if note]
     if bake["coarser"] > COARSER:
@@ -177,7 +177,7 @@ def stage(progress, start, end):
 
 def _check_view(plan, camera, hologram, focus, pupil):
     """Refuse what `engine.reconstruct` would, before the long work."""
-    from .engine.reconstruction import pupil_mask
+    from .engine.viewing.reconstruction import pupil_mask
 
     mapping = DepthMapping.of(hologram, camera, plan.near)
     mapping.depth_to_z(list(focus))
@@ -222,7 +222,7 @@ def _draft(scene, camera, hologram, settings, plan, store):
     """The `_Draft` of a planned hologram; None where waiting for the hologram itself is as good."""
     if settings.method not in DRAFTED or settings.quality == "draft":
         return None
-    settings = settings.resolved()
+    settings = resolved(settings)
     settings = replace(
         settings,
         quality="draft",

@@ -5,7 +5,8 @@ import os
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from .engine import BakeStore, backend
+from .engine import BakeStore
+from .engine.scene import variants
 
 # In an extension the add-on is the package above that holds the manifest.
 _PACKAGE = __name__.rpartition(".")[0]
@@ -56,10 +57,10 @@ def wanted():
 
 
 def backends():
-    """`backend.describe()`, asked once until `look_again`: it loads libraries."""
+    """`variants.describe()`, asked once until `look_again`: it loads libraries."""
     if "rows" not in _found:
         _found["wanted"] = wanted()
-        _found["rows"] = backend.describe()
+        _found["rows"] = variants.describe()
     return _found["rows"]
 
 
@@ -74,7 +75,7 @@ def missing():
     if any(row["available"] for row in rows):
         return ""
     detail = rows[-1]["detail"]
-    if rows[-1]["name"] == backend.CUDA:
+    if rows[-1]["name"] == variants.CUDA:
         detail = f"The graphics card cannot be used: {detail}; choose Automatic in the add-on's preferences."
     return detail
 
@@ -94,8 +95,8 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         update=_changed,
         items=[
             ("AUTO", "Automatic", "The graphics card where Mitsuba can use it, else the processor", 0),
-            (backend.CUDA, "Graphics Card (CUDA)", "An NVIDIA card with OptiX", 1),
-            (backend.LLVM, "Processor (LLVM)", "All cores, through LLVM 19 or newer", 2),
+            (variants.CUDA, "Graphics Card (CUDA)", "An NVIDIA card with OptiX", 1),
+            (variants.LLVM, "Processor (LLVM)", "All cores, through LLVM 19 or newer", 2),
         ],
     )
     llvm_library: StringProperty(

@@ -18,7 +18,8 @@ from bpy.props import (
 from . import engine, pipeline
 from .device_properties import HoloPathDevice
 from .engine import encoding
-from .engine import hologram as choices
+from .engine import settings as choices
+from .engine.hologram import DEPTH_MAPPINGS
 
 CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
@@ -284,7 +285,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     depth_mapping: EnumProperty(
         name="Depth Mapping",
         description="How the scene's depth fills the depth range of the hologram",
-        items=_items(choices.DEPTH_MAPPINGS),
+        items=_items(DEPTH_MAPPINGS),
     )
     depth_far_mm: FloatProperty(
         name="Far End (mm)",

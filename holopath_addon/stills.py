@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import engine, output, pipeline
-from .engine.clock import Clock
+from .engine.progress import Clock
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -74,7 +74,7 @@ class Still:
     @cached_property
     def asked(self):
         """All that decides the result, as the report holds it."""
-        from .engine.fingerprint import scene_digest
+        from .engine.scene.fingerprint import scene_digest
 
         return {
             "scene_digest": scene_digest(self.scene),
@@ -234,7 +234,7 @@ def _compare(folder, still, result, progress):
     output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
-    slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
+    slope = hologram.widest_slope
     rows = []
     for depth, image, halves in zip(result.focus, result.images, truth, strict=True):
         z = float(mapping.depth_to_z(depth))

@@ -19,7 +19,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.presets import draw_texture_2d
 
 from . import engine, failures, preferences, properties
-from .engine import backend
+from .engine.scene import variants
 from .export import baking, read_scene, unit_scale
 from .export.camera import about, export_camera, find_camera
 from .export.notes import Notes
@@ -234,7 +234,7 @@ class Viewport:
             with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[layer]):
                 depsgraph = bpy.context.evaluated_depsgraph_get()
                 self._facts = _facts(depsgraph)
-                backend.activate(preferences.wanted())
+                variants.activate(preferences.wanted())
                 reading = read_scene(depsgraph, view.size, view.camera, session.cache)
             self._stage = Stage(reading)
         except Exception as error:

@@ -59,10 +59,11 @@ def compiled_in_half_the_time():
     roundings. Programs that tests start as processes are compiled as users have them. A libLLVM that does not know the
     words ignores them.
     """
-    from holopath_addon.engine import BackendUnavailable, backend
+    from holopath_addon.engine import BackendUnavailable
+    from holopath_addon.engine.scene import variants
 
     try:
-        llvm = ctypes.CDLL(backend.find_llvm()[0])
+        llvm = ctypes.CDLL(variants.find_llvm()[0])
     except BackendUnavailable:
         return
     words = (ctypes.c_char_p * 3)(b"pytest", b"-force-attribute=optnone", b"-force-attribute=noinline")
@@ -90,9 +91,9 @@ def no_scenes_of_earlier_tests(no_scenes_of_earlier_modules):
 @pytest.fixture(scope="session")
 def backend():
     """Name of the Mitsuba variant, activated for the whole session."""
-    from holopath_addon.engine import backend
+    from holopath_addon.engine.scene import variants
 
-    return backend.activate()
+    return variants.activate()
 
 
 @pytest.fixture

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holopath_addon import engine, sources
+from holopath_addon import engine
+from holopath_addon.command_line import sources
 
 ROOT = Path(__file__).parents[1]
 GREEN = 516.5e-9

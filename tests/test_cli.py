@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, lengths, output, pipeline, sources
+from holopath_addon import cli, engine, lengths, output, pipeline
+from holopath_addon.command_line import sources
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["--resolution", "64x64", "--frames", "2", "--quality", "preview"]

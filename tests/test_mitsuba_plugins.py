@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, sources
+from holopath_addon import cli, engine
+from holopath_addon.command_line import sources
 from tests import mitsuba_plugins as table
 
 GREEN = 516.5e-9
@@ -57,7 +58,7 @@ def test_refused(name, folder):
 
 @pytest.mark.parametrize("name", NOTED)
 def test_noted(name, folder):
-    from holopath_addon.engine.unmodelled import unmodelled
+    from holopath_addon.engine.planning.unmodelled import unmodelled
 
     scene, _ = opened(CASES[name], folder)
     assert any(re.search(CASES[name].noted, warning) for warning in unmodelled(scene))

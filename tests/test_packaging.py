@@ -126,7 +126,7 @@ import sys
 sys.modules["xatlas"] = sys.modules["serial"] = None
 import numpy as np
 from holopath_addon import cli, pipeline
-from holopath_addon.engine.unwrapping import unwrap
+from holopath_addon.engine.light.unwrapping import unwrap
 uv, _ = unwrap(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]]), 64)
 a, b, c = uv[0]
 assert abs(np.cross(b - a, c - a)) > 0.1

@@ -3,7 +3,7 @@
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.metrics import squared_error
+from holopath_addon.engine.viewing.metrics import squared_error
 
 from .looks import HEADLINE, PUPILS, border_of
 

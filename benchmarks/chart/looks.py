@@ -10,7 +10,7 @@ import numpy as np
 
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.probing import near_end
+from holopath_addon.engine.planning.pilot import near_end
 
 VIEW = math.tan(math.radians(0.5))  # slope of the views to the side
 OUT_OF_FOCUS = 2.0  # radius of a point's blur, pixels, from which a pixel counts as out of focus
@@ -89,7 +89,7 @@ def openings_of(look, hologram):
 
 def border_of(hologram):
     """Pixels at each edge that lose light of the near end to the SLM's aperture."""
-    slope = max(map(hologram.max_slope, hologram.wavelengths))
+    slope = hologram.widest_slope
     return math.ceil(slope * max(abs(hologram.depth_far), abs(hologram.depth_near)) / hologram.pitch)
 
 

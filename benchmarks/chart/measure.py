@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from holopath_addon import engine, pipeline
-from holopath_addon.engine import backend
-from holopath_addon.engine.metrics import display_values
+from holopath_addon.engine.scene import variants
+from holopath_addon.engine.viewing.metrics import display_values
 
 from . import looks, peers
 from .figures import figures
@@ -163,7 +163,7 @@ def run(task, tell=print):
     tell : callable
         ``tell(line)`` for each.
     """
-    backend.activate()
+    variants.activate()
     hologram = engine.Hologram(**task.hologram)
     scene, camera = built(task.scene, hologram.width)
     truth = truth_for(task, scene, camera, hologram)

@@ -56,7 +56,7 @@ class Method:
         return None
 
 
-QUALITIES = {quality: {"quality": quality} for quality in engine.hologram.QUALITIES}
+QUALITIES = {quality: {"quality": quality} for quality in engine.settings.QUALITIES}
 DESCENTS = {
     name: settings | {"fixed": {"steps": steps}}
     for (name, settings), steps in zip(QUALITIES.items(), (30, 100, 300, 600), strict=True)

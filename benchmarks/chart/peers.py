@@ -10,7 +10,7 @@ import numpy as np
 
 from holopath_addon import engine
 from holopath_addon.engine.baselines import Job, layers, shots
-from holopath_addon.engine.propagation import padded_shape
+from holopath_addon.engine.waves.propagation import padded_shape
 
 PEERS = {"rgbd-torchoptics": "torchoptics", "rgbd-odak": "odak"}
 

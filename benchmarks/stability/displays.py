@@ -13,9 +13,10 @@ import numpy as np
 
 from benchmarks.scenes import FOV, GREEN, Scenes
 from holopath_addon import engine
-from holopath_addon.engine import backend, propagation
 from holopath_addon.engine.encoding import descent
-from holopath_addon.engine.planner import captured_share
+from holopath_addon.engine.planning.planner import captured_share
+from holopath_addon.engine.scene import variants
+from holopath_addon.engine.waves import propagation
 
 from .sweep import LIMITS, Sweep
 
@@ -29,7 +30,7 @@ MOST_DB = 60.0  # an error of 1e-3: what is under it counts as none
 @cache
 def build():
     """Builders of scenes, in an active backend."""
-    backend.activate()
+    variants.activate()
     return Scenes()
 
 
@@ -63,7 +64,7 @@ def display(side=SIDE, pitch=PITCH, wavelength=GREEN, far=1e-3, near=6e-3, **opt
 
 def border(hologram, distance):
     """Pixels at each edge that lose light of a picture at a distance to the SLM's aperture."""
-    slope = max(map(hologram.max_slope, hologram.wavelengths))
+    slope = hologram.widest_slope
     return math.ceil(slope * abs(distance) / hologram.pitch) + 1
 
 
@@ -299,11 +300,11 @@ def paper(spp):
 
     Rays are the first of twice as many, so that the fields' difference is the error of the mean of two halves.
     """
-    from holopath_addon.engine import tracer  # needs a backend
+    from holopath_addon.engine.tracing import wave_tracer  # needs a variant
 
     hologram, view, scene = display(far=0.2e-3, near=2.7e-3), camera(), planes()
     settings = replace(SETTINGS, estimator="paper", phase_field="random")
-    with mock.patch.object(tracer, "CHUNK_RAYS", 1 << 40):  # of which the random numbers depend
+    with mock.patch.object(wave_tracer, "CHUNK_RAYS", 1 << 40):  # of which the random numbers depend
         fields = [
             engine.render(scene, view, hologram, replace(settings, spp=count)) for count in (spp, 2 * spp)
         ]
@@ -390,7 +391,7 @@ DEPTH = 32  # vertices: light that meets traced surfaces is followed further tha
 
 def texels(factor):
     """Texels of a closed box, over those of a pixel, by which light is baked: against the thin lens."""
-    from holopath_addon.engine import radiance_cache  # needs a backend
+    from holopath_addon.engine.light import radiance_cache  # needs a backend
 
     build()
     hologram, fov = display(64, far=0.2e-3, near=1.2e-3), math.radians(36)

@@ -170,7 +170,7 @@ def behind(s, place, half=1.0, cells=128):
 
 def on_axis(s, scene, branch=0, aside=(2e-3, 1e-3)):
     """The `View` of a ray on the axis, or near it."""
-    from holopath_addon.engine.chains import SpecularChains
+    from holopath_addon.engine.scene.specular_chains import SpecularChains
 
     mi = s.mi
     ray = mi.Ray3f(mi.Point3f([0.0], [0.0], [0.0]), mi.Vector3f([aside[0]], [aside[1]], [-1.0]))

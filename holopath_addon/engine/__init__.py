@@ -3,21 +3,24 @@
 Imports no bpy, and Mitsuba only when used.
 """
 
-from .bake_store import BakeStore
 from .camera import Camera
-from .depth import depth_map
 from .displays import DISPLAYS, Display
 from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
-from .hologram import Hologram, Settings
-from .metrics import psnr, psnr_deviation, psnr_of_halves, ssim
-from .modulator import Modulator
-from .planner import FIXABLE, Decision, Plan, parse_fixed, plan
-from .preview import Preview
-from .reconstruction import Pupil, Refocuser, reconstruct, to_rgb
-from .reference import diffracted, reference
+from .hologram import Hologram
+from .light.bake_store import BakeStore
+from .plan import Decision, Plan
+from .planning.planner import FIXABLE, parse_fixed, plan
+from .pupil import Pupil
 from .rendering import render
+from .settings import Settings
+from .viewing.depth import depth_map
+from .viewing.metrics import psnr, psnr_deviation, psnr_of_halves, ssim
+from .viewing.preview import Preview
+from .viewing.reconstruction import Refocuser, reconstruct, to_rgb
+from .viewing.reference import diffracted, reference
 from .wavefield import WaveField
+from .waves.modulator import Modulator
 
 __all__ = [
     "BackendUnavailable",

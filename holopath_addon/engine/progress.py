@@ -1,12 +1,30 @@
-"""How long work tells how far it is, and whether programs are compiled meanwhile."""
+"""How work tells how far it is, how long its stages took, and whether programs are compiled meanwhile."""
+
+from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 # ``progress(done, message)``, done in 0..1; it may raise `Cancelled`, which stops the work.
 Progress = Callable[[float, str], None]
 # ``progress(done)`` of work whose caller knows what to call it.
 PartProgress = Callable[[float], None]
+
+
+class Clock:
+    """Seconds spent in each stage, summed over its visits."""
+
+    def __init__(self) -> None:
+        self.seconds = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Count what is done inside towards a stage."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
 class Compiling:

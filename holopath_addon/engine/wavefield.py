@@ -10,7 +10,7 @@ import numpy as np
 
 from .camera import Camera
 from .errors import InvalidInput
-from .folders import earlier, whole_folder
+from .files import earlier, whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
 

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ..engine import InvalidInput
-from ..engine.unwrapping import LACKING, unwrap
+from ..engine.light.unwrapping import LACKING, unwrap
 from . import baking
 from .cache import Bake
 from .geometry import read_mesh, split_by_slot

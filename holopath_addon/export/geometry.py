@@ -193,7 +193,7 @@ class Surface:
         """A `mitsuba.Mesh` with this material, its arrays copied."""
         import mitsuba as mi
 
-        from ..engine.buffers import loaded
+        from ..engine.scene.buffers import loaded
 
         properties = mi.Properties()
         properties["bsdf"] = bsdf

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..engine import Camera, InvalidInput
-from ..engine.backend import activate
+from ..engine.scene.variants import activate
 from .cache import ExportCache
 from .camera import about, export_camera, find_camera
 from .contents import Contents

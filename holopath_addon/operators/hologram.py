@@ -6,7 +6,7 @@ import bpy
 from bpy.props import StringProperty
 
 from .. import engine, pipeline, preferences, properties
-from ..engine import backend
+from ..engine.scene import variants
 from . import session
 from .working import Working
 
@@ -44,7 +44,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         def encode(job, progress):
             scene = ()
             if method == "refine" or (method == "auto" and full):
-                if task is not None and field.report.get("variant") == backend.activate(wanted):
+                if task is not None and field.report.get("variant") == variants.activate(wanted):
                     scene = task.exported.scene, task.settings
                 elif method == "refine":
                     raise engine.InvalidInput(

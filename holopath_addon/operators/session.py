@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 
 from .. import engine, failures, pipeline, preferences, properties, stills
-from ..engine import backend, rendering
+from ..engine import rendering
+from ..engine.scene import variants
 from ..export import ExportCache, Reading, read_scene
 from .jobs import Job
 
@@ -176,7 +177,7 @@ def prepare(depsgraph, props, resolution=None):
     engine.InvalidInput, engine.BackendUnavailable
     """
     hologram, settings = properties.hologram_of(props, resolution), properties.settings_of(props)
-    backend.activate(preferences.wanted())
+    variants.activate(preferences.wanted())
     for stop in making_way:
         stop()
     return Task(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from .. import engine, failures, preferences, properties
-from ..engine import backend
+from ..engine.scene import variants
 from . import session
 from .jobs import Job
 
@@ -187,7 +187,7 @@ def export(job, progress, scene):
         return session.prepare(bpy.context.evaluated_depsgraph_get(), properties.of(bpy.context.scene))
 
     progress(0.0, "Starting Mitsuba")
-    backend.activate(job.ask(preferences.wanted))
+    variants.activate(job.ask(preferences.wanted))
     progress(0.0, "Reading the scene")
     return job.ask(read)
 

@@ -4,18 +4,18 @@ A `Sequence` makes pictures of holograms, `stream` shows them on a `Driver`.
 """
 
 from .calibration import Calibration, Response
-from .controller import Controller, serial_ports
-from .display import DisplayDriver, Monitor, monitors
 from .driver import Driver, Info, Picture
+from .drivers.controller import Controller, serial_ports
+from .drivers.display import DisplayDriver, Monitor, monitors
+from .drivers.files import FilesDriver
+from .drivers.registry import DRIVERS, describe
+from .drivers.serial_device import SerialDriver
+from .drivers.slmsuite_device import SlmsuiteDriver
+from .drivers.virtual import VirtualDriver
 from .errors import DeviceLost
-from .files import FilesDriver
 from .focus import FocusPlanes, Plane, run_camera, sweep
-from .registry import DRIVERS, describe
 from .sequence import PACKINGS, Sequence
-from .serial_device import SerialDriver
-from .slmsuite_device import SlmsuiteDriver
 from .streaming import Counts, stream
-from .virtual import VirtualDriver
 
 __all__ = [
     "Calibration",

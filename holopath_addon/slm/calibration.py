@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..engine.errors import InvalidInput
-from ..engine.modulator import grey_levels
+from ..engine.waves.modulator import grey_levels
 
 FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
 STEPS = 1 << 16  # of a turn, in the table from phase to level

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.scenes import GREEN
 from holopath_addon import engine
 from holopath_addon.engine.baselines.gaussians import CONTRAST, SIGMA, Gaussians, blended
-from holopath_addon.engine.propagation import propagate
+from holopath_addon.engine.waves.propagation import propagate
 
 PITCH = 8e-6
 SIDE = 128

@@ -5,13 +5,13 @@ import pytest
 
 from benchmarks.scenes import FOV, GREEN, Scenes
 from holopath_addon import engine
-from holopath_addon.engine.propagation import propagate
+from holopath_addon.engine.waves.propagation import propagate
 
 SIDE, FRAMES = 64, 2
 NETWORK = '''
 import numpy as np
 from holopath_addon import engine
-from holopath_addon.engine.propagation import propagate
+from holopath_addon.engine.waves.propagation import propagate
 
 calls = []
 

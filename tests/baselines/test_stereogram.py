@@ -8,7 +8,7 @@ import pytest
 from benchmarks.scenes import FOV, GREEN
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.propagation import propagate
+from holopath_addon.engine.waves.propagation import propagate
 
 PITCH = 8e-6
 

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.scenes import FOV, GREEN
 from holopath_addon import engine
-from holopath_addon.engine.propagation import propagate
+from holopath_addon.engine.waves.propagation import propagate
 
 SIDE, BORDER = 128, 24
 DESCENTS = ("rgbd-sgd", "focal-stack", "light-field")
@@ -14,7 +14,7 @@ METHODS = ("rgbd", *DESCENTS)
 
 @pytest.fixture
 def threads():
-    from holopath_addon.engine.supervision import Frames
+    from holopath_addon.engine.waves.supervision import Frames
 
     with Frames() as threads:
         yield threads
@@ -148,7 +148,7 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
 
     from holopath_addon.engine.baselines.supervised import phases_for
     from holopath_addon.engine.encoding.frame_mean import FrameMean
-    from holopath_addon.engine.pictures import Look, Pictures
+    from holopath_addon.engine.waves.pictures import Look, Pictures
 
     rng = np.random.default_rng(5)
     pictures = Pictures((64, 80), 8e-6, GREEN, [Look(1e-3), Look(2e-3), Look(3e-3)])

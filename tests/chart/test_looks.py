@@ -9,8 +9,8 @@ from benchmarks.chart.figures import figures, speckle
 from benchmarks.chart.looks import HEADLINE, PUPILS, border_of, diffracted, looks_of, pupil_of, seen
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.phase_fields import random_phasors
 from holopath_addon.engine.wavefield import WaveField
+from holopath_addon.engine.waves.phase_fields import random_phasors
 
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 FOCI = (0.5, 1.0, 2.0)

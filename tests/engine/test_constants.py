@@ -40,7 +40,7 @@ def test_the_one_function(backend):
     import drjit as dr
     import mitsuba as mi
 
-    from holopath_addon.engine.buffers import constant
+    from holopath_addon.engine.scene.buffers import constant
 
     for width in (8, 5):
         axis = constant(mi.Vector3f, np.array([0.0, 1.0, -0.0]))
@@ -61,8 +61,8 @@ def hologram():
 
 
 def test_rays_and_lens(backend, level, hologram):
-    from holopath_addon.engine.preview import Lens
-    from holopath_addon.engine.rays import Rays
+    from holopath_addon.engine.scene.rays import Rays
+    from holopath_addon.engine.viewing.preview import Lens
 
     rays = Rays(hologram, level, DepthMapping.of(hologram, level, 0.5), 1e-3)
     lens = Lens(level, 16, 12, math.inf)
@@ -70,9 +70,11 @@ def test_rays_and_lens(backend, level, hologram):
 
 
 def test_what_a_recording_keeps(build, level, hologram):
-    from holopath_addon.engine.rendering import Clock, Recording
+    from holopath_addon.engine.planning.planner import resolved
+    from holopath_addon.engine.progress import Clock
+    from holopath_addon.engine.tracing.recording import Recording
 
-    settings = engine.Settings(frames=1, quality="preview", method="full").resolved()
+    settings = resolved(engine.Settings(frames=1, quality="preview", method="full"))
     scene = build.two_planes(build.emissive)
     recording = Recording(
         scene, level, hologram, settings, engine.plan(scene, level, hologram, settings), Clock()
@@ -141,7 +143,7 @@ def test_numpys_memory_is_no_part_of_a_program(build):
     """Wherever it begins: at each multiple of four bytes within the widest vector."""
     import drjit as dr
 
-    from holopath_addon.engine.buffers import loaded
+    from holopath_addon.engine.scene.buffers import loaded
 
     numbers, found = np.arange(200, dtype=np.float32), set()
     for start in range(16):

@@ -7,7 +7,6 @@ import pytest
 from benchmarks.optics import displacement
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.recording_planes import depth_of_focus
 
 GREEN = 516.5e-9
 
@@ -36,7 +35,7 @@ def test_recording_plane_keeps_away_from_gloss(build, camera, small):
     sharp = engine.plan(build.glossy_dome(0.1), camera, small)
     z = sharp.planes[0].z
     assert not sharp.z_low <= z <= sharp.z_high
-    assert min(abs(z - sharp.z_low), abs(z - sharp.z_high)) > 0.9 * depth_of_focus(small)
+    assert min(abs(z - sharp.z_low), abs(z - sharp.z_high)) > 0.9 * small.depth_of_focus
     assert sharp.bins > engine.plan(build.glossy_dome(0.4), camera, small).bins
     matt = engine.plan(build.glossy_dome(0.9), camera, small)
     assert matt.bins == 1  # one that hardly turns across the pupil

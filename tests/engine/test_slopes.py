@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.kernel_table import Lattice
+from holopath_addon.engine.tracing.kernel_table import Lattice
 
 GREEN = 516.5e-9
 PITCH, LIMIT = 8e-6, 5e-3
@@ -22,7 +22,7 @@ def test_the_shares_of_a_plane_s_grains_are_one(backend, slopes, distance):
     import drjit as dr
     import mitsuba as mi
 
-    from holopath_addon.engine.estimators import LatticeEstimator
+    from holopath_addon.engine.tracing.estimators import LatticeEstimator
 
     hologram = engine.Hologram(SIDE, SIDE, PITCH, (GREEN,), 1e-3, 6e-3)
     lattice = Lattice.of(hologram.max_slope(GREEN), LIMIT, PITCH)

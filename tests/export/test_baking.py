@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from holopath_addon.engine import unwrapping  # noqa: E402
+from holopath_addon.engine.light import unwrapping  # noqa: E402
 
 DIFFUSE = "ShaderNodeBsdfDiffuse"
 PRINCIPLED = "ShaderNodeBsdfPrincipled"

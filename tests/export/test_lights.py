@@ -129,10 +129,10 @@ def test_blackbody_node(stage, kelvin):
 
 
 def test_blackbody_is_blenders():
-    from holopath_addon.engine import backend
+    from holopath_addon.engine.scene import variants
     from holopath_addon.export.blackbody import blackbody_colour
 
-    backend.activate()
+    variants.activate()
     light = bpy.data.lights.new("light", "POINT")
     light.use_temperature = True
     for kelvin in (1200, 2000, 3000, 4500, 6500, 9000, 12000, 20000):

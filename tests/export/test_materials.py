@@ -443,7 +443,7 @@ def test_abbe_number(stage, abbe, node, values, disperses):
 
 
 @pytest.mark.skipif(
-    importlib.util.find_spec("holopath_addon.engine.dispersion") is None,
+    importlib.util.find_spec("holopath_addon.engine.scene.dispersion") is None,
     reason="the engine has no dispersive glass yet",
 )
 def test_dispersive_glass_loads(stage, abbe):

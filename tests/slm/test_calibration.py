@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holopath_addon import engine
-from holopath_addon.engine.modulator import grey_levels
+from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.slm import Calibration, Response
 from tests.slm.refusals import refused
 

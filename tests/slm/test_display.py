@@ -24,11 +24,11 @@ from holopath_addon.slm import (
     Monitor,
     Picture,
     Sequence,
-    display,
     monitors,
     stream,
 )
-from holopath_addon.slm.display import choose
+from holopath_addon.slm.drivers import display
+from holopath_addon.slm.drivers.display import choose
 from tests.slm.conftest import FIRST, SECOND
 
 WIDTH, HEIGHT = 1920, 1080

@@ -22,10 +22,10 @@ pty = pytest.importorskip("pty")
 tty = pytest.importorskip("tty")
 serial = pytest.importorskip("serial")
 
-from holopath_addon.slm import link as link_module  # noqa: E402
+from holopath_addon.slm.drivers import link as link_module  # noqa: E402
+from holopath_addon.slm.drivers.link import Link  # noqa: E402
+from holopath_addon.slm.drivers.packets import Can, Decoder, encode  # noqa: E402
 from holopath_addon.slm.errors import DeviceLost  # noqa: E402
-from holopath_addon.slm.link import Link  # noqa: E402
-from holopath_addon.slm.packets import Can, Decoder, encode  # noqa: E402
 from tests.slm.device import Noise  # noqa: E402
 
 FIRMWARE = Path(__file__).parents[2] / "docs" / "firmware" / "holopath"

@@ -436,7 +436,7 @@ def test_missing_port(tmp_path, capfd, monkeypatch):
     status = cli.main(["focus", "--port", str(tmp_path / "none"), "--planes", str(planes), "--store", "0"])
     said_in_one_line(capfd, status, "none cannot be opened.*holopath devices")
     assert list(tmp_path.iterdir()) == []
-    from holopath_addon.slm import controller
+    from holopath_addon.slm.drivers import controller
 
     for ports in ([], [("A", ""), ("B", "")]):
         monkeypatch.setattr(controller, "serial_ports", lambda ports=ports: ports)

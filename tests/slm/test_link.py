@@ -11,10 +11,10 @@ import serial
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holopath_addon.slm import packets
+from holopath_addon.slm.drivers import packets
+from holopath_addon.slm.drivers.link import Link
+from holopath_addon.slm.drivers.packets import Decoder, Packet, encode
 from holopath_addon.slm.errors import DeviceLost
-from holopath_addon.slm.link import Link
-from holopath_addon.slm.packets import Decoder, Packet, encode
 from tests.slm.device import Board, Firmware
 
 BAUD = 4000000

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, controller, stream
+from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, stream
+from holopath_addon.slm.drivers import controller
 from tests.slm.device import Board, Firmware
 
 

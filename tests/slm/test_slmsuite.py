@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine, failures, slm
-from holopath_addon.slm.slmsuite_device import SlmsuiteDriver
+from holopath_addon.slm.drivers.slmsuite_device import SlmsuiteDriver
 
 ROOT = Path(__file__).parents[2]
 

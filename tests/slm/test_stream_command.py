@@ -18,7 +18,7 @@ pytest.importorskip("termios", reason="There are ptys on Unix alone.")
 
 from holopath_addon import cli, engine, output
 from holopath_addon.slm import Calibration, FocusPlanes, Plane, Sequence, SerialDriver, stream, streaming
-from holopath_addon.slm import link as link_module
+from holopath_addon.slm.drivers import link as link_module
 from tests.slm.device import Board, Firmware
 
 WIDTH, HEIGHT = 24, 16

@@ -7,7 +7,8 @@ from benchmarks.stability import displays
 from benchmarks.stability.displays import SWEEPS
 from benchmarks.stability.sweep import faults, walk
 from holopath_addon import engine
-from holopath_addon.engine import memory, propagation
+from holopath_addon.engine import memory
+from holopath_addon.engine.waves import propagation
 
 BY_NAME = {sweep.name: sweep for sweep in SWEEPS}
 QUICK = {sweep.name for sweep in SWEEPS if sweep.quick}
@@ -146,7 +147,7 @@ def test_the_plan_is_an_upper_bound_of_memory():
 
 def test_more_frames_than_a_set_are_not_worse():
     """Contrast of an even plane over the sum of the sets' own."""
-    from holopath_addon.engine.phase_fields import designed_phasors
+    from holopath_addon.engine.waves.phase_fields import designed_phasors
 
     def contrast(frames):
         field = designed_phasors(frames)

@@ -11,43 +11,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..mapping import DepthMapping
+from ..settings import BASELINES
 
 if TYPE_CHECKING:
     import mitsuba as mi
     import numpy as np
 
     from ..camera import Camera
-    from ..hologram import Hologram, Settings
+    from ..hologram import Hologram
     from ..progress import Progress
+    from ..settings import Settings
 
-# name: module here, what it is called, what it does
-BASELINES = {
-    "point": ("point_cloud", "Point Cloud", "a spherical wave from each visible surface point"),
-    "polygon": ("polygons", "Polygons", "the field of each visible facet, by its angular spectrum"),
-    "rgbd": ("layers", "RGB-D Layers", "layers of a picture with depth, each blocking those behind it"),
-    "rgbd-sgd": (
-        "rgbd_descent",
-        "RGB-D Descent",
-        "phases that show a picture with depth sharp on its layers",
-    ),
-    "focal-stack": (
-        "focal_stack",
-        "Focal Stack",
-        "phases that show pictures through a lens at several depths",
-    ),
-    "light-field": ("light_field", "Light Field", "phases that show pictures from all over the pupil"),
-    "stereogram": (
-        "stereogram",
-        "Stereogram",
-        "pictures from all over the pupil, by a short-time Fourier transform",
-    ),
-    "gaussian": (
-        "gaussians",
-        "Gaussians",
-        "the wave of each Gaussian on the surfaces, blended from far to near",
-    ),
-    "network": ("network", "Network", "a function of your own from a picture with depth to a field"),
-}
 PATHS = {"draft": 4, "preview": 16, "balanced": 64, "full": 256}  # of a pixel of a picture
 
 

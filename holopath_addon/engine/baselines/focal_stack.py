@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..pictures import Look, Pictures
+from ..waves.pictures import Look, Pictures
 from .shots import through_pupil
 from .supervised import phases_for
 
@@ -20,7 +20,7 @@ DEPTHS = 7
 def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
-    slope = max(map(hologram.max_slope, hologram.wavelengths))
+    slope = hologram.widest_slope
     planes = np.linspace(job.z_low, job.z_high, DEPTHS if job.z_high > job.z_low else 1)
     stack = []
     for number, z in enumerate(planes):

@@ -35,8 +35,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..propagation import carrier, field_of, padded_shape, spectrum, transfer_function
-from ..recording_planes import depth_of_focus
+from ..waves.propagation import carrier, field_of, padded_shape, spectrum, transfer_function
 from .layers import GAIN, sliced
 from .shots import picture_with_depth
 
@@ -166,7 +165,7 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
     """
     radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
-    gaussians = Gaussians.of(radiance, z, 0.25 * depth_of_focus(job.hologram))
+    gaussians = Gaussians.of(radiance, z, 0.25 * job.hologram.depth_of_focus)
     depths, _ = sliced(job, z)
     return blended(job, gaussians, depths, lambda done, what: progress(0.3 + 0.7 * done, what))
 

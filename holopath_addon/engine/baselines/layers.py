@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..propagation import carrier, field_of, padded_shape, spectrum, transfer_function
-from ..recording_planes import depth_of_focus
+from ..waves.propagation import carrier, field_of, padded_shape, spectrum, transfer_function
 from .shots import picture_with_depth
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ def sliced(job: Job, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         Layer of each pixel.
     """
     low, high = float(z.min()), float(z.max())
-    count = min(MOST_LAYERS, 1 + math.ceil((high - low) / (0.5 * depth_of_focus(job.hologram))))
+    count = min(MOST_LAYERS, 1 + math.ceil((high - low) / (0.5 * job.hologram.depth_of_focus)))
     slab = np.minimum((z - low) / max(high - low, 1e-12) * count, count - 1).astype(int)
     filled, number = np.unique(slab, return_inverse=True)
     return low + (filled + 0.5) * (high - low) / count, number.reshape(z.shape)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..pictures import Look, Pictures
+from ..waves.pictures import Look, Pictures
 from .shots import through_pupil
 from .supervised import phases_for
 

@@ -26,12 +26,11 @@ import numpy as np
 import scipy.fft
 import scipy.ndimage
 
-from ..buffers import PHASOR_SCALE, gather_phasors, gather_row, loaded, packed, packed_phasors
-from ..kernel_table import LEVELS, LEVELS_A_GRAIN
-from ..propagation import field_of, padded_shape, spectrum, transfer_function
-from ..recording_planes import max_slope
+from ..scene.buffers import PHASOR_SCALE, gather_phasors, gather_row, loaded, packed, packed_phasors
 from ..slabs import depth_slabs
-from ..tracer import FRAMES_TOGETHER
+from ..tracing.kernel_table import LEVELS, LEVELS_A_GRAIN
+from ..tracing.wave_tracer import FRAMES_TOGETHER
+from ..waves.propagation import field_of, padded_shape, spectrum, transfer_function
 from .layers import GAIN, random_phasor
 from .shots import picture_with_depth
 
@@ -103,7 +102,7 @@ def slabs_of(hologram: Hologram, z: np.ndarray) -> list[tuple[float, float]]:
 
 def reach(hologram: Hologram, distance: ArrayLike) -> Any:
     """Pixels to the rim of the sub-hologram of a point at a distance in metres from the plane."""
-    return CONE * max_slope(hologram) * np.abs(distance) / hologram.pitch + TAIL
+    return CONE * hologram.widest_slope * np.abs(distance) / hologram.pitch + TAIL
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ from scipy.ndimage import minimum_filter
 from scipy.special import jv
 
 from ..hologram import channel
-from ..propagation import circular_band, field_of, lag, propagate, spectrum, transfer_function
-from ..recording_planes import depth_of_focus, max_slope
+from ..waves.propagation import circular_band, field_of, lag, propagate, spectrum, transfer_function
 from .layers import GAIN, random_phasor
 from .shots import picture_with_depth
 
@@ -79,7 +78,7 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     sheets = sheets_of(job, lambda done, what: progress(0.4 * done, what))
     count, half = slabs_of(job)
     placed = [_placed(sheet.z, job.z_low, count, half) for sheet in sheets]
-    walk = math.ceil(max_slope(hologram) * (job.z_high - job.z_low) / hologram.pitch) + 8
+    walk = math.ceil(hologram.widest_slope * (job.z_high - job.z_low) / hologram.pitch) + 8
     # light that leaves the picture on its way may come back to the SLM
     window = [n + 2 * walk for n in job.shape]
     padded = tuple(scipy.fft.next_fast_len(n) for n in window)
@@ -114,7 +113,7 @@ def field(job: Job, progress: Progress) -> np.ndarray:
 def slabs_of(job: Job) -> tuple[int, float]:
     """Number of slabs, a quarter of a depth of focus thick or as thick as `MOST_SLABS` are, and half the thickness."""
     thickness = job.z_high - job.z_low
-    count = int(np.clip(math.ceil(thickness / (0.25 * depth_of_focus(job.hologram))), 1, MOST_SLABS))
+    count = int(np.clip(math.ceil(thickness / (0.25 * job.hologram.depth_of_focus)), 1, MOST_SLABS))
     return count, max(0.5 * thickness / count, 1e-9)
 
 
@@ -188,7 +187,7 @@ def sheets_of(job: Job, progress: Progress) -> list[Sheet]:
     """
     radiance, z = picture_with_depth(job, lambda done, what: progress(0.7 * done, what))
     gap = GAP * 2 * slabs_of(job)[1]
-    reach = math.ceil(max_slope(job.hologram) * (job.z_high - job.z_low) / job.hologram.pitch)
+    reach = math.ceil(job.hologram.widest_slope * (job.z_high - job.z_low) / job.hologram.pitch)
     beside_edge = minimum_filter(z, 2 * reach + 1) < z - gap
     if not beside_edge.any():
         return [Sheet(radiance, z)]
@@ -220,9 +219,9 @@ def hidden(job: Job, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Pr
     import drjit as dr
     import mitsuba as mi
 
-    from ..buffers import loaded
-    from ..dispersion import tuned, wavelength_groups
-    from ..rays import Rays
+    from ..scene.buffers import loaded
+    from ..scene.dispersion import tuned, wavelength_groups
+    from ..scene.rays import Rays
 
     hologram, mapping = job.hologram, job.mapping
     rays = Rays(hologram, job.camera, mapping, 0.0)
@@ -261,7 +260,7 @@ def _radiance(job, origins, directions, progress):
     import drjit as dr
     import mitsuba as mi
 
-    from ..preview import path_tracer
+    from ..viewing.preview import path_tracer
 
     integrator = path_tracer(job.scene, job.camera.sees_sky, job.settings.max_depth)
     paths = max(1, job.paths // 4)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..pictures import Look, Pictures
-from ..supervision import relative
+from ..waves.pictures import Look, Pictures
+from ..waves.supervision import relative
 from .layers import sliced
 from .shots import picture_with_depth
 from .supervised import phases_for

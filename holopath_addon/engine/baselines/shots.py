@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..depth import depth_map
 from ..hologram import channel
-from ..preview import Preview
-from ..reconstruction import Pupil
-from ..reference import reference
+from ..pupil import Pupil
+from ..viewing.depth import depth_map
+from ..viewing.preview import Preview
+from ..viewing.reference import reference
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +35,7 @@ def picture_with_depth(job: Job, progress: Progress) -> tuple[np.ndarray, np.nda
     z : numpy.ndarray, float64, shape (y, x)
         Metres from the SLM, of the surface at each pixel's centre; the volume's far end where there is none.
     """
-    from ..dispersion import tuned, wavelength_groups
+    from ..scene.dispersion import tuned, wavelength_groups
 
     hologram, settings = job.hologram, job.settings
     size = hologram.width, hologram.height

@@ -27,10 +27,10 @@ import mitsuba as mi
 import numpy as np
 
 from ..hologram import channel
-from ..preview import path_tracer
-from ..propagation import carrier, circular_band, field_of, padded_shape, spectrum, transfer_function
-from ..rays import Rays, intersect
-from ..supervision import Frames
+from ..scene.rays import Rays, intersect
+from ..viewing.preview import path_tracer
+from ..waves.propagation import carrier, circular_band, field_of, padded_shape, spectrum, transfer_function
+from ..waves.supervision import Frames
 from .layers import random_phasor
 from .light_field import PICTURES
 
@@ -46,7 +46,7 @@ CHUNK_RAYS = 1 << 20  # between two looks at progress and cancel
 
 def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`."""
-    from ..dispersion import tuned
+    from ..scene.dispersion import tuned
 
     hologram = job.hologram
     plane = 0.5 * (job.z_low + job.z_high)

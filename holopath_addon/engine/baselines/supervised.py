@@ -14,14 +14,14 @@ import numpy as np
 
 from ..encoding.frame_mean import FrameMean
 from ..encoding.phases import Phases
-from ..supervision import Frames
+from ..waves.supervision import Frames
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..hologram import Settings
-    from ..pictures import Pictures
     from ..progress import Progress
+    from ..settings import Settings
+    from ..waves.pictures import Pictures
     from . import Job
 
 STEPS = {"draft": 30, "preview": 100, "balanced": 200, "full": 600}  # each a look at one picture

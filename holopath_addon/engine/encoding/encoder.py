@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..backend import threads
 from ..errors import Cancelled, InvalidInput, cancelled
-from ..modulator import Modulator
-from ..pictures import Pictures, spread_looks
-from ..propagation import circular_band, filtered
-from ..supervision import Frames
+from ..scene.variants import threads
+from ..waves.modulator import Modulator
+from ..waves.pictures import Pictures, spread_looks
+from ..waves.propagation import circular_band, filtered
+from ..waves.supervision import Frames
 from . import descent
 from .double_phase import clipping_level, double_phase, half_band
 from .frame_mean import FrameMean
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..progress import Progress
-    from ..reconstruction import Pupil
+    from ..pupil import Pupil
     from ..wavefield import WaveField
 
 METHODS = ("dpac", "auto", "sgd", "joint", "refine")

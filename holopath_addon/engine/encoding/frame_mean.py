@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..supervision import blocks
+from ..waves.supervision import blocks
 
 if TYPE_CHECKING:
-    from ..pictures import Pictures
-    from ..supervision import Frames
+    from ..waves.pictures import Pictures
+    from ..waves.supervision import Frames
 
 
 class FrameMean:

@@ -11,10 +11,10 @@ import numpy as np
 
 from ..camera import Camera
 from ..errors import InvalidInput
-from ..folders import earlier, whole_folder
+from ..files import earlier, whole_folder
 from ..hologram import Hologram
-from ..modulator import Modulator, grey_levels
 from ..wavefield import WaveField
+from ..waves.modulator import Modulator, grey_levels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

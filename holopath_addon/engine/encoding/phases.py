@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..supervision import Frames
+    from ..waves.supervision import Frames
 
 ADAM = (0.9, 0.99)  # decays of the means, Kingma and Ba, ICLR 2015
 TINY = 1e-30  # for pixels whose slope is nothing

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..pictures import Look, Pictures
-from ..reconstruction import Pupil
+from ..pupil import Pupil
+from ..waves.pictures import Look, Pictures
 from .frame_mean import FrameMean
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..progress import PartProgress
-    from ..supervision import Frames
     from ..wavefield import WaveField
+    from ..waves.supervision import Frames
 
 HALF = 0.5  # radius of a part of the pupil, of the whole's
 RING = 8  # such parts around the axis, besides the one on it
@@ -65,7 +65,7 @@ def chosen_pictures(
     hologram, mapping = field.hologram, field.mapping
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     radius = float(np.mean([radii[k] for k in colours]))
-    slope = max(hologram.max_slope(w) for w in hologram.wavelengths)
+    slope = hologram.widest_slope
     focal_depth = DEPTH * 2 * max(hologram.wavelengths) / slope**2
     first, last = volume
     depths = np.linspace(first, last, min(MOST_DEPTHS, 2 + math.ceil((last - first) / focal_depth)))

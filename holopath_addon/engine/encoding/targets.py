@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..propagation import FreeSpace, circular_band, padded_shape
-from ..supervision import blocks
+from ..waves.propagation import FreeSpace, circular_band, padded_shape
+from ..waves.supervision import blocks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..supervision import Frames
+    from ..waves.supervision import Frames
 
 
 class ComplexTarget:

@@ -1,0 +1,333 @@
+"""Commands for the SLM: stream, focus, devices."""
+
+import tempfile
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from .. import engine, output, pipeline, slm
+from ..engine.scene import variants
+from ..slm.drivers.controller import BAUD
+from ..slm.drivers.files import KINDS
+from ..slm.drivers.slmsuite_device import options_of
+from .console import Progress
+
+PATIENCE = 30.0  # seconds to wait for a lost device
+
+
+def add(command):
+    """Add the commands; `command(name, run, text)` makes a parser."""
+    stream = command("stream", _stream, "Show phase holograms on an SLM.")
+    option = stream.add_argument
+    option(
+        "folder", metavar="DIR", help="output folder of `holopath render` (also of an animation) or `encode`"
+    )
+    option(
+        "--driver",
+        choices=tuple(slm.DRIVERS),
+        default="display",
+        help="default display; see `holopath devices`",
+    )
+    option("--rate", type=float, metavar="HZ", help="pictures a second (default: as the device does best)")
+    option("--loops", type=int, metavar="N", help="rounds; 0: until Ctrl-C (default: 0 on a device, else 1)")
+    option(
+        "--repeats",
+        type=int,
+        default=1,
+        metavar="N",
+        help="times each frame of an animation is shown (default 1)",
+    )
+    option(
+        "--packing",
+        choices=tuple(slm.PACKINGS),
+        default="time",
+        help="one hologram a picture (time, default); three of up to 8 bits in red, green and blue (colour); 24 of one "
+        "bit in their bits (bits)",
+    )
+    option("--order", default="RGB", metavar="RGB", help="in which packed channels are shown (default RGB)")
+    option("--calibration", metavar="FILE", help="of the device: docs/slm.md")
+    option(
+        "--bits",
+        type=int,
+        metavar="N",
+        help="of a level, in place of the calibration's (default: the device's)",
+    )
+    option(
+        "--patience",
+        type=float,
+        default=PATIENCE,
+        metavar="S",
+        help="seconds to wait for a lost device (default %(default)g)",
+    )
+    group = stream.add_argument_group("driver display").add_argument
+    group("--monitor", metavar="NAME", help="name or geometry (1920x1080+1920+0) of the SLM's monitor")
+    group("--primary", action="store_true", help="allow the monitor where you work")
+    group = stream.add_argument_group("driver serial, trigger and focus").add_argument
+    group("--port", metavar="PORT", help="serial port of the controller")
+    group("--baud", type=int, default=BAUD, help="default %(default)s")
+    group("--trigger", action="store_true", help="have the controller give a pulse for each picture")
+    group(
+        "--pulse",
+        type=int,
+        default=100,
+        metavar="US",
+        help="its length in microseconds (default %(default)s)",
+    )
+    group = stream.add_argument_group("driver slmsuite").add_argument
+    group("--device", default="simulated", metavar="NAME", help="of slmsuite (default simulated)")
+    group(
+        "--options",
+        default="{}",
+        metavar="JSON",
+        help="of its class, for example '{\"resolution\": [512, 512]}'",
+    )
+    group = stream.add_argument_group("driver files").add_argument
+    group("--out", metavar="DIR", help="where to write (default DIR/pictures)")
+    group("--kind", choices=KINDS, default=KINDS[0], help="default %(default)s")
+    group = stream.add_argument_group("pictures by a camera").add_argument
+    group(
+        "--captures",
+        metavar="DIR",
+        help="focus at each plane and take a picture there while the hologram is shown",
+    )
+    group(
+        "--planes", metavar="FILE", help="focus planes (default with the virtual bench: five over the volume)"
+    )
+    group(
+        "--camera",
+        metavar="COMMAND",
+        help="takes a picture: {file}, {plane} and {mm} stand for where to write, the plane's number and its distance",
+    )
+
+    focus = command("focus", _focus, "Move the camera's focus by a controller on a serial port.")
+    option = focus.add_argument
+    option("--port", metavar="PORT", help="default: the only one there is")
+    option("--baud", type=int, default=BAUD, help="default %(default)s")
+    option("--planes", metavar="FILE", help="focus planes, for --plane, --distance and --store")
+    what = focus.add_mutually_exclusive_group(required=True)
+    what.add_argument("--plane", type=int, metavar="N", help="move to this plane, from 0")
+    what.add_argument("--distance", type=float, metavar="MM", help="move between calibrated planes")
+    what.add_argument("--position", type=int, metavar="STEPS", help="move the motor there")
+    what.add_argument(
+        "--store",
+        type=int,
+        metavar="N",
+        help="store where the motor is as this plane's; a FILE that is not there is made, of five planes, 80 to 85 mm",
+    )
+
+    command("devices", _devices, "List SLM drivers, monitors, serial ports and Mitsuba backends.")
+
+
+def _stream(args):
+    progress = Progress(quiet=args.quiet)
+    if args.rate is not None and not 0 < args.rate < 1e5:
+        raise engine.InvalidInput(
+            f"A rate of {args.rate:g} pictures a second cannot be shown: give a positive one."
+        )
+    if args.loops is not None and args.loops < 0:
+        raise engine.InvalidInput(f"A number of {args.loops} rounds cannot be shown: give 0 for no end.")
+    if not 0 < args.pulse < 2**32:
+        raise engine.InvalidInput(
+            f"A pulse of {args.pulse} microseconds cannot be given: 1 to {2**32 - 1} can."
+        )
+    holograms = output.stored_holograms(args.folder)
+    calibration = slm.Calibration.load(args.calibration) if args.calibration else None
+    if args.bits is not None:
+        calibration = replace(calibration or slm.Calibration(), bits=args.bits)
+    sequence = slm.Sequence(holograms, calibration, args.packing, args.order, args.repeats)
+    driver = _driver(args, sequence)
+    controller = _controller(args, driver)
+    ends = args.driver in ("files", "virtual") or args.captures
+    if args.loops == 0 and ends:
+        raise engine.InvalidInput(
+            f"The driver {args.driver} must come to an end: give a number of --loops, or none."
+        )
+    if args.captures and args.driver == "files":
+        raise engine.InvalidInput(
+            "Files cannot be looked at by a camera: leave out --captures, or choose another driver."
+        )
+    if not args.patience >= 0:
+        raise engine.InvalidInput(f"A patience of {args.patience:g} s is none: give 0 or more.")
+    loops = args.loops if args.loops is not None else 1 if ends else 0
+    trigger = None
+    if args.trigger and controller is not None:
+        trigger = partial(controller.trigger, microseconds=args.pulse)
+    told = _Told(progress)
+    try:
+        if controller is not None and controller is not getattr(driver, "controller", None):
+            controller.open()
+        if args.captures:
+            counts = _captured(args, sequence, driver, controller, trigger, progress, told)
+        else:
+            counts = slm.stream(sequence, driver, args.rate, loops or None, told, trigger, args.patience)
+    except (KeyboardInterrupt, engine.Cancelled):
+        if loops or args.captures:
+            raise engine.Cancelled(f"Cancelled: {told.counts}.") from None
+        counts = told.counts
+    finally:
+        if controller is not None:
+            controller.close()
+    progress(1.0, f"Done: {counts}; {driver.info.name}{', ' * bool(driver.info.note)}{driver.info.note}")
+
+
+class _Told:
+    """Counts to progress; what happens to the device in lines of its own."""
+
+    def __init__(self, progress):
+        self.counts, self._progress, self._lost = slm.Counts(), progress, ""
+
+    def __call__(self, counts):
+        self.counts = counts
+        if counts.lost and counts.lost != self._lost:
+            self._progress.say(f"{counts.lost} Waiting for it.")
+        if self._lost and not counts.lost:
+            self._progress.say("The device is there again: going on.")
+        self._lost = counts.lost
+        done = (counts.shown + counts.dropped) / counts.total if counts.total else 0.0
+        self._progress(min(done, 0.999), str(counts))
+
+
+def _driver(args, sequence):
+    if args.driver == "display":
+        return slm.DisplayDriver(args.monitor, args.primary, sequence.size)
+    if args.driver == "serial":
+        return slm.SerialDriver(args.port, args.baud)
+    if args.driver == "files":
+        return slm.FilesDriver(args.out or Path(args.folder) / "pictures", args.kind)
+    if args.driver == "virtual":
+        # an SLM that is what the calibration says it is
+        return slm.VirtualDriver(sequence.holograms[0], sequence.calibration, order=args.order)
+    return slm.SlmsuiteDriver(args.device, options_of(args.options, args.device, sequence.size))
+
+
+def _controller(args, driver):
+    """Of triggers and focus, where they are wanted: the SLM's own, or on another port."""
+    if not (args.trigger or (args.captures and args.driver != "virtual")):
+        return None
+    return getattr(driver, "controller", None) or slm.Controller(args.port, args.baud)
+
+
+def _planes(args, hologram):
+    if args.planes:
+        return slm.FocusPlanes.load(args.planes)
+    if args.driver != "virtual":
+        raise engine.InvalidInput(
+            "The focus planes are missing: give them with --planes, see `holopath focus --help`."
+        )
+    return slm.FocusPlanes.spread(hologram.depth_far, hologram.depth_near)
+
+
+def _captured(args, sequence, driver, controller, trigger, progress, tell):
+    """Show the holograms, and meanwhile take a picture at each focus plane."""
+    hologram = sequence.holograms[0].hologram
+    planes, folder = _planes(args, hologram), Path(args.captures)
+    names = [f"plane_{n}_{p.distance * 1e3:.4g}mm" for n, p in enumerate(planes.planes)]
+    told = pipeline.stage(progress, 0.1, 0.99)
+    if args.driver == "virtual":
+        counts = slm.stream(sequence, driver, args.rate, args.loops or 1, None, trigger)
+        pictures = {}
+
+        def take(number):
+            pictures[names[number]] = engine.to_rgb(driver.capture(), hologram.wavelengths)
+
+        slm.sweep(planes, lambda number: driver.focus_at(planes.planes[number].distance), take, told)
+        white = output.exposure(list(pictures.values()))
+        files = {}
+        for name, rgb in pictures.items():
+            files |= {f"{name}.exr": output.encode_exr(rgb), f"{name}.png": output.encode_png(rgb, white)}
+        output.write_pictures(folder, files)
+        return counts
+    if not args.camera:
+        raise engine.InvalidInput(
+            "The camera is missing: give the command that takes a picture with --camera."
+        )
+    for number in range(len(planes.planes)):
+        planes.position(number)
+    stop, shown = threading.Event(), threading.Event()
+
+    def watch(counts):
+        tell.counts = counts
+        if counts.shown >= len(sequence):
+            shown.set()
+        if stop.is_set():
+            raise engine.Cancelled
+
+    def look(number):
+        if streaming.done():
+            streaming.result()
+        file = part / f"{names[number]}.png"
+        slm.run_camera(args.camera, file, number, planes.planes[number].distance)
+        pictures[file.name] = file.read_bytes()
+
+    pictures = {}
+    with ThreadPoolExecutor(1) as workers, tempfile.TemporaryDirectory() as temporary:
+        part = Path(temporary)
+        streaming = workers.submit(
+            slm.stream, sequence, driver, args.rate, None, watch, trigger, args.patience
+        )
+        try:
+            while not shown.wait(0.1) and not streaming.done():
+                progress(0.05, "Showing the hologram")
+            if streaming.done():
+                streaming.result()
+            slm.sweep(planes, lambda number: controller.focus(planes.position(number)), look, told)
+        finally:
+            stop.set()
+    with suppress(engine.Cancelled):
+        streaming.result()
+    output.write_pictures(folder, pictures)
+    return tell.counts
+
+
+def _focus(args):
+    progress = Progress(quiet=args.quiet)
+    file = Path(args.planes) if args.planes else None
+    planes, target = None, args.position
+    if target is None:
+        if file is None:
+            raise engine.InvalidInput("The focus planes are missing: give their file with --planes.")
+        new = args.store is not None and not file.exists()
+        planes = slm.FocusPlanes.spread() if new else slm.FocusPlanes.load(file)
+    controller = slm.Controller(args.port, args.baud)
+    if planes is not None:
+        if args.plane is not None:
+            target = planes.position(args.plane)
+        elif args.distance is not None:
+            target = planes.position_at(args.distance * 1e-3)
+        else:
+            planes.calibrated(args.store, 0)  # there is such a plane
+    controller.open()
+    try:
+        if planes is not None and target is None:
+            position = controller.position()
+            planes.calibrated(args.store, position).save(args.planes)
+            distance = planes.planes[args.store].distance * 1e3
+            progress(1.0, f"Done: plane {args.store} ({distance:g} mm) is position {position}, in {file}")
+            return
+        controller.focus(target, lambda position: progress(0.5, f"Moving to {target}: {position}"))
+        progress(1.0, f"Done: position {target}")
+    finally:
+        controller.close()
+
+
+def _devices(args):
+    print("Mitsuba backends")
+    _print_rows(variants.describe())
+    print("SLM drivers")
+    _print_rows(slm.describe())
+    print("Monitors")
+    try:
+        found = [str(monitor) for monitor in slm.monitors()]
+    except engine.InvalidInput as error:
+        found = [str(error)]
+    print(*(f"  {line}" for line in found), sep="\n")
+    print("Serial ports")
+    print(*(f"  {name:<14} {text}" for name, text in slm.serial_ports() or [("none", "")]), sep="\n")
+
+
+def _print_rows(rows):
+    for row in rows:
+        print(f"  {row['name']:<14} {'available' if row['available'] else 'missing':<10} {row['detail']}")

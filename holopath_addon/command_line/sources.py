@@ -1,0 +1,283 @@
+"""Where a scene comes from: a .blend, a Mitsuba .xml, or a demo. bpy is imported only where it is needed."""
+
+import contextlib
+import math
+import os
+import signal
+import sys
+import threading
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import engine
+from ..engine.scene import variants
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+SHINING = {  # a note
+    "object": "integrator",
+    "feature": "hide_emitters",
+    "effect": "the environment is hidden, shapes that shine are seen",
+    "material": "",
+}
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A scene ready to be rendered.
+
+    Attributes
+    ----------
+    scene : mitsuba.Scene
+    camera : engine.Camera
+    notes : list of dict
+        What the exporter or the scene file's reader approximated or left out: object, feature, effect, material,
+        see `export.Note`.
+    """
+
+    scene: "mi.Scene"
+    camera: engine.Camera
+    notes: list = field(default_factory=list)
+
+
+class BlenderSource:
+    """The file that is open in bpy. Its HoloPath settings are the defaults."""
+
+    def __init__(self):
+        from ..export import ExportCache
+
+        self._cache = ExportCache()  # frames of an animation differ little
+
+    @property
+    def hologram(self):
+        """`engine.Hologram` of the settings in the current frame."""
+        from .. import properties
+
+        return properties.hologram_of(properties.of(_scene()))
+
+    @property
+    def settings(self):
+        """`engine.Settings` in the current frame."""
+        from .. import properties
+
+        return properties.settings_of(properties.of(_scene()))
+
+    @property
+    def frames(self):
+        """Numbers of the frames of the animation."""
+        scene = _scene()
+        return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+
+    def go_to(self, frame):
+        """Make a frame the current one."""
+        with native_output_to_stderr():
+            _scene().frame_set(frame)
+
+    def load(self, width, height, camera=None):
+        """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""
+        import bpy
+
+        from ..export import export_scene
+
+        with uninterrupted():
+            variants.activate()
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        exported = export_scene(depsgraph, (width, height), camera, self._cache)
+        return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+
+
+def _scene():
+    import bpy
+
+    scene = bpy.context.scene
+    assert scene is not None  # every file has one
+    return scene
+
+
+class MitsubaSource:
+    """A Mitsuba scene file; the viewer stands at its first sensor."""
+
+    def __init__(self, path):
+        from .. import pipeline
+
+        self.path = path
+        far, near = pipeline.default_depth_range(512, 512, 8e-6)
+        self.hologram = engine.Hologram(512, 512, 8e-6, depth_far=far, depth_near=near)
+        self.settings = engine.Settings()
+
+    def load(self, width, height, camera=None):
+        """Load the file; `camera` is a sensor's id."""
+        with uninterrupted():
+            variants.activate()
+        import mitsuba as mi
+
+        try:
+            scene = mi.load_file(str(self.path))
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            raise engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}") from error
+        sensors = scene.sensors()
+        if not sensors:
+            raise engine.InvalidInput(f"{self.path} has no sensor: add a perspective one.")
+        if camera is not None:
+            chosen = [s for s in sensors if s.id() == camera]
+            if not chosen:
+                ids = ", ".join(s.id() for s in sensors)
+                raise engine.InvalidInput(f"{self.path} has no sensor '{camera}': choose one of {ids}.")
+            sensors = chosen
+        viewer = camera_of(sensors[0])
+        if not self._hides_emitters():
+            return Loaded(scene, viewer)
+        shine = any(emitter.get_shape() is not None for emitter in scene.emitters())
+        return Loaded(scene, replace(viewer, sees_sky=False), [SHINING] if shine else [])
+
+    def _hides_emitters(self):
+        """Whether the file's integrator leaves what shines out of view."""
+        import mitsuba as mi
+
+        nodes = mi.parser.parse_file(mi.parser.ParserConfig(variants.activate()), str(self.path)).nodes
+        return any(node.props.get("hide_emitters", False) for node in nodes)
+
+
+def camera_of(sensor):
+    """Viewer at a Mitsuba `perspective` or `thinlens` sensor.
+
+    Mitsuba's sensors look along +z with x to the left, Blender's along -z.
+
+    Parameters
+    ----------
+    sensor : mitsuba.Sensor
+
+    Returns
+    -------
+    engine.Camera
+
+    Raises
+    ------
+    engine.InvalidInput
+        If it is another kind of sensor.
+    """
+    import mitsuba as mi
+
+    params = mi.traverse(sensor)
+    if "x_fov" not in params or "to_world" not in params:
+        raise engine.InvalidInput(
+            f"The scene's sensor '{sensor.id()}' ({sensor.class_name()}) is not a perspective one: add one of type "
+            "'perspective' or 'thinlens', or choose one with --camera."
+        )
+    to_world = np.asarray(params["to_world"].matrix, np.float64).reshape(4, 4)
+
+    def number(key, default=0.0):
+        return float(np.asarray(params[key]).ravel()[0]) if key in params else default
+
+    width, height = sensor.film().crop_size()
+    return engine.Camera(
+        to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]),
+        math.radians(number("x_fov")),
+        shift_x=number("principal_point_offset_x"),
+        shift_y=-number("principal_point_offset_y") * height / width,
+        clip_start=number("near_clip"),
+        clip_end=number("far_clip", math.inf),
+    )
+
+
+def open_source(text):
+    """Open what the command line calls SCENE.
+
+    Parameters
+    ----------
+    text : str
+        Path of a .blend or Mitsuba .xml, or ``demo:NAME``.
+
+    Returns
+    -------
+    BlenderSource or MitsubaSource
+
+    Raises
+    ------
+    engine.InvalidInput
+        If there is no such scene or it cannot be opened.
+    engine.BackendUnavailable
+        If it needs bpy and there is none.
+    """
+    if text.startswith("demo:"):
+        bpy = _bpy("A demo scene")
+        from .. import demo
+
+        name = text.removeprefix("demo:")
+        if name not in demo.DEMOS:
+            raise engine.InvalidInput(f"There is no demo '{name}': choose one of {', '.join(demo.DEMOS)}.")
+        with native_output_to_stderr():
+            demo.build(name)
+        return BlenderSource()
+    path = Path(text)
+    if not path.is_file():
+        raise engine.InvalidInput(
+            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml or demo:NAME."
+        )
+    suffix = path.suffix.lower()
+    if suffix == ".xml":
+        return MitsubaSource(path)
+    if suffix != ".blend":
+        raise engine.InvalidInput(f"The scene {text} is neither a .blend nor a Mitsuba .xml.")
+    bpy = _bpy("A .blend file")
+    with native_output_to_stderr():
+        try:
+            bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False, use_scripts=False)
+        except RuntimeError as error:
+            reason = " ".join(str(error).split()).removeprefix("Error: ")
+            raise engine.InvalidInput(f"{text} cannot be opened by this Blender: {reason}") from error
+    return BlenderSource()
+
+
+def _bpy(what):
+    """The bpy module, with HoloPath's scene settings registered."""
+    try:
+        with uninterrupted():
+            import bpy
+    except ImportError as error:
+        raise engine.BackendUnavailable(
+            f"{what} needs Blender, and this Python has no bpy ({error}): install it with `pip install bpy`, "
+            "or run the same words in `blender --command holopath`."
+        ) from error
+    if not hasattr(bpy.types.Scene, "holopath"):
+        from .. import properties
+
+        properties.register()
+    return bpy
+
+
+@contextlib.contextmanager
+def uninterrupted():
+    """Ctrl-C waits for the end of the block: bpy and Mitsuba crash where it tears their import."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    arrived = []
+    before = {number: signal.signal(number, lambda *_: arrived.append(True)) for number in INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+        if arrived:
+            raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def native_output_to_stderr():
+    """While Blender loads a file, what its C code prints goes to standard error, not into our output."""
+    sys.stdout.flush()
+    saved = os.dup(1)
+    try:
+        os.dup2(2, 1)
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(saved, 1)
+        os.close(saved)

@@ -1,0 +1,1 @@
+"""Incoherent light: paths, and what is baked of it for all views."""

@@ -1,0 +1,263 @@
+"""Filling the radiance cache: light from surface to surface, then what is in view, by final gathering."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy import ndimage
+
+from ..scene.buffers import loaded
+from .atlas import BLOCK
+from .path_tracer import PathTracer
+from .radiance_cache import SUMS, zeros
+
+if TYPE_CHECKING:
+    from ..progress import PartProgress
+    from .radiance_cache import Groups, RadianceCache
+
+SOURCE_SAMPLES = 4  # of each group, for each bounce
+REST = 0.03  # of the texels may stay noisier than wished
+ROUND = 16  # samples of a texel between two looks at the noise
+SETTLED = 1e-3  # of all light: bounces that add less are left out
+SMOOTH_OVER = 0.15  # of the harmonic mean distance to other surfaces: light from them varies little over that
+STRIDES = (1, 2, 4, 8, 16)  # groups of texels
+
+
+def solve(scene: mi.Scene, cache: RadianceCache, max_depth: int, seed: int, progress: PartProgress) -> None:
+    """Light on groups of texels, one bounce more at a time: the source that final gathering looks up.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    cache : RadianceCache
+    max_depth : int
+        Vertices of a path.
+    seed : int
+    progress : callable
+        ``progress(done)``, may raise.
+    """
+    groups = cache.coarse
+    tracer = PathTracer(max_depth, cache=cache)
+    # one for the view alone, whose rays now and then meet what no probe met
+    bounces, before = max(max_depth - 2, 1) if len(groups) and max_depth > 1 else 0, 0.0
+    for bounce in range(bounces):
+        sums = _sums(
+            scene,
+            cache,
+            tracer,
+            groups,
+            np.arange(len(groups)),
+            SOURCE_SAMPLES,
+            np.zeros(len(groups)),
+            seed + bounce,
+            lambda done, bounce=bounce: progress((bounce + done) / bounces),
+        )
+        source = np.concatenate([sums[:, :3] + sums[:, 3:6], sums[:, 6:7]], axis=1)
+        cache.source = loaded(mi.Float, source.ravel())
+        total = source[:, :3].sum(dtype=float)
+        if abs(total - before) <= SETTLED * total:
+            break
+        before = total
+    progress(1.0)
+
+
+def _sums(scene, cache, tracer, groups, which, samples, done, seed, progress):
+    """Sums over samples of some of the groups, [group, SUMS]; see `RadianceCache.sample`.
+
+    `done`, a number each, tells how many they have had before.
+    """
+    pool = loaded(mi.UInt32, groups.pool)
+    sums = np.empty((len(which), len(SUMS)), np.float32)
+    size = cache.lanes
+    for first in range(0, len(which), size):
+        part = slice(first, first + size)
+        lanes = (groups.starts[which[part]], groups.counts[which[part]], done[part])
+        starts, counts, before = (loaded(mi.UInt32, np.resize(values, size)) for values in lanes)
+        found = cache.sample(scene, tracer, pool, starts, counts, samples, before, seed * 9973 + first)
+        dr.eval(found)
+        for k, values in enumerate(found):
+            sums[part, k] = np.array(values)[: len(sums[part])]
+        progress(min(1.0, (first + size) / len(which)))
+    return sums
+
+
+def gather(
+    scene: mi.Scene,
+    cache: RadianceCache,
+    groups: Groups,
+    max_depth: int,
+    limit: float,
+    noise: float,
+    most: int,
+    seed: int,
+    progress: PartProgress,
+) -> tuple[int, float, float]:
+    """Bake texels until their noise is low: final gathering, which looks up the source.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    cache : RadianceCache
+    groups : Groups
+        Of texels that are not baked yet.
+    max_depth : int
+        Vertices of a path.
+    limit : float
+        See `PathTracer`.
+    noise : float
+        Standard error of a group to aim at, relative to its mean.
+    most : int
+        Samples of a group.
+    seed : int
+    progress : callable
+        ``progress(done)``, may raise.
+
+    Returns
+    -------
+    samples : int
+        Taken in all.
+    noise, error : float
+        Standard error reached by all but a share REST of the groups, and its root mean square over the light.
+    """
+    if not len(groups):
+        return 0, 0.0, 0.0
+    before = dr.width(cache.fine) // 4
+    cache.add(groups, np.zeros((len(groups), 4)))
+    fine = cache.fine
+    cache.fine = zeros(dr.width(fine))  # rays look up the source alone, whatever is baked already
+    tracer = PathTracer(max_depth, limit, cache)
+    sums = np.zeros((len(groups), len(SUMS)), np.float32)
+    filter = _Filter(cache, groups, before)
+    left, taken, done = np.arange(len(groups)), 0, 0
+    while True:
+        # few groups take several rounds at once
+        rounds = int(np.clip(cache.lanes // len(left), 1, max(1, (most - done) // ROUND)))
+        found = _sums(
+            scene,
+            cache,
+            tracer,
+            groups,
+            np.tile(left, rounds),
+            ROUND,
+            np.repeat(done + ROUND * np.arange(rounds), len(left)),
+            seed + 100 + done,
+            lambda part, done=done, rounds=rounds: progress((done + ROUND * rounds * part) / most),
+        )
+        sums[left] += found.reshape(rounds, len(left), -1).sum(0)
+        taken, done = taken + ROUND * rounds * len(left), done + ROUND * rounds
+        values, variance = filter.smoothed(sums)
+        reached = _noise(cache.atlas, groups.leaders, values, variance)
+        left = left[reached[left] > noise]
+        if len(left) <= REST * len(groups) or done >= most:
+            break
+    known = (sums[:, 6] > 0).astype(np.float32)
+    new = loaded(mi.Float, np.column_stack([values, known]).ravel())
+    dr.scatter(fine, new, dr.arange(mi.UInt32, 4 * len(groups)) + 4 * before)
+    cache.fine = fine
+    light = values.mean(1)
+    bright = np.minimum(light, np.percentile(light, 95))  # lamps' surroundings must not hide the rest
+    error = math.sqrt((bright * reached**2).sum() / max(bright.sum(), 1e-30))
+    return taken, float(np.quantile(reached, 1 - REST)), error
+
+
+class _Filter:
+    """Averages light that came by way of other surfaces over the distance in which it hardly varies.
+
+    That is where distance / R + sqrt(1 - n.n') stays small, with R the harmonic mean distance to them and n, n' the
+    normals (Ward, Rubinstein and Clear 1988, "A ray tracing solution for diffuse interreflection", equation 5). An
+    à-trous filter (Dammertz et al. 2010) with such neighbours; shadows of lamps stay as they are.
+
+    Parameters
+    ----------
+    cache : RadianceCache
+    groups : Groups
+        Neighbours are as many of them apart as texels elsewhere.
+    first : int
+        The groups' first slot.
+    """
+
+    def __init__(self, cache, groups, first):
+        self._atlas, self._slots, self._first = cache.atlas, cache.slots, first
+        self._texels = loaded(mi.UInt32, groups.leaders)
+        self._sides = mi.Int(np.broadcast_to(groups.sides, len(groups)))
+        surface, front = self._atlas.place(self._texels, mi.Point2f(0.5))
+        si = surface.compute_surface_interaction(mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1)))
+        normal = dr.select(front, si.n, -si.n)
+        self._place = _flat(*si.p, 0.0)
+        self._normal = _flat(*normal, 0.0)
+
+    def smoothed(self, sums):
+        """Mean R [texel, 3], and variance of its mean channel [texel]."""
+        count = np.maximum(sums[:, 6:7], 1)
+        mean, inverse = sums[:, :6] / count, sums[:, 7] / count[:, 0]
+        of = [mean[:, :3].mean(1), mean[:, 3:].mean(1)]
+        # samples are spread evenly: the halves differ less than their variance says
+        noise = [(2 * sums[:, 8 + k] / count[:, 0] - m) ** 2 for k, m in enumerate(of)]
+        light = loaded(mi.Float, np.column_stack([mean[:, 3:], noise[1]]).ravel())
+        self._radius = loaded(mi.Float, SMOOTH_OVER / np.maximum(inverse, 1e-9))
+        weight = loaded(mi.Float, sums[:, 6])
+        for stride in STRIDES:
+            light = self._step(light, weight, stride)
+        light = np.array(light).reshape(-1, 4)
+        return mean[:, :3] + light[:, :3], noise[0] + light[:, 3]
+
+    def _step(self, light, weight, stride):
+        radius = self._radius
+        number = dr.arange(mi.UInt32, dr.width(self._texels))
+        place, normal = (_vector(table, number) for table in (self._place, self._normal))
+        width, size = self._atlas.width, self._atlas.size
+        column, line = mi.Int(self._texels % width), mi.Int(self._texels // width)
+        total, variance, share = mi.Color3f(0), mi.Float(0), mi.Float(0)
+        for over in (-1, 0, 1):
+            for down in (-1, 0, 1):
+                x, y = column + over * stride * self._sides, line + down * stride * self._sides
+                inside = (x >= 0) & (x < width) & (y >= 0) & (y < size // width)
+                slot = dr.gather(mi.UInt32, self._slots, 2 * mi.UInt32(y * width + x), inside)
+                inside &= slot >= self._first
+                at = slot - self._first
+                there = _vector(self._place, at, inside)
+                facing = _vector(self._normal, at, inside)
+                reach = dr.minimum(radius, dr.gather(mi.Float, self._radius, at, inside))
+                turn = dr.safe_sqrt(1 - dr.dot(facing, normal))
+                near = dr.norm(there - place) <= reach * (1 - turn / SMOOTH_OVER)
+                inside &= near | (over == down == 0)
+                value = dr.gather(mi.Vector4f, light, at, inside)
+                w = dr.select(inside, dr.gather(mi.Float, weight, at, inside), 0) / (
+                    1 << abs(over) + abs(down)
+                )
+                total += w * mi.Color3f(value.x, value.y, value.z)
+                variance += dr.square(w) * value.w
+                share += w
+        share = dr.maximum(share, 1e-15)
+        return _flat(*(total / share), variance / dr.square(share))
+
+
+def _flat(*values):
+    """Four numbers side by side for each lane."""
+    flat = dr.ravel(mi.Vector4f(*values))
+    dr.eval(flat)
+    return flat
+
+
+def _vector(flat, index, active=True):
+    """The first three of the `_flat` numbers of a lane."""
+    # pyrefly: ignore[missing-attribute]  # Dr.Jit's stubs have no swizzles
+    return dr.gather(mi.Vector4f, flat, index, active).xyz
+
+
+def _noise(atlas, texels, values, variance):
+    """Standard error of the block that each texel lies in, relative to its mean: a texel alone does not know it.
+
+    Errors are seen in amplitudes: below the median M of the view's light L, relative to sqrt(L M).
+    """
+    across, down = atlas.width // BLOCK, atlas.size // atlas.width // BLOCK
+    block = texels // atlas.width // BLOCK * across + texels % atlas.width // BLOCK
+    sums = [np.bincount(block, v, across * down) for v in (variance, values.mean(1), np.ones(len(texels)))]
+    # with the blocks around: one that came out dark by chance would seem less noisy than it is
+    variance, mean, count = (ndimage.uniform_filter(v.reshape(down, across), 3).ravel()[block] for v in sums)
+    variance, mean = (np.maximum(v / count, 0) for v in (variance, mean))
+    return np.sqrt(variance / np.maximum(mean * np.maximum(mean, np.median(mean)), 1e-30))

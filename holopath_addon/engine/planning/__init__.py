@@ -1,0 +1,1 @@
+"""A first look at a scene, and how much of it has to be modelled."""

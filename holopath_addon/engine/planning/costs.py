@@ -1,0 +1,195 @@
+"""Estimates of a plan's seconds and memory, from the speeds that the probe measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from ..tracing.kernel_table import LEVELS
+from ..waves import despeckle
+from ..waves.phase_fields import SETS
+from .pilot import LEAST_SHARE
+
+if TYPE_CHECKING:
+    from ..hologram import Hologram
+    from ..settings import Settings
+    from .pilot import Light, Probe
+
+CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
+# of an occupied cell: twenty-two sums of 8 bytes, tables of its filter, and the means made of them
+CELL_BYTES = 448
+SURFACES = 2  # occupied slabs of a pixel column, roughly
+ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
+MOST_TEXELS = 1 << 25
+TEXEL_BYTES = 48  # with what making them takes
+
+# Of the time that the probe's rays and paths take, alone in their kernels; over ten scenes (docs/measurements.md).
+RAY, CHAIN, PATH = 0.6, 0.85, 0.85
+
+# Seconds on the machine that `machine.slowness` compares with.
+SUM = 2.0e-9, 0.3e-9  # of a ray, and of each of its frames and wavelengths
+TRACING, PATHS = 0.05, 0.08  # to begin with rays, and with paths
+TABLES = 0.01, 0.025  # of kernel tables and regions, and of each plane's
+TEXTURE = 0.2  # of a path's time that a ray takes to see a texture alone
+SHARE = 1.2e-6  # of a column of the radiance map, whose grains look at their neighbors
+COMPILED = 0.05  # that the pilot's programs took to compile at least, where those of the rendering do, too
+# of rays, and times the pilot's; of what grains share, and times the pilot's of paths
+COMPILING = 0.1, 1.5, 0.6, 1.6
+MOVE = 0.024e-6  # of a pixel's way to another plane, of each frame and wavelength
+LOOK, CHARTS, ROW = 0.3, 1.6, 1.1e-6  # of baking: to begin, of meshes with charts, and of each triangle
+# The same of what was baked before, and of each texel of all.
+LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
+FOUND = 0.12  # to see what is wanted of it
+CHARTED = 2000  # triangles from which on charts take their whole time
+
+# Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
+# mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
+# first surface that lamps light; and such paths that tell how much is left to trace.
+GROUPS_PIXEL, GROUPS_TRIANGLE, GROUPS_SEEN = 1.4, 1.5, 400e3
+GROUP, BETWEEN, SAMPLE, PILOT = 22, 5.5e6, 1.1, 1e6
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a plan has to do.
+
+    Attributes
+    ----------
+    columns : int
+        Pixels of the radiance map.
+    plain, chained : float
+        Rays a pixel of the hologram, and those that mirrors or clear surfaces are in view of, branches included.
+    passes, textures : int
+        Radiance paths of a column that will be taken, roughly, and rays that see its texture alone.
+    texture : dict or None
+        Seconds of the stages of the radiance cache, where there is one.
+    traversals : int
+        Times that rays are traced: for all wavelengths together or for each.
+    planes : int
+        Recording planes.
+    images : bool
+        Whether some of these record images only, which are brought to the others.
+    """
+
+    columns: int
+    plain: float
+    chained: float
+    passes: int
+    textures: int
+    texture: dict[str, float] | None
+    traversals: int
+    planes: int
+    images: bool
+
+
+def baking(
+    hologram: Hologram,
+    seen: Probe,
+    light: Light,
+    columns: int,
+    few: tuple[int, int],
+    baked: float | None,
+    triangles: int,
+    slowness: float,
+) -> dict[str, float]:
+    """Seconds of the radiance cache and of the few paths that are left with it, by stage.
+
+    `baked` is the share of the view whose light was baked before and is loaded, None where none of the scene was.
+    """
+    charted = min(1.0, triangles / CHARTED)
+    groups = hologram.width * hologram.height * seen.diffuse * GROUPS_PIXEL + triangles * GROUPS_TRIANGLE
+    samples = (1 - (baked or 0)) * GROUP * (groups + (GROUPS_SEEN if seen.specular > LEAST_SHARE else 0))
+    if baked is None:
+        bake, samples = LOOK + CHARTS * charted + ROW * triangles, samples + BETWEEN
+    else:
+        bake = FOUND
+    looks = replace(light, paths_per_second=light.short_per_second)
+    return {
+        "bake": slowness * bake + SAMPLE * samples / light.short_per_second,
+        "radiance": map_seconds(looks, columns, *few, slowness) + PILOT / light.short_per_second,
+    }
+
+
+def loading(texels: int, triangles: int, slowness: float) -> float:
+    """Seconds to load what was baked before: a texture of so many texels."""
+    return slowness * (LOAD + LOAD_ROW * triangles + LOAD_TEXEL * texels)
+
+
+def map_seconds(light: Light, columns: int, passes: int, textures: int, slowness: float) -> float:
+    """Seconds of the radiance map: of its paths, of rays that see textures alone, and of what grains share."""
+    share = slowness * SHARE * columns * _shares(light)
+    return path_seconds(light, columns * (passes + TEXTURE * textures), slowness) + share
+
+
+def _shares(light):
+    """Whether anything is in view that shares light, which what shines itself does not."""
+    return light.shining < 1 - LEAST_SHARE
+
+
+def path_seconds(light: Light, paths: float, slowness: float) -> float:
+    """Seconds of radiance paths."""
+    return slowness * PATHS + PATH * paths / light.paths_per_second
+
+
+def stages(
+    hologram: Hologram, settings: Settings, seen: Probe, light: Light, work: Work, slowness: float
+) -> dict[str, float]:
+    """Estimated seconds of each stage of a render, by the names that its report gives them; see `machine.slowness`."""
+    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+    own = slowness * (SUM[0] + SUM[1] * frames * colours)
+    rays = work.plain * (RAY / seen.rays_per_second + own)
+    rays += work.chained * (CHAIN / seen.chains_per_second + own)
+    out = {
+        "kernel tables": slowness * (TABLES[0] + TABLES[1] * work.planes),
+        "wave tracing": work.traversals * (slowness * TRACING + pixels * rays),
+        "propagation": slowness * pixels * frames * colours * MOVE * work.planes,
+    }
+    if settings.radiance == "ray":
+        paths = pixels * (work.plain + work.chained) * settings.paths
+        out["wave tracing"] += work.traversals * path_seconds(light, paths, slowness)
+    elif work.texture is None:
+        out["radiance"] = work.traversals * map_seconds(
+            light, work.columns, work.passes, work.textures, slowness
+        )
+    else:
+        out |= work.texture
+    if light.compiling > slowness * COMPILED:
+        out["wave tracing"] += slowness * COMPILING[0] + COMPILING[1] * seen.compiling
+        out["radiance"] = (
+            out.get("radiance", 0.0)
+            + slowness * COMPILING[2] * _shares(light)
+            + COMPILING[3] * light.compiling
+        )
+    if settings.despeckle:
+        many = despeckle.BATCHES * SETS[-1]
+        out["despeckle"] = (
+            pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second
+            + slowness * pixels * many * colours * ((work.plain + work.chained) * 0.3e-9 + 1e-6)
+            + slowness * pixels * frames * colours * settings.despeckle * 25e-9
+        )
+    return out
+
+
+def memory(
+    hologram: Hologram,
+    settings: Settings,
+    work: Work,
+    margin: int,
+    slabs: int,
+    bins: int,
+    binned: float,
+    splits: int,
+) -> float:
+    """Estimated bytes of the arrays at most.
+
+    `binned` is the share of the occupied cells that have all pupil bins.
+    """
+    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+    fields = pixels * frames * (colours * (1 + work.images) + 1) * 8
+    if settings.despeckle:
+        # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
+        fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
+    tables = LEVELS[1] * margin**2 * 8 * colours
+    radiance = work.columns * ((16 * slabs << splits) + SURFACES * (1 + (bins**2 - 1) * binned) * CELL_BYTES)
+    texels = 0 if work.texture is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
+    return fields + tables + radiance + texels + CHUNK_BYTES

@@ -1,0 +1,348 @@
+"""Which Mitsuba variant computes, and a libLLVM that is new enough for it.
+
+Dr.Jit brings no LLVM. It loads whatever libLLVM it finds, once, when it is first imported; with LLVM 15 or
+16 the first minimum or maximum then aborts the process. So the library is chosen and its version checked
+here, before Dr.Jit is imported, and handed over in `DRJIT_LIBLLVM_PATH`: HoloPath's own, which comes as the package
+holopath_llvm with the extension and with `make env`, else the system's newest. CUDA needs no LLVM.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+import re
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import BackendUnavailable, InvalidInput
+
+CUDA = "cuda_ad_rgb"
+LLVM = "llvm_ad_rgb"
+MINIMUM_LLVM = 19
+
+_LIBRARY_NAME = re.compile(r"libLLVM(-[\d.]+)?\.(so(\.[\w.-]+)?|dylib)|LLVM-C\.dll")
+_VERSION_IN_NAME = re.compile(r"libLLVM(?:-|\.so\.)(\d+)(?:\.(\d+))?")
+_VERSION_IN_FOLDER = re.compile(r"llvm[-@]?(\d+)")
+_OWN = "holopath_llvm"
+
+_lock = threading.RLock()
+# Variants that know our plugins. Mitsuba outlives this module where Blender installs a new version of HoloPath.
+_extended = set()
+
+
+def activate(prefer: str | None = None) -> str:
+    """Set the Mitsuba variant to compute with; cheap to repeat, callable from any thread.
+
+    Parameters
+    ----------
+    prefer : {'cuda_ad_rgb', 'llvm_ad_rgb'}, optional
+        Variant to use. Default: the one already set if it is one of these, else CUDA where there is a
+        device with OptiX, else LLVM.
+
+    Returns
+    -------
+    str
+        Name of the variant now set.
+
+    Raises
+    ------
+    InvalidInput
+        If `prefer` is no such variant.
+    BackendUnavailable
+        Where Mitsuba is not installed, or neither a CUDA device nor a libLLVM of 19 or newer can be used.
+    """
+    if prefer not in (None, CUDA, LLVM):
+        raise InvalidInput(f"There is no backend '{prefer}': choose {CUDA} or {LLVM}.")
+    with _lock:
+        current = _current_variant()
+        wanted = prefer or current or (CUDA if _cuda_device()[0] else LLVM)
+        if wanted == CUDA and current != CUDA:
+            usable, detail = _cuda_device()
+            if not usable:
+                raise BackendUnavailable(f"{CUDA} cannot be used: {detail}; choose {LLVM} instead.")
+        for kind in (np.float32, np.float64):
+            np.finfo(
+                kind
+            )  # which warns if asked first after Dr.Jit has made the processor flush subnormal numbers
+        if "drjit" not in sys.modules:
+            _choose_llvm(required=wanted == LLVM)
+        mitsuba = _import_mitsuba()
+        if wanted == CUDA and not _initialised("CUDA"):
+            if prefer:
+                raise BackendUnavailable(
+                    f"Dr.Jit cannot use CUDA with this driver: update it, or choose {LLVM}."
+                )
+            wanted = LLVM
+        if wanted == LLVM:
+            _check_loaded_llvm()
+            _limit_threads()
+        if wanted != current:
+            try:
+                mitsuba.set_variant(wanted)
+            except ImportError as error:
+                raise BackendUnavailable(f"Mitsuba cannot start {wanted}: {_one_line(error)}.") from error
+        if wanted != current or wanted not in _extended:
+            from . import closures, dispersion, lamps, mixture
+
+            closures.register()
+            dispersion.register()
+            lamps.register()
+            mixture.register()
+            _extended.add(wanted)
+        return wanted
+
+
+def threads() -> int:
+    """How many threads this process may compute with: `HOLOPATH_THREADS`, or one for each processor.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InvalidInput
+        If `HOLOPATH_THREADS` is no whole number from 1 on.
+    """
+    text = os.environ.get("HOLOPATH_THREADS", "")
+    if not text:
+        return os.cpu_count() or 1
+    if not (text.isdecimal() and int(text) > 0):
+        raise InvalidInput(f"HOLOPATH_THREADS is '{text}': set it to a whole number from 1 on, or unset it.")
+    return int(text)
+
+
+def describe() -> list[dict]:
+    """List the backends of this machine; raises nothing and activates nothing.
+
+    Returns
+    -------
+    list of dict
+        For each variant its `name`, whether it is `available`, and in `detail` the device or library that
+        it uses, or what is missing.
+    """
+    with _lock:
+        usable, detail = _cuda_device()
+        rows = [{"name": CUDA, "available": usable, "detail": detail}]
+        try:
+            path, version = find_llvm()
+            where = "HoloPath's own" if Path(path).parent in _own_folders() else path
+            row = {"available": True, "detail": f"LLVM {_dotted(version)}, {where}"}
+        except BackendUnavailable as error:
+            row = {"available": False, "detail": str(error)}
+        return rows + [{"name": LLVM, **row}]
+
+
+def find_llvm() -> tuple[str, tuple[int, ...]]:
+    """Find a usable libLLVM: HoloPath's own, else the newest; `DRJIT_LIBLLVM_PATH`, where set, is the only candidate.
+
+    Returns
+    -------
+    path : str
+    version : tuple of int
+        (major, minor, patch), as the library itself reports it.
+
+    Raises
+    ------
+    BackendUnavailable
+        Where none of version 19 or newer can be loaded.
+    """
+    chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
+    if chosen:
+        version, problem = _probe(Path(chosen))
+        if version is None:
+            raise BackendUnavailable(
+                f"DRJIT_LIBLLVM_PATH names {chosen}, which {problem}: {_how_to_install()} "
+                "and point it there, or unset it."
+            )
+        return chosen, version
+    problems = []
+    for path in _candidates():
+        version, problem = _probe(path)
+        if version is not None:
+            return str(path), version
+        problems.append(f"{path} {problem}")
+    found = f" ({problems[0]})" if problems else ""
+    raise BackendUnavailable(
+        f"Mitsuba computes on the CPU with LLVM, and none that is new enough was found{found}: "
+        f"{_how_to_install()}, or set DRJIT_LIBLLVM_PATH to its path."
+    )
+
+
+def _current_variant():
+    """Name of the variant already set in this process if it is one of ours, else None."""
+    mitsuba = sys.modules.get("mitsuba")
+    variant = mitsuba.variant() if mitsuba is not None and hasattr(mitsuba, "variant") else None
+    return variant if variant in (CUDA, LLVM) else None
+
+
+def _choose_llvm(required):
+    """Tell Dr.Jit, which is about to be imported, which LLVM to load; without CUDA there must be one."""
+    try:
+        os.environ["DRJIT_LIBLLVM_PATH"] = find_llvm()[0]
+    except BackendUnavailable:
+        if required:
+            raise
+
+
+def _import_mitsuba():
+    try:
+        import mitsuba
+    except ImportError as error:
+        raise BackendUnavailable(
+            f"Mitsuba 3 cannot be imported ({_one_line(error)}): install it with `pip install mitsuba`, "
+            "or in Blender install the HoloPath extension for your platform again."
+        ) from error
+    return mitsuba
+
+
+def _initialised(backend):
+    import drjit
+
+    return bool(drjit.has_backend(getattr(drjit.JitBackend, backend)))
+
+
+def _check_loaded_llvm():
+    """Raise unless the LLVM that Dr.Jit has loaded by now is new enough to evaluate anything."""
+    import drjit
+
+    if not _initialised("LLVM"):
+        raise BackendUnavailable(
+            "Dr.Jit was imported before HoloPath and found no LLVM that it can use: "
+            f"{_how_to_install()}, set DRJIT_LIBLLVM_PATH to its path, and start again."
+        )
+    version = drjit.detail.llvm_version()
+    if version[0] < MINIMUM_LLVM:
+        raise BackendUnavailable(
+            f"Dr.Jit has loaded LLVM {_dotted(version)}, which crashes it: "
+            f"{_how_to_install()}, set DRJIT_LIBLLVM_PATH to its path, and start again."
+        )
+
+
+def _limit_threads():
+    """Have Dr.Jit compute with no more threads than `threads`; by itself it takes one for each processor.
+
+    But for one beside the caller's: OpenEXR files are written and read by that, and would be waited for in vain.
+    """
+    import drjit
+
+    count = max(2, threads())
+    if drjit.thread_count() != count:
+        drjit.set_thread_count(count)
+
+
+def _cuda_device():
+    """Whether CUDA and OptiX can be used, and the first device's name or what is missing."""
+    if sys.platform == "darwin":
+        return False, "CUDA does not exist on macOS"
+    try:
+        cuda = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return False, "no NVIDIA driver is installed"
+    count = ctypes.c_int(0)
+    if cuda.cuInit(0) != 0 or cuda.cuDeviceGetCount(ctypes.byref(count)) != 0 or count.value < 1:
+        return False, "the NVIDIA driver reports no device"
+    if os.name != "nt":
+        try:
+            ctypes.CDLL("libnvoptix.so.1")
+        except OSError:
+            return False, "the NVIDIA driver lacks OptiX (libnvoptix.so.1)"
+    name = ctypes.create_string_buffer(256)
+    cuda.cuDeviceGetName(name, len(name), 0)
+    return True, name.value.decode(errors="replace") or "NVIDIA device"
+
+
+def _candidates():
+    """Library files that may be a libLLVM: HoloPath's own first, then the system's, newest first."""
+    found = {}
+    for rank, folders in enumerate((_own_folders(), _system_folders())):
+        for folder in folders:
+            for path in _files_in(folder):
+                if _LIBRARY_NAME.fullmatch(path.name) and path.exists():
+                    found.setdefault(path.resolve(), (rank, path))
+    order = sorted(found.items(), key=lambda item: (item[1][0], [-n for n in _named_version(item[0])]))
+    return [path for path, _ in order]
+
+
+def _own_folders():
+    """Where the LLVM lies that HoloPath brings: a package without code, beside Mitsuba's."""
+    package = importlib.util.find_spec(_OWN)
+    return [Path(folder) for folder in package.submodule_search_locations or ()] if package else []
+
+
+def _system_folders():
+    if os.name == "nt":
+        programs = [os.environ.get(name) for name in ("ProgramFiles", "ProgramW6432")]
+        folders = [Path(p) / "LLVM" / "bin" for p in programs if p]
+        return folders + [Path(p) for p in os.environ.get("PATH", "").split(os.pathsep) if p]
+    if sys.platform == "darwin":
+        roots = [Path("/opt/homebrew/opt"), Path("/usr/local/opt"), Path("/opt/local/libexec")]
+        return [folder for root in roots for folder in sorted(root.glob("llvm*/lib"))]
+    folders = [Path(p) for p in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if p]
+    folders += [Path(sys.prefix) / "lib"]
+    usr = Path("/usr")
+    for pattern in ("lib", "lib64", "lib/*-linux-gnu", "lib/llvm*/lib*", "lib64/llvm*/lib*", "local/lib"):
+        folders += sorted(usr.glob(pattern))
+    return folders
+
+
+def _files_in(folder):
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
+
+
+def _named_version(path):
+    """(major, minor) as far as the file's or its folder's name tells, (0, 0) where it does not."""
+    in_name = _VERSION_IN_NAME.match(path.name)
+    if in_name:
+        return int(in_name[1]), int(in_name[2] or 0)
+    in_folder = _VERSION_IN_FOLDER.findall(str(path.parent))
+    return (int(in_folder[-1]), 0) if in_folder else (0, 0)
+
+
+def _probe(path):
+    """Return (version, None) of a usable library, or (None, problem), the problem as the rest of a sentence.
+
+    A library whose name tells that it is too old is not loaded: every LLVM loaded stays in the process.
+    """
+    major = _named_version(path.resolve() if path.exists() else path)[0]
+    if 0 < major < MINIMUM_LLVM:
+        return None, f"is LLVM {major}"
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        return None, f"cannot be loaded ({_one_line(error)})"
+    try:
+        get_version = library.LLVMGetVersion
+    except AttributeError:
+        return None, "is older than LLVM 16"
+    numbers = [ctypes.c_uint(0) for _ in range(3)]
+    get_version(*map(ctypes.byref, numbers))
+    version = tuple(n.value for n in numbers)
+    if version[0] < MINIMUM_LLVM:
+        return None, f"is LLVM {_dotted(version)}"
+    return version, None
+
+
+def _how_to_install():
+    if os.name == "nt":
+        how = "https://github.com/llvm/llvm-project/releases"
+    elif sys.platform == "darwin":
+        how = "`brew install llvm`"
+    else:
+        how = "Debian, Ubuntu: `apt install libllvm19`; Fedora: `dnf install llvm-libs`"
+    return f"install LLVM {MINIMUM_LLVM} or newer ({how})"
+
+
+def _dotted(version):
+    return ".".join(map(str, version))
+
+
+def _one_line(error):
+    return " ".join(str(error).split()).rstrip(".")

@@ -1,0 +1,1 @@
+"""From grains of light to the wave on a recording plane."""

@@ -1,0 +1,236 @@
+"""A planned render's recording planes: what the rays of each see, traced as the plan says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from ..light.path_tracer import PathsPerRay, PathTracer
+from ..mapping import DepthMapping
+from ..scene.buffers import loaded
+from ..scene.rays import Rays, intersect
+from ..scene.specular_chains import FirstHits, Images, OwnLight, optics_of
+from .estimators import LatticeEstimator, RandomEstimator
+from .grain_grid import GrainGrid
+from .grains import measure_grains
+from .kernel_table import Lattice, directions_of, kernel_table
+from .regions import Region, regions_of
+from .wave_tracer import Part, trace_field
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+    from ..hologram import Hologram
+    from ..light.radiance_cache import RadianceCache
+    from ..plan import Plan, RecordingPlane
+    from ..progress import Clock, PartProgress
+    from ..settings import Settings
+    from .grains import RadianceMap
+
+SIDE = 4  # rays across a pixel that a silhouette's edge is found by
+
+
+class Recording:
+    """The parts of a planned render that need the scene.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings
+    plan : Plan
+    clock : Clock
+    cache : RadianceCache, optional
+    """
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        camera: Camera,
+        hologram: Hologram,
+        settings: Settings,
+        plan: Plan,
+        clock: Clock,
+        cache: RadianceCache | None = None,
+    ) -> None:
+        self.scene, self.camera, self.hologram = scene, camera, hologram
+        self.settings, self.plan, self.clock = settings, plan, clock
+        self.mapping = DepthMapping.of(hologram, camera, plan.near)
+        self.max_slope = hologram.widest_slope
+        walk = self.max_slope * np.ptp([plane.z for plane in plan.planes]) / hologram.pitch
+        self.beyond = math.ceil(walk)  # pixels
+        self.tracer = PathTracer(plan.max_depth, plan.radiance_limit, cache)
+        self.rays_traced, self._parts, self._estimators = {}, {}, {}
+        self.error: float | None = None
+        self.passes: int | None = None
+        self.optics = optics_of(scene, camera, plan)
+
+    def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
+        """Where the radiance of rays comes from: a map of grains, or paths of their own."""
+
+        plan, hologram, settings = self.plan, self.hologram, self.settings
+        if settings.radiance == "ray":
+            return PathsPerRay(self.tracer, settings.paths)
+        grid = GrainGrid(
+            hologram.width,
+            hologram.height,
+            plan.margin,
+            plan.slabs,
+            plan.bins,
+            plan.z_low,
+            plan.z_high,
+            plan.cone * self.max_slope,
+            self.optics.branches,
+        )
+        middle = plan.z_middle
+        ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
+        limit = max(abs(offset) + reach for offset, reach in ends)
+        rays = Rays(hologram, self.camera, self.mapping, middle, limit)
+        with self.clock("radiance"):
+            radiance = measure_grains(
+                self.scene,
+                rays,
+                self.optics,
+                self.tracer,
+                grid,
+                hologram.wavelengths[:1] if plan.grey else hologram.wavelengths,
+                plan.passes,
+                settings.seed,
+                progress,
+                plan.wanted_error,
+                plan.most_passes,
+                plan.white,
+                plan.planes if plan.regions else (),
+                plan.reach,
+                plan.textures,
+            )
+        self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
+        self.rays_traced["texture rays"] = grid.columns * grid.rows * radiance.textures
+        self.error, self.passes = radiance.error, radiance.passes
+        return radiance
+
+    @property
+    def canvas(self) -> tuple[int, int]:
+        """Rows and columns of fields on recording planes, with a margin for waves that come back from beyond."""
+        return self.hologram.height + 2 * self.beyond, self.hologram.width + 2 * self.beyond
+
+    def record(
+        self,
+        plane: RecordingPlane,
+        radiance: RadianceMap | PathsPerRay,
+        phasors: np.ndarray,
+        progress: PartProgress,
+        out: np.ndarray,
+    ) -> None:
+        """Add the wave field on a recording plane, as `tracer.trace_field`."""
+        with self.clock("kernel tables"):
+            if plane not in self._parts:
+                self._parts[plane] = self._parts_of(plane, radiance)
+            parts = self._parts[plane]
+        count = sum(len(part.pixels) * part.rays_per_pixel for part in parts)
+        self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
+        with self.clock("wave tracing"):
+            trace_field(
+                self.scene,
+                self.hologram,
+                parts,
+                radiance,
+                phasors,
+                self.settings.seed,
+                progress,
+                out,
+                self.plan.chunk,
+            )
+
+    def _parts_of(self, plane, radiance):
+        """The `Part` of each region of a plane."""
+
+        hologram, plan = self.hologram, self.plan
+        behind = plane.slab.far[0] > self.mapping.z_far
+        if plan.regions:
+            reach = directions_of(self.max_slope, plane.depth_limit, hologram.pitch, plan.cone)
+            look = radiance.looks[plan.planes.index(plane)]
+            regions = regions_of(look, hologram.width, hologram.height, plane.depth_limit, reach)
+        else:
+            pixels = np.arange(hologram.width * hologram.height, dtype=np.uint32)
+            regions = [Region(pixels, plane.depth_limit, True)]
+        parts = []
+        sky = self.camera.sees_sky and not behind
+        first_hits, chained = FirstHits(plan.coherent, sky), self.optics
+        if plane.sees == "images":
+            chained = Images(self.optics)
+        elif plan.chain and plane.sees == "surfaces":
+            chained = OwnLight(self.optics, sky)
+        for region in regions:
+            rays = Rays(
+                hologram,
+                self.camera,
+                self.mapping,
+                plane.z,
+                region.depth_limit,
+                plane.slab,
+                plane.images,
+            )
+            optics = chained if region.chains else first_hits
+            parts.append(Part(region.pixels, rays, self._estimator(region.depth_limit, plane.rays), optics))
+        return parts
+
+    def _estimator(self, depth_limit, most):
+
+        hologram = self.hologram
+        if self.settings.estimator == "paper":
+            return RandomEstimator(hologram, most, self.settings.seed)
+        if depth_limit not in self._estimators:
+            lattice = Lattice.of(
+                self.max_slope, depth_limit, hologram.pitch, self.plan.cone, most, self.plan.levels
+            )
+            tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
+            self._estimators[depth_limit] = LatticeEstimator(hologram, lattice, tables)
+        return self._estimators[depth_limit]
+
+    def silhouette(self, plane: RecordingPlane) -> np.ndarray:
+        """What share of each pixel of the canvas a slab's surfaces cover, beyond what farther planes see, from 0 to 1.
+
+        The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces at one depth. At edges a pixel
+        is as much covered as the slab's own field has light there: its rays meet a pixel of a surface at places that
+        are spread as far as they walk from the plane, up to the whole pixel.
+        """
+
+        hologram, (height, width) = self.hologram, self.canvas
+        slab = replace(plane.slab, far=(plane.slab.far[1],) * 2)
+        rays = Rays(hologram, self.camera, self.mapping, plane.z, plane.depth_limit, slab)
+        across, beyond = dr.opaque(mi.UInt32, width), dr.opaque(mi.Float, self.beyond)
+        walk = dr.opaque(mi.Float, 2 * self.max_slope / hologram.pitch)
+
+        def met(column, row):
+            ray, depth_rate = rays.world(*rays.place(column, row), mi.Float(0), mi.Float(0))
+            hit = intersect(self.scene, ray, self.plan.coherent)
+            return hit.is_valid(), rays.height_over_plane(hit.t, depth_rate, hit.is_valid())
+
+        def covered(pixel):
+            column, row = mi.Float(pixel % across) - beyond, mi.Float(pixel // across) - beyond
+            return column, row, met(column, row)
+
+        *_, (whole, _) = covered(dr.arange(mi.UInt32, width * height))
+        cover = np.array(whole).reshape(height, width).astype(np.float32)
+        edge = maximum_filter(cover, 3) != minimum_filter(cover, 3)
+        if not edge.any():
+            return cover
+        pixels = loaded(mi.UInt32, np.flatnonzero(edge))
+        column, row, (within, height) = covered(pixels)
+        share = mi.Float(0)
+        for j, i in np.ndindex(SIDE, SIDE):
+            over, up = ((n + 0.5) / SIDE - 0.5 for n in (i, j))
+            hit, dz = met(column + over, row + up)
+            spread = dr.minimum(walk * dr.abs(dr.select(within, height, dz)), 1)
+            share += dr.select(
+                (within | hit) & met(column + over * spread, row + up * spread)[0], 1 / SIDE**2, 0
+            )
+        cover[edge] = np.asarray(share)
+        return cover

@@ -1,0 +1,253 @@
+"""A picture of the scene by Mitsuba's path tracer that refines: through a pinhole or a thin lens."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..scene import variants
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from ..camera import Camera
+    from ..progress import Progress
+
+CHUNK_PATHS = 1 << 18  # between two looks at progress and cancel; a fraction of a second on two cores
+FARTHEST = 1e30  # metres; single precision stays finite
+
+
+class Preview:
+    """The view of a camera with square pixels, the mean over all paths so far.
+
+    Cameras, sizes and lenses are data to the compiled program: another view costs no compilation, see `look`.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    width, height : int
+        Pixels.
+    focus : float, optional
+        World depth that is sharp, metres; `math.inf`, the default, allowed.
+    aperture : float
+        Radius of the lens, metres; 0 is a pinhole, to which everything is sharp.
+    centre : (float, float)
+        Of the lens, metres to the right and up from the camera's axis.
+    max_depth : int
+        As `Settings.max_depth`.
+    seed : int
+
+    Attributes
+    ----------
+    spp : int
+        Paths a pixel so far.
+
+    Raises
+    ------
+    InvalidInput, BackendUnavailable
+    """
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        camera: Camera,
+        width: int,
+        height: int,
+        focus: float | None = None,
+        aperture: float = 0.0,
+        max_depth: int = 8,
+        seed: int = 0,
+        centre: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        variants.activate()
+        self._scene, self._max_depth, self._seed = scene, max_depth, seed
+        self._integrators = {}
+        self.look(camera, width, height, focus, aperture, centre)
+
+    def look(
+        self,
+        camera: Camera,
+        width: int,
+        height: int,
+        focus: float | None = None,
+        aperture: float = 0.0,
+        centre: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Start anew with another view of the scene; parameters as above."""
+        import drjit as dr
+        import mitsuba as mi
+
+        from ..scene.buffers import constant
+
+        if width < 1 or height < 1:
+            raise InvalidInput(f"A picture of {width} x {height} pixels is empty: give it at least one.")
+        if focus is not None and not focus > 0:
+            raise InvalidInput(
+                "A focus distance must be in front of the camera: give a positive number of meters, or inf."
+            )
+        self._lens = Lens(camera, width, height, focus or math.inf)
+        self._aperture, self._centre = number(aperture), constant(mi.Point2f, centre)
+        if camera.sees_sky not in self._integrators:
+            self._integrators[camera.sees_sky] = path_tracer(self._scene, camera.sees_sky, self._max_depth)
+        self._integrator = self._integrators[camera.sees_sky]
+        self._size, self._width = (height, width), dr.opaque(mi.UInt32, width)
+        self._light = np.zeros((height * width, 3), np.float32)
+        self._launches = 0
+        self.spp = 0
+
+    def refine(self, spp: int = 1, progress: Progress | None = None) -> np.ndarray:
+        """Add paths.
+
+        Parameters
+        ----------
+        spp : int
+            Paths a pixel.
+        progress : callable, optional
+            ``progress(done, message)``, may raise `Cancelled`: the picture is then as it was.
+
+        Returns
+        -------
+        numpy.ndarray, float32, shape (y, x, 3)
+            Mean of all paths so far, linear, row 0 at the top; an array of its own.
+
+        Raises
+        ------
+        Cancelled
+        """
+        progress = progress or (lambda done, message: None)
+        light = np.empty_like(self._light)
+        at_once = max(1, CHUNK_PATHS // spp)
+        for first in range(0, len(light), at_once):
+            progress(first / len(light), "Preview")
+            part = slice(first, min(first + at_once, len(light)))
+            light[part] = self._trace(first, part.stop - first, spp)
+        self._light += light
+        self.spp += spp
+        return (self._light / self.spp).reshape(*self._size, 3)
+
+    def _trace(self, first, pixels, spp):
+        """Sums over new paths of some pixels."""
+        import drjit as dr
+        import mitsuba as mi
+
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(dr.opaque(mi.UInt32, (self._seed * 9973 + self._launches) & 0xFFFFFFFF), pixels)
+        self._launches += 1
+        index = dr.arange(mi.UInt32, pixels) + dr.opaque(mi.UInt32, first)
+        row = index // self._width
+        corner = mi.Point2f(index - row * self._width, row)
+        paths = dr.opaque(mi.UInt32, spp)
+
+        def body(count, light, sampler):
+            place, point = corner + sampler.next_2d(), sampler.next_2d()
+            point = self._centre + self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
+            found, _, _ = self._integrator.sample(self._scene, sampler, self._lens.ray(place, point))
+            return count + 1, light + dr.select(dr.isfinite(found), found, 0), sampler
+
+        state = (mi.UInt32(0), mi.Color3f(0), sampler)
+        _, light, _ = dr.while_loop(state, lambda n, *_: n < paths, body, label="preview")
+        dr.eval(light)
+        return np.stack([np.asarray(c) for c in light], axis=-1)
+
+
+class Lens:
+    """Rays from points of a lens through a picture in the plane in focus; parameters as of `Preview`."""
+
+    def __init__(self, camera: Camera, width: int, height: int, focus: float) -> None:
+        import mitsuba as mi
+
+        from ..scene.buffers import constant
+
+        size = 2 * math.tan(camera.fov_x / 2)  # of the picture at unit depth
+        self._pitch = number(size / width)
+        self._left = number(size * (camera.shift_x - 0.5))
+        self._top = number(size * (camera.shift_y + 0.5 * height / width))
+        self._position = constant(mi.Point3f, camera.position)
+        self._right, self._up, self._forward = (constant(mi.Vector3f, axis) for axis in camera.axes)
+        self._start, self._end = number(camera.clip_start), number(min(camera.clip_end, FARTHEST))
+        self._curvature = number(1 / focus)
+
+    def ray(self, place: mi.Point2f, point: mi.Point2f) -> mi.RayDifferential3f:
+        """Rays to places in the picture.
+
+        Parameters
+        ----------
+        place : mitsuba.Point2f
+            Pixels from the picture's upper left corner, to the right and down.
+        point : mitsuba.Point2f
+            Of the lens, metres to the right and up from its middle.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        tan_x = self._left + place.x * self._pitch - point.x * self._curvature
+        tan_y = self._top - place.y * self._pitch - point.y * self._curvature
+        direction = self._forward + tan_x * self._right + tan_y * self._up
+        origin = self._position + point.x * self._right + point.y * self._up + self._start * direction
+        ray = mi.RayDifferential3f(origin, dr.normalize(direction))
+        ray.maxt = (self._end - self._start) * dr.norm(direction)
+        return ray
+
+
+def number(value: float) -> mi.Float:
+    """Data, which a compiled program may be run with again, not a part of it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return dr.opaque(mi.Float, float(value))
+
+
+def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingIntegrator:
+    """Mitsuba's path tracer; with masks in view the volumetric one, as 3.9's `path` squares their opacity.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    sees_sky : bool
+        As of `Camera`.
+    max_depth : int
+
+    Returns
+    -------
+    mitsuba.SamplingIntegrator
+    """
+    import mitsuba as mi
+
+    from ..scene.lobes import SpecularLobes
+
+    kind = "volpath" if SpecularLobes(scene).passes else "path"
+    paths = mi.load_dict({"type": kind, "max_depth": max_depth, "rr_depth": max(5, max_depth)})
+    if sees_sky or scene.environment() is None:
+        return paths
+
+    class WithoutSky(mi.SamplingIntegrator):
+        """The same less what comes straight from the environment."""
+
+        def sample(self, scene, sampler, ray, medium=None, active=True):
+            light, valid, extra = paths.sample(scene, sampler, ray, medium, active)
+            return light - _sky_in_view(scene, ray, active), valid, extra
+
+    return WithoutSky(mi.Properties())
+
+
+def _sky_in_view(scene, ray, active):
+    """Radiance of the environment that reaches rays through nothing, or through masks and clear panes."""
+    import drjit as dr
+    import mitsuba as mi
+
+    def body(ray, share, active):
+        si = scene.ray_intersect(ray, active)
+        active &= si.is_valid()
+        share = dr.select(active, share * si.bsdf().eval_null_transmission(si, active), share)
+        active &= dr.max(share) > 0
+        return dr.select(active, si.spawn_ray(ray.d), ray), share, active
+
+    state = (mi.Ray3f(ray), mi.Color3f(1), mi.Bool(active))
+    ray, share, _ = dr.while_loop(state, lambda *s: s[-1], body, label="sky in view")
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+    si.wi = -ray.d
+    return dr.select(active, share * scene.environment().eval(si), 0)

@@ -1,0 +1,165 @@
+"""What a viewer sees: the stored field refocused through a pupil."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..hologram import channel
+from ..memory import shortage
+from ..waves.propagation import field_of, grid_bytes, padded_shape, spectral_u, spectrum, transfer_function
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..mapping import DepthMapping
+    from ..progress import Progress
+    from ..pupil import Pupil
+    from ..wavefield import WaveField
+
+MOST_BYTES = (
+    1 << 29
+)  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
+
+
+def pupil_mask(
+    shape: tuple[int, int], pitch: float, wavelength: float, mapping: DepthMapping, pupil: Pupil
+) -> np.ndarray:
+    """FFT bins whose plane waves pass the pupil: slope s meets the pupil plane at X = s beta / F."""
+    fy, fx = (np.fft.fftfreq(n, pitch) for n in shape)
+    cosine = np.sqrt(np.maximum(1 - spectral_u(shape, pitch, wavelength), 1e-12))
+    scale = wavelength / cosine * mapping.beta / mapping.focal
+    inside = np.hypot(fx[None, :] * scale - pupil.x, -fy[:, None] * scale - pupil.y) <= pupil.diameter / 2
+    if not (inside & (fx[None, :] ** 2 + fy[:, None] ** 2 <= (0.5 / pitch) ** 2)).any():
+        radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * pitch))))
+        raise InvalidInput(
+            f"The pupil lies outside the light, which fills a radius of {radius * 1e3:.3g} mm around the axis: "
+            f"move it there."
+        )
+    return inside
+
+
+class Refocuser:
+    """A wave field ready to be focused: the spectra of its frames are kept from one focus to the next.
+
+    Refocusing is then one inverse FFT a frame and wavelength.
+
+    Parameters
+    ----------
+    field : WaveField
+    most_bytes : int
+        Spectra that do not fit into this much memory are computed anew each time.
+    """
+
+    def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES) -> None:
+        self.field = field
+        self._most_bytes = most_bytes
+        self._spectra = {}  # by wavelength, frame and shape
+        self._lock = threading.Lock()
+
+    def __call__(
+        self, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
+    ) -> np.ndarray:
+        """Pictures at several distances, as `reconstruct`; one thread at a time."""
+        with self._lock:
+            return self._pictures(focus, pupil, progress)
+
+    def _pictures(self, focus, pupil, progress):
+        progress = progress or (lambda done, message: None)
+        field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
+        distances = mapping.depth_to_z(list(focus))
+        frames, colours, *shape = field.data.shape
+        farthest = float(np.abs(distances).max())
+        for wavelength in hologram.wavelengths:
+            needed = grid_bytes(shape, hologram.pitch, wavelength, farthest)
+            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from the SLM")
+        images = np.empty((len(distances), *shape, colours), np.float32)
+        for k, wavelength in enumerate(hologram.wavelengths):
+            sums = np.zeros((len(distances), *shape), np.float32)
+            padded = self._padded(k, farthest)
+            transfers = [transfer_function(padded, hologram.pitch, wavelength, z) for z in distances]
+            if pupil is not None:
+                mask = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil)
+                transfers = [transfer * mask for transfer in transfers]
+            for m in range(frames):
+                waves = self._spectrum(k, m, padded)
+                for total, transfer in zip(sums, transfers, strict=True):
+                    at_focus = field_of(waves * transfer, shape)
+                    total += at_focus.real**2 + at_focus.imag**2
+                progress((k * frames + m + 1) / (frames * colours), "Refocusing")
+            images[..., k] = sums / frames
+        return images
+
+    def _padded(self, k, distance):
+        """FFT shape for a wavelength and distance: that of the volume, so that spectra may be kept, if it is enough."""
+        needed = self._shape(k, distance)
+        volume = self._shape(k, max(abs(self.field.hologram.depth_far), abs(self.field.hologram.depth_near)))
+        return volume if min(np.subtract(volume, needed)) >= 0 else needed
+
+    def _shape(self, k, distance):
+        hologram = self.field.hologram
+        return padded_shape(self.field.data.shape[-2:], hologram.pitch, hologram.wavelengths[k], distance)
+
+    def _spectrum(self, k, m, padded):
+        kept = self._spectra.get((k, m, padded))
+        if kept is not None:
+            return kept
+        waves = spectrum(self.field.data[m, k], padded)
+        held = sum(wave.nbytes for wave in self._spectra.values())
+        if padded == self._padded(k, 0.0) and held + waves.nbytes <= self._most_bytes:
+            self._spectra[k, m, padded] = waves
+        return waves
+
+
+def reconstruct(
+    field: WaveField, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
+) -> np.ndarray:
+    """Time-averaged intensity of a wave field, focused at world depths.
+
+    Parameters
+    ----------
+    field : WaveField
+    focus : sequence of float
+        World depths along the camera's axis, metres; `math.inf` for the far end.
+    pupil : Pupil, optional
+        Default: the whole recordable cone.
+    progress : callable, optional
+        ``progress(done, message)``, may raise `Cancelled`.
+
+    Returns
+    -------
+    numpy.ndarray, float32, shape (focus, y, x, wavelength)
+        In the scene's radiance units, row 0 at the top.
+
+    Raises
+    ------
+    InvalidInput
+        If a focus is not in front of the camera or the pupil misses the light.
+    """
+    return Refocuser(field, most_bytes=0)(focus, pupil, progress)
+
+
+def to_rgb(image: np.ndarray, wavelengths: Sequence[float]) -> np.ndarray:
+    """Linear RGB picture of an intensity image.
+
+    Parameters
+    ----------
+    image : numpy.ndarray, shape (..., wavelength)
+    wavelengths : sequence of float
+        Metres; each lights the channel it was rendered from. A single one gives a grey picture.
+
+    Returns
+    -------
+    numpy.ndarray, float32, shape (..., 3)
+    """
+    if len(wavelengths) == 1:
+        return np.repeat(image, 3, axis=-1).astype(np.float32)
+    rgb = np.zeros((*image.shape[:-1], 3), np.float32)
+    channels = [channel(w) for w in wavelengths]
+    for k, c in enumerate(channels):
+        rgb[..., c] += image[..., k] / channels.count(c)
+    return rgb

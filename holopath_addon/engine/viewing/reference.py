@@ -1,0 +1,261 @@
+"""The truth to compare with: Mitsuba's path tracer through the hologram's pupil, one a wavelength."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+
+from ..hologram import channel
+from ..mapping import DepthMapping
+from ..planning.pilot import near_end
+from ..scene import variants
+from .preview import Lens, number, path_tracer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import mitsuba as mi
+
+    from ..camera import Camera
+    from ..hologram import Hologram
+    from ..progress import Progress
+    from ..pupil import Pupil
+
+CHUNK_PATHS = 1 << 24  # between two looks at progress and cancel; some seconds on two cores
+
+
+def reference(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    focus: Sequence[float],
+    pupil: Pupil | None = None,
+    spp: int = 256,
+    near: float | None = None,
+    max_depth: int = 8,
+    progress: Progress | None = None,
+    seed: int = 0,
+    halves: bool = False,
+) -> np.ndarray:
+    """Incoherent pictures through a thin lens, the limit of a perfect hologram of infinitely many frames.
+
+    A cone of slope s_max fills a pupil of radius s_max beta / F; a picture focused at depth D is that of a
+    thin lens of this radius focused at D. Wavelengths that see the same scene share their paths, see `_Pupils`.
+
+    Parameters
+    ----------
+    scene, camera, hologram :
+        As for `render`.
+    focus : sequence of float
+        World depths, metres; `math.inf` allowed.
+    pupil : Pupil, optional
+    spp : int
+        Paths a pixel and wavelength, stratified; a few more where strata ask for it.
+    near : float, optional
+        World depth of the volume's near end; found as in `plan` when not given.
+    max_depth : int
+        As `Settings.max_depth`.
+    progress : callable, optional
+        ``progress(done, message)``, may raise `Cancelled`.
+    seed : int
+        Pictures of different seeds have independent noise.
+    halves : bool
+        Give two pictures of half the paths instead, whose noise is independent: with both, `psnr` and `ssim` do not
+        count it.
+
+    Returns
+    -------
+    numpy.ndarray, float32, shape (focus, y, x, wavelength) or (focus, half, y, x, wavelength)
+
+    Raises
+    ------
+    InvalidInput, BackendUnavailable, Cancelled
+    """
+    if halves:
+        told, asked = progress or (lambda done, message: None), max(1, -(-spp // 2))
+        pictures = [
+            reference(
+                scene, camera, hologram, focus, pupil, asked, near, max_depth,
+                lambda done, message, half=half: told((half + done) / 2, message), 2 * seed + half,
+            )
+            for half in range(2)
+        ]  # fmt: skip
+        return np.stack(pictures, axis=1)
+    variants.activate()
+    from ..scene.dispersion import tuned, wavelength_groups
+
+    progress = progress or (lambda done, message: None)
+    near = near or near_end(scene, camera, hologram)
+    mapping = DepthMapping.of(hologram, camera, near)
+    mapping.depth_to_z(list(focus))  # refuses what is behind the camera
+    images = np.empty((len(focus), hologram.height, hologram.width, len(hologram.wavelengths)), np.float32)
+    groups = [part for group in wavelength_groups(scene, hologram.wavelengths) for part in _apart(group)]
+    integrator = path_tracer(scene, camera.sees_sky, max_depth)
+    for f, depth in enumerate(focus):
+        lens = Lens(camera, hologram.width, hologram.height, min(depth, 1e5))
+        for g, group in enumerate(groups):
+            radii = {channel(w): mapping.pupil_radius(hologram.max_slope(w)) for w in group}
+            done = f * len(groups) + g
+
+            def told(part, done=done):
+                progress((done + part) / (len(focus) * len(groups)), "Reference")
+
+            with tuned(scene, group):
+                picture = _picture(
+                    scene, integrator, lens, _Pupils(radii, pupil), hologram, spp * len(group),
+                    seed * len(groups) + g, told,
+                )  # fmt: skip
+            for k, w in enumerate(hologram.wavelengths):
+                if w in group:
+                    images[f, :, :, k] = picture[:, :, channel(w)]
+    return images
+
+
+def _apart(wavelengths):
+    """Groups of wavelengths of which no two show the same of the scene's channels."""
+    groups = []
+    for w in wavelengths:
+        for group in groups:
+            if channel(w) not in map(channel, group):
+                group.append(w)
+                break
+        else:
+            groups.append([w])
+    return groups
+
+
+class _Pupils:
+    """Points of the open pupils of some wavelengths, which share them.
+
+    Without a part of the pupil given, points come from each wavelength's own disc equally often, and count for every
+    wavelength whose disc they lie in by its density over that of all (the balance heuristic; Veach and Guibas,
+    SIGGRAPH 1995). The discs lie in each other, and 2.2 of three paths or more count for each of red, green and blue.
+    Of a part of the pupil, points count for the wavelengths whose pupil they lie in.
+
+    Parameters
+    ----------
+    radii : dict of int to float
+        Metres, by the channel that a wavelength shows.
+    pupil : Pupil or None
+    """
+
+    def __init__(self, radii, pupil):
+        import mitsuba as mi
+
+        from ..scene.buffers import constant
+
+        if pupil and pupil.diameter / 2 >= max(radii.values()) + math.hypot(pupil.x, pupil.y):
+            pupil = None  # all is open
+        self._centre = constant(mi.Point2f, (pupil.x, pupil.y) if pupil else (0.0, 0.0))
+        discs = [pupil.diameter / 2] if pupil else sorted(radii.values())
+        self._squares = [number(r**2) for r in discs]
+        self._densities = [number(1 / (len(discs) * math.pi * r**2)) for r in discs]
+        self._own = {c: number(r**2) for c, r in radii.items()}
+        self._scale = self._densities[-1]
+
+    def sample(self, uniform):
+        """Points in metres, to the right and up, and their weight for each channel, of any mean."""
+        import drjit as dr
+        import mitsuba as mi
+
+        # of the squared radius, whose density falls by a step where a disc ends
+        square, taken, start = mi.Float(0), mi.Float(0), mi.Float(0)
+        for k, end in enumerate(self._squares):
+            slope = math.pi * sum(self._densities[k:])
+            square = dr.select(uniform.x >= taken, start + (uniform.x - taken) / slope, square)
+            taken, start = taken + slope * (end - start), end
+        square = dr.minimum(square, self._squares[-1])
+        pairs = zip(self._squares, self._densities, strict=True)
+        density = sum(dr.select(square <= end, share, 0) for end, share in pairs)
+        sine, cosine = dr.sincos(2 * dr.pi * uniform.y)
+        point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._centre
+        weight = mi.Color3f(0)
+        for c, end in self._own.items():
+            weight[c] = dr.select(dr.squared_norm(point) <= end, self._scale / density, 0)
+        return point, weight
+
+
+def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
+    """Mean over paths, shape (y, x, 3), by strips of the picture.
+
+    Paths are stratified in each pixel (Kensler, Pixar technical memo 13-01, 2013).
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    across = math.isqrt(spp)
+    spp = across * -(-spp // across)  # what Mitsuba would round to, with a warning
+    count = min(hologram.height, -(-hologram.width * hologram.height * spp // CHUNK_PATHS))
+    rows = -(-hologram.height // count)
+
+    class Strip(mi.Sensor):
+        """Some rows of the picture, from row `first` on."""
+
+        first: mi.Float
+
+        def sample_ray_differential(self, time, wavelength, position, aperture, active=True):
+            point, weight = pupils.sample(aperture)
+            place = mi.Point2f(position.x * hologram.width, position.y * rows + self.first)
+            return lens.ray(place, point), weight
+
+    class White(mi.SamplingIntegrator):
+        """Radiance 1 from everywhere."""
+
+        def __init__(self):
+            super().__init__(mi.Properties())
+
+        def sample(self, scene, sampler, ray, medium=None, active=True):
+            return mi.Color3f(1), mi.Bool(True), []
+
+    properties = mi.Properties()
+    properties["film"] = mi.load_dict(
+        {
+            "type": "hdrfilm", "width": hologram.width, "height": rows, "rfilter": {"type": "box"},
+            "pixel_format": "rgb", "component_format": "float32",
+        }
+    )  # fmt: skip
+    properties["sampler"] = mi.load_dict({"type": "multijitter", "sample_count": spp})
+    sensor = Strip(properties)
+    picture = np.empty((hologram.height, hologram.width, 3), np.float32)
+    for strip, first in enumerate(range(0, hologram.height, rows)):
+        first = min(first, hologram.height - rows)  # strips of one size are one program; the last may overlap
+        sensor.first = dr.opaque(mi.Float, first)
+        part = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed * count + strip)
+        # over the mean weight of the same points: the pupil itself then adds no noise
+        share = mi.render(scene, sensor=sensor, integrator=White(), spp=spp, seed=seed * count + strip)
+        picture[first : first + rows] = np.asarray(part) / np.maximum(np.asarray(share), 1e-6)
+        progress((strip + 1) / count)
+    return picture
+
+
+def diffracted(
+    pictures: np.ndarray, hologram: Hologram, openings: Sequence[float] | None = None
+) -> np.ndarray:
+    """Pictures as light through the pupil shows them at best: blurred by what is open of it.
+
+    The incoherent image is the picture * abs(h)^2, with h the transform of the opening (Goodman, Introduction to
+    Fourier Optics, section 6.3). The rays of `reference` know nothing of it.
+
+    Parameters
+    ----------
+    pictures : numpy.ndarray, shape (..., y, x, wavelength)
+    hologram : Hologram
+    openings : sequence of float, optional
+        Radius of what is open in each wavelength's own cone, cycles a pixel; the whole cone, 0.5, when not given.
+
+    Returns
+    -------
+    numpy.ndarray, float32, of the same shape
+    """
+    openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
+    rows, columns = pictures.shape[-3:-1]
+    f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
+    out = np.empty(pictures.shape, np.float32)
+    for k, radius in enumerate(openings):
+        kernel = np.abs(scipy.fft.ifft2(f <= radius)) ** 2
+        transfer = scipy.fft.fft2(kernel / kernel.sum())
+        out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real
+    return np.maximum(out, 0)

@@ -1,0 +1,80 @@
+"""Less speckle in one scene's fields: gradient steps towards the mean of many frames (docs/theory.md, Despeckling)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+
+from .phase_fields import SETS, designed_phasors
+from .pictures import Pictures, spread_looks
+from .supervision import Adam, Frames, supervise
+
+if TYPE_CHECKING:
+    from ..progress import PartProgress
+
+BATCHES = 4  # of the largest designed set, whose mean is what the picture should be
+RATE = 0.05  # longest step, of the field's root mean square
+VIEWS = 2  # pictures looked at in each step
+
+
+def batch_phasors(number: int) -> np.ndarray:
+    """Phasors of a batch of the many frames, `number` in 0..BATCHES - 1."""
+    return designed_phasors(SETS[-1], seed=1 + number)
+
+
+def targets(
+    shape: tuple[int, int], pitch: float, wavelength: float, low: float, high: float, seed: int
+) -> Pictures:
+    """Pictures of one wavelength, at depths from `low` to `high` beyond the fields' plane, see `spread_looks`."""
+    return Pictures(shape, pitch, wavelength, spread_looks(pitch, wavelength, low, high, seed))
+
+
+def despeckle(
+    fields: np.ndarray, targets: Pictures, steps: int, seed: int, progress: PartProgress
+) -> np.ndarray:
+    """Fields moved towards the wanted pictures.
+
+    Parameters
+    ----------
+    fields : numpy.ndarray, complex64, shape (frames, y, x)
+        Of one wavelength.
+    targets : Pictures
+    steps : int
+    seed : int
+        Of the order in which pictures are looked at.
+    progress : callable
+        ``progress(done)``, may raise.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, as `fields`
+    """
+    rows, columns = targets.shape
+    if not targets.energy:
+        return fields
+    rng = np.random.default_rng(seed)
+    fields = np.array(fields, order="C")
+    values = fields.view(np.float32)
+    adam = Adam(values.shape)
+    longest = RATE * math.sqrt(float(np.mean(values**2)))
+    energy = targets.energy
+    with Frames() as threads:
+        for step in range(steps):
+            spectra = targets.spectra(fields, threads)
+            views = [targets.view(v) for v in rng.choice(len(targets), VIEWS, replace=False)]
+            _, gradient = supervise(spectra, views, energy, {len(fields): 1.0}, threads)
+
+            def slope(n, gradient=gradient):
+                part = scipy.fft.ifft2(gradient[n], norm="forward")[:rows, :columns]
+                return 2 * np.ascontiguousarray(part).view(np.float32)
+
+            slopes = threads.each(slope, len(fields))
+            adam.step(values, slopes, Adam.rate(step, steps, longest), threads)
+            progress((step + 1) / steps)
+        # the loss leaves the scale of the fields free
+        spectra = targets.spectra(fields, threads)
+    now = sum(float(np.vdot(s, s).real) for s in spectra) / (targets.space.band.size * len(fields))
+    return fields * np.float32(math.sqrt(energy / now))

@@ -1,0 +1,176 @@
+"""The phase that incoherent scattering gives each frame: at random (paper section 4.3), or designed for less speckle.
+
+Maps are periodic; a hologram of any size repeats them.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import scipy.fft
+
+from ...errors import InvalidInput
+from ...scene.variants import threads
+from ..propagation import circular_band
+
+MOST_FRAMES = 256  # of a hologram
+SETS = (1, 3, 8, 24)  # frames of the designed sets, made by `design`
+FEWEST = (1, 2, 5, 20)  # first frames of each that are better than as many of smaller sets
+REACH = (
+    60.0  # largest defocus wavelength z / pitch^2 that they serve; beyond, they are as good as random ones
+)
+GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over that of independent frames
+
+
+def phasors_of(kind: str, frames: int, height: int, width: int, seed: int = 0) -> np.ndarray:
+    """exp(i phi_m) of the frames of a hologram.
+
+    Parameters
+    ----------
+    kind : {'designed', 'random'}
+    frames, height, width, seed : int
+        The hologram's.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (frames, rows, columns), of unit modulus
+        One period: the hologram's own size for random fields.
+    """
+    if kind == "random":
+        return random_phasors(frames, height, width, seed)
+    return designed_phasors(frames, seed)
+
+
+def designed_phasors(frames: int, seed: int = 0) -> np.ndarray:
+    """exp(i phi_m) of maps whose frame mean looks incoherent at any focus, see `design`.
+
+    Sets follow each other, the largest first, each but the first moved aside, which makes their speckle independent.
+    The first frames of a set stand for it where few are missing; of a set of which many are missing they are worse than
+    smaller sets, and with eight frames and one more pictures would have 2 dB less than with eight.
+
+    Parameters
+    ----------
+    frames : int
+    seed : int
+        Moves the maps as a whole; 0 does not.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (frames, size, size), of unit modulus, periodic
+    """
+    turn = np.exp((2j * math.pi / 256) * np.arange(256)).astype(np.complex64)
+    parts, left = [], frames
+    while left:
+        count = max(m for m, fewest in zip(SETS, FEWEST, strict=True) if fewest <= left)
+        maps = turn[np.load(Path(__file__).with_name(f"designed_{count}.npy"))[:left]]
+        rng = np.random.default_rng((seed, len(parts)))
+        shift = rng.integers(0, maps.shape[-1], 2) if seed or parts else (0, 0)
+        parts.append(np.roll(maps, shift, (1, 2)))
+        left -= len(maps)
+    return np.concatenate(parts)
+
+
+def random_phasors(frames: int, height: int, width: int, seed: int = 0) -> np.ndarray:
+    """exp(i phi_m) of independent band-limited Gaussian random fields, periodic with the hologram.
+
+    r_m = IFFT(circle(f <= 1 / (2 pitch)) exp(i xi_m)), xi_m uniform; phi_m = arg r_m. The band in units of
+    the pixel grid is the same for all wavelengths.
+
+    Parameters
+    ----------
+    frames, height, width : int
+    seed : int
+        Frame m depends on the seed and m alone, so fewer frames are a prefix of more.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (frames, height, width), of unit modulus
+    """
+    band = circular_band((height, width))
+    phasors = np.empty((frames, height, width), np.complex64)
+    for m in range(frames):
+        xi = np.random.default_rng((seed, m)).random((height, width), dtype=np.float32)
+        field = scipy.fft.ifft2(band * np.exp(2j * np.float32(math.pi) * xi), workers=threads())
+        phasors[m] = np.exp(1j * np.angle(field))
+    return phasors
+
+
+def speckle_contrast(kind: str, frames: int) -> float:
+    """Contrast of what speckle is left in pictures of textured scenes, as a share of their intensity.
+
+    1/sqrt(frames) for random fields, less for designed ones: as measured for the sets (benchmarks/phase_fields.py),
+    interpolated between them.
+
+    Parameters
+    ----------
+    kind : {'designed', 'random'}
+    frames : int
+
+    Returns
+    -------
+    float
+    """
+    gain = 1.0 if kind == "random" else float(np.interp(math.log(frames), np.log(SETS), GAIN))
+    return math.sqrt(gain / frames)
+
+
+def frames_for(kind: str, contrast: float) -> int:
+    """Fewest frames that leave a speckle contrast of at most so much.
+
+    Parameters
+    ----------
+    kind : {'designed', 'random'}
+    contrast : float
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InvalidInput
+        If `MOST_FRAMES` leave more.
+    """
+    for frames in range(1, MOST_FRAMES + 1):
+        if speckle_contrast(kind, frames) <= contrast:
+            return frames
+    least = speckle_contrast(kind, MOST_FRAMES)
+    raise InvalidInput(
+        f"A speckle contrast of {contrast:.1%} takes over {MOST_FRAMES} frames: ask for {least:.1%} or more."
+    )
+
+
+def recordable_fraction(phasors: np.ndarray) -> float:
+    """Share of the phasors' energy inside the circular band: what a plane of unit amplitude keeps.
+
+    Parameters
+    ----------
+    phasors : numpy.ndarray, complex, shape (frames, height, width)
+
+    Returns
+    -------
+    float
+    """
+    band = circular_band(phasors.shape[-2:])
+    kept = total = 0.0
+    for phasor in phasors:
+        energy = np.abs(scipy.fft.fft2(phasor, workers=threads())) ** 2
+        kept += energy[band].sum(dtype=np.float64)
+        total += energy.sum(dtype=np.float64)
+    return kept / total
+
+
+def pixel_transmission(samples: int = 256) -> float:
+    """Mean of sinc^2(fx d) sinc^2(fy d) over the circular band: what is kept by an estimator that holds a
+    phase constant over a pixel of width d, as the paper's random rays do.
+
+    Returns
+    -------
+    float
+    """
+    f = (np.arange(samples) + 0.5) / samples - 0.5
+    window = np.sinc(f) ** 2
+    inside = f[:, None] ** 2 + f**2 <= 0.25
+    return float((window[:, None] * window)[inside].mean())

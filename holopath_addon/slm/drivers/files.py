@@ -1,0 +1,102 @@
+"""Pictures as files, for devices whose own program plays them."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...engine.errors import InvalidInput
+from ...engine.files import earlier, whole_folder
+from ..driver import SHOWN, Info
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..driver import Picture
+
+KINDS = ("png", "raw")
+
+
+class FilesDriver:
+    """A folder: ``picture_000000.png`` and so on, or all of them in ``pictures.raw``; and ``pictures.json``.
+
+    The folder appears when all are written. Raw: row by row from the top, each pixel one byte, two of more than 8 bits
+    (low byte first), three (red, green, blue) with a packing of several.
+
+    Parameters
+    ----------
+    folder : path
+        Replaced if it holds an earlier such sequence.
+    kind : str
+        Of `KINDS`.
+
+    Raises
+    ------
+    InvalidInput
+    """
+
+    def __init__(self, folder: Path | str, kind: str = "png") -> None:
+        if kind not in KINDS:
+            raise InvalidInput(f"Pictures are written as {' or '.join(KINDS)}, not {kind}.")
+        self._folder, self._kind = Path(folder), kind
+        self._whole = None
+        self.info = Info("files", bits=0, channels=3, note=f"{kind} in {folder}")
+
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
+        """Begin; see `Driver`. Files are written as fast as they can be: their rate stands in ``pictures.json``."""
+        self._told, self.info = told, replace(self.info, rate=rate or math.inf)
+        self._rate, self._parts, self._shape, self._raw = rate, [], None, None
+        self._whole = whole_folder(self._folder, earlier("a sequence of pictures", "pictures.json"))
+        self._part = self._whole.__enter__()
+
+    def show(self, number: int, picture: Picture) -> None:
+        """Write one."""
+        pixels = picture.pixels
+        self._shape = pixels.shape, pixels.dtype
+        if self._kind == "png":
+            import mitsuba as mi
+
+            mi.Bitmap(pixels).write(str(self._part / f"picture_{number:06d}.png"))
+        else:
+            if self._raw is None:
+                self._raw = open(self._part / "pictures.raw", "wb")
+            self._raw.write(pixels.astype(pixels.dtype.newbyteorder("<")).tobytes())
+        self._parts.append(picture.parts)
+        self._told(number, SHOWN)
+
+    def close(self, finish: bool = False) -> None:
+        """Put the folder in its place, or leave nothing where it is not finished."""
+        whole, self._whole = self._whole, None
+        if whole is None:
+            return
+        if self._raw is not None:
+            self._raw.close()
+        if not finish or self._shape is None:
+            whole.__exit__(InterruptedError, InterruptedError(), None)
+            return
+        try:
+            self._describe(*self._shape)
+        except BaseException as error:
+            whole.__exit__(type(error), error, error.__traceback__)
+            raise
+        whole.__exit__(None, None, None)
+
+    def _describe(self, shape, dtype):
+        """Write ``pictures.json``."""
+        height, width, *channels = shape
+        said = {
+            "format": "HoloPath pictures",
+            "pictures": len(self._parts),
+            "width": width,
+            "height": height,
+            "channels": channels[0] if channels else 1,
+            "bytes_per_level": np.dtype(dtype).itemsize,
+            "rate_hz": self._rate,
+            "parts": [[list(part) for part in parts] for parts in self._parts],
+        }
+        (self._part / "pictures.json").write_text(json.dumps(said) + "\n", encoding="utf-8")

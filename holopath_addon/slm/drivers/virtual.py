@@ -1,0 +1,117 @@
+"""A simulated bench: an SLM that shows what it is sent, its optics, and a camera that can be focused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...engine.errors import InvalidInput
+from ...engine.mapping import DepthMapping
+from ...engine.viewing.reconstruction import Refocuser
+from ...engine.wavefield import WaveField
+from ...engine.waves.modulator import Modulator
+from ..calibration import Calibration
+from ..driver import Info
+from ..sequence import unpack
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ...engine.encoding.phase_hologram import PhaseHologram
+    from ..driver import Picture
+
+
+class VirtualDriver:
+    """Takes levels, as a real SLM does, and makes of them what its camera sees.
+
+    Parameters
+    ----------
+    hologram : engine.PhaseHologram
+        That is shown: its pitch, wavelengths, volume and the light sources' strengths are the bench's.
+    truth : Calibration, optional
+        What the SLM really does with its levels: the phases they give, how it is mirrored and shifted, and of its
+        panel what `Calibration.correction` would make flat. Default: even steps of one turn on the hologram's pixels.
+    modulator : engine.Modulator, optional
+        Fill factor, unmodulated light and crosstalk. Default: none.
+    order : str
+        Of the channels, see `sequence.pack`.
+
+    Attributes
+    ----------
+    focus : float
+        World depth in metres at which the camera looks; that of the volume's middle at first.
+    """
+
+    def __init__(
+        self,
+        hologram: PhaseHologram,
+        truth: Calibration | None = None,
+        modulator: Modulator | None = None,
+        order: str = "RGB",
+    ) -> None:
+        self._hologram, self._truth = hologram, truth or Calibration()
+        self._modulator, self._order = modulator or Modulator(), order
+        if self._modulator.bits is not None or self._modulator.response is not None:
+            raise InvalidInput("The bits and the response of a virtual SLM are its calibration's.")
+        self._levels = {}  # by frame and wavelength
+        self._mapping = DepthMapping.of(hologram.hologram, hologram.camera, hologram.near)
+        volume = hologram.hologram
+        self.focus_at((volume.depth_far + volume.depth_near) / 2)
+        width, height = self._truth.size or (volume.width, volume.height)
+        self.info = Info("virtual", width, height, self._truth.bits, channels=3, note="a simulated bench")
+
+    def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
+        """Nothing is to be opened; see `Driver`."""
+
+    def show(self, number: int, picture: Picture) -> None:
+        """Show a picture: the camera sees it until its parts are shown anew, and averages what it sees."""
+        packing = {1: "time", 3: "colour", 24: "bits"}[len(picture.parts)]
+        levels = unpack(picture.pixels, packing, self._order)
+        if levels[0].shape != (self.info.height, self.info.width):
+            raise InvalidInput(
+                f"The picture has {levels[0].shape[1]} x {levels[0].shape[0]} pixels, the virtual SLM "
+                f"{self.info.width} x {self.info.height}."
+            )
+        for part, level in zip(picture.parts, levels, strict=True):
+            self._levels[part] = level.copy()
+
+    def close(self, finish: bool = False) -> None:
+        """The camera still has what was shown."""
+
+    def focus_at(self, distance: float) -> None:
+        """Focus the camera at a distance from the SLM, metres, within or near the hologram's volume."""
+        self.focus = float(self._mapping.z_to_depth(distance))
+
+    def expose(self) -> None:
+        """Forget what was shown before."""
+        self._levels.clear()
+
+    def capture(self) -> np.ndarray:
+        """The camera's picture at its focus: the mean over the frames shown, linear, shape (y, x, wavelength).
+
+        Raises
+        ------
+        engine.InvalidInput
+            If nothing was shown.
+        """
+        if not self._levels:
+            raise InvalidInput("The virtual camera has seen nothing yet: stream a hologram first.")
+        hologram = self._hologram.hologram
+        picture = np.zeros((hologram.height, hologram.width, len(hologram.wavelengths)), np.float32)
+        levels, counts = dict(self._levels), np.zeros(len(hologram.wavelengths))
+        for (_, k), level in levels.items():
+            picture[..., k] += self._seen(level, k)
+            counts[k] += 1
+        return picture / np.maximum(counts, 1).astype(np.float32)
+
+    def _seen(self, level, k):
+        """Intensity at the focus of what one frame's levels make of one light source."""
+        wavelength = self._hologram.hologram.wavelengths[k]
+        hologram = self._hologram.hologram
+        phases = self._truth.seen(level, wavelength, (hologram.height, hologram.width))
+        light = np.float32(self._hologram.gains[k]) * self._modulator.light(phases)
+        alone = replace(self._hologram.hologram, wavelengths=(wavelength,))
+        field = WaveField(light[None, None], alone, self._hologram.camera, self._hologram.near)
+        return Refocuser(field)([self.focus])[0, ..., 0]

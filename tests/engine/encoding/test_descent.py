@@ -1,0 +1,412 @@
+"""Phases by optimisation: gradients, stages, and what is seen afterwards."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.encoding import encoder
+from holopath_addon.engine.encoding.frame_mean import FrameMean, carried
+from holopath_addon.engine.encoding.phases import Phases
+from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
+from holopath_addon.engine.waves.pictures import Look, Pictures
+from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, transfer_function
+from holopath_addon.engine.waves.supervision import Frames
+
+GREEN, PITCH = 516.5e-9, 8e-6
+BORDER = 25
+
+
+def band_limited(shape, frames=1, colours=1, seed=0, radius=0.5):
+    """Random complex fields, smooth where the radius (cycles a pixel) is small."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(frames, colours, *shape)) + 1j * rng.normal(size=(frames, colours, *shape))
+    fy, fx = (np.fft.fftfreq(n) for n in shape)
+    data = np.fft.ifft2(np.fft.fft2(noise) * (np.hypot(fx[None, :], fy[:, None]) <= radius))
+    return data / np.abs(data).mean()
+
+
+def wave_field(data, **hologram):
+    colours = (GREEN, 640e-9, 455e-9)[: data.shape[1]]
+    size = data.shape[-1], data.shape[-2]
+    display = engine.Hologram(*size, PITCH, colours, **{"depth_far": 1e-3, "depth_near": 2e-3, **hologram})
+    return engine.WaveField(data.astype(np.complex64), display, engine.Camera(np.eye(4), 0.6), 0.5)
+
+
+@pytest.fixture
+def threads():
+    with Frames() as threads:
+        yield threads
+
+
+def targets_of(kind, fields, threads):
+    """``gradient(light)`` of a loss, and the light as it depends on phases."""
+    if kind == "amplitude":
+        return AmplitudeTarget(fields, PITCH, GREEN, [1e-3, 2e-3, 3e-3], threads)
+    return ComplexTarget(fields, kind == "aperture", threads)
+
+
+@pytest.mark.parametrize("kind", ["aperture", "no aperture", "amplitude", "frame mean"])
+def test_gradient_against_finite_differences(kind, threads):
+    """Along random directions, in double precision, on sides that are odd and unequal."""
+    rng = np.random.default_rng(3)
+    fields = band_limited((27, 40), frames=3)[:, 0]
+    start = rng.uniform(0, 2 * np.pi, fields.shape)
+    if kind == "frame mean":
+        looks = [Look(2e-3), Look(-1e-3, (0.1, -0.05, 0.2))]
+        pictures = Pictures(fields.shape[-2:], PITCH, GREEN, looks)
+        pictures.add(fields)
+        mean = FrameMean(pictures, 1.3, threads)
+
+        def gradient(light):
+            loss, back = mean.gradient(light, 1)
+            return loss, back, np.ones(len(light))
+    else:
+        target = targets_of(kind, fields, threads)
+        target.gradient(Phases(start, threads).light)
+        held = vars(target).copy()
+
+        def gradient(light):  # the scale stays as it is: it follows a step later
+            for name in ("factors", "gain"):
+                if name in held:
+                    setattr(target, name, held[name])
+            return target.gradient(light)
+
+    loss, back, factors = gradient(Phases(start, threads).light)
+    slope = Phases(start, threads).slope(back, factors).reshape(start.shape)
+    assert slope.dtype == np.float64 and loss > 0
+    for _ in range(3):
+        direction, step = rng.normal(size=start.shape), 1e-5
+        ahead = gradient(Phases(start + step * direction, threads).light)[0]
+        behind = gradient(Phases(start - step * direction, threads).light)[0]
+        assert (ahead - behind) / (2 * step) == pytest.approx((slope * direction).sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.complex64, 1e-5), (np.complex128, 1e-12)])
+def test_adjoint_of_propagation(dtype, tolerance):
+    """<A x, y> = <x, A* y>, with windows that are cut out of the padded grid."""
+    rng = np.random.default_rng(4)
+    x, y = (rng.normal(size=(2, 90, 75)) + 1j * rng.normal(size=(2, 90, 75))).astype(dtype)
+    x[60:], x[:, 50:], y[60:], y[:, 50:] = 0, 0, 0, 0
+    transfer = FreeSpace((90, 75), PITCH, GREEN)(7e-3).astype(dtype)
+    forth = carried(x.copy(), transfer)
+    forth[60:], forth[:, 50:] = 0, 0
+    back = carried(y.copy(), np.conj(transfer))
+    back[60:], back[:, 50:] = 0, 0
+    size = np.linalg.norm(forth) * np.linalg.norm(y)
+    assert abs(np.vdot(y, forth) - np.vdot(back, x)) < tolerance * size
+
+
+@pytest.mark.parametrize("distance", [85e-3, -5e-3, 0.0])
+def test_free_space_in_single_precision(distance):
+    shape = (200, 300)
+    exact = transfer_function(shape, PITCH, GREEN, distance)
+    np.testing.assert_allclose(FreeSpace(shape, PITCH, GREEN)(distance), exact, atol=1e-4)
+
+
+def test_neither_phase_nor_gain_of_the_target_counts():
+    data = band_limited((48, 64), frames=2)
+    plain = engine.encode(wave_field(data), "sgd", most_steps=20, tolerance=0)
+    turned = engine.encode(wave_field(3 * np.exp(0.7j) * data), "sgd", most_steps=20, tolerance=0)
+    losses = [phase.report["stages"][0]["loss"] for phase in (plain, turned)]
+    assert losses[1] == pytest.approx(losses[0], rel=1e-3)
+    assert turned.gains[0] == pytest.approx(3 * plain.gains[0], rel=1e-3)
+
+
+def test_light_in_the_band_is_the_field():
+    """Nearer to the complex field than its phases alone, by what the stage says."""
+    data = band_limited((64, 48), frames=2)
+    field, band = wave_field(data), circular_band((64, 48))
+
+    def error(phase):
+        light, wanted = (np.fft.fft2(f.data[:, 0])[:, band] for f in (phase.field(), field))
+        scale = [np.vdot(a, b) / np.vdot(a, a) for a, b in zip(light, wanted, strict=True)]
+        return np.linalg.norm(np.array(scale)[:, None] * light - wanted) / np.linalg.norm(wanted)
+
+    done = engine.encode(field, "sgd")
+    assert error(done) < 0.65 * error(replace(done, data=np.angle(field.data)))
+    # what is measured outside is what the stage reports
+    assert error(done) ** 2 == pytest.approx(done.report["stages"][0]["loss"], rel=0.05)
+    assert 5 < done.report["stages"][0]["steps"] < 300  # it stopped by itself
+
+
+def test_a_warm_start_takes_fewer_steps():
+    data = band_limited((64, 64), frames=1)
+    first = engine.encode(wave_field(data), "sgd")
+    changed = wave_field(data + 0.05 * band_limited((64, 64), seed=9))
+    cold, warm = (engine.encode(changed, "sgd", start=start).report["stages"][0] for start in ("arg", first))
+    assert warm["steps"] < 0.7 * cold["steps"] and warm["loss"] < 1.05 * cold["loss"]
+    again = engine.encode(wave_field(data), "sgd", start=first, most_steps=3).report["stages"][0]
+    assert again["loss"] < 1.05 * first.report["stages"][0]["loss"]  # nothing is spoiled at first
+    with pytest.raises(engine.InvalidInput, match="1 frames and 1 wavelengths of 64 x 64"):
+        engine.encode(wave_field(band_limited((32, 64))), "sgd", start=first)
+
+
+def test_start_from_double_phase():
+    field = wave_field(band_limited((64, 64), radius=0.1))
+    phase = engine.encode(field, "sgd", start="dpac", most_steps=1, tolerance=0)
+    pairs = engine.encode(field, "dpac")
+    turn = np.angle(np.exp(1j * (phase.data - pairs.data)))
+    assert np.abs(turn).max() < 0.3  # a step of Adam away
+
+
+@pytest.mark.parametrize("bits", [1, 2, 4])
+def test_few_levels_are_in_the_loop(bits):
+    """Better than rounding afterwards, and nothing but the levels."""
+    field = wave_field(band_limited((64, 64), frames=4))
+    levels = 2 * math.pi / 2**bits
+    phase = engine.encode(field, "sgd", bits=bits)
+    np.testing.assert_allclose(phase.data / levels, np.round(phase.data / levels), atol=1e-5)
+    assert phase.data.max() < 2 * math.pi - levels / 2
+    afterwards = engine.encode(field, "sgd").field(engine.Modulator(bits)).data
+    target = field.data[:, 0]
+    band = circular_band((64, 64))
+
+    def error(light):
+        errors = []
+        for a, b in zip(light[:, 0], target, strict=True):
+            a, b = np.fft.fft2(a)[band], np.fft.fft2(b)[band]
+            errors.append(1 - abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a) * np.vdot(b, b)).real)
+        return np.mean(errors)
+
+    assert error(phase.field().data) < error(afterwards)
+
+
+@pytest.mark.parametrize("method", ["sgd", "joint"])
+@pytest.mark.parametrize("shape", [(17, 31), (1, 1), (40, 2), (33, 64)])
+def test_odd_and_small_sizes(shape, method):
+    rng = np.random.default_rng(0)
+    data = np.exp(2j * np.pi * rng.random((2, 1, *shape)))
+    phase = engine.encode(wave_field(data), method, most_steps=8)
+    assert phase.data.shape == data.shape and np.isfinite(phase.data).all()
+    assert phase.data.min() >= 0 and phase.data.max() < 2 * math.pi and np.isfinite(phase.gains).all()
+
+
+@pytest.mark.parametrize("method", ["dpac", "sgd", "joint", "refine"])
+def test_darkness(method):
+    """A black field, a black colour and a black frame: no light is sent in, and nothing is divided by zero."""
+    data = band_limited((32, 32), frames=3, colours=2)
+    data[:, 0], data[1, 1] = 0, 0
+    lit = np.ones((32, 32, 2), np.float32)
+    phase = engine.encode(
+        wave_field(data), method, most_steps=10, references=lambda focus, pupil: lit, views=8
+    )
+    assert phase.gains[0] == 0 and phase.gains[1] > 0
+    assert np.isfinite(phase.data).all() and not phase.field().data[:, 0].any()
+    black = engine.encode(wave_field(np.zeros((2, 1, 32, 32))), method, references=lambda *_: None)
+    assert black.gains == (0,) and not black.data.any()
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-3, 1e9])
+def test_how_bright_the_field_is_does_not_matter(scale):
+    data = band_limited((40, 40), frames=2)
+    plain, scaled = (
+        engine.encode(wave_field(f * data), "joint", most_steps=30, tolerance=0) for f in (1, scale)
+    )
+    assert scaled.gains[0] == pytest.approx(scale * plain.gains[0], rel=1e-3)
+    turn = np.angle(np.exp(1j * (scaled.data - plain.data)))
+    assert np.sqrt((turn**2).mean()) < 0.05
+
+
+def test_frames_that_are_dark_in_a_group(monkeypatch):
+    data = band_limited((32, 32), frames=3)
+    data[1] = 0
+    monkeypatch.setattr(encoder, "MOST_BYTES", 32 * 32 * encoder.BYTES["sgd"])
+    phase = engine.encode(wave_field(data), "sgd", most_steps=9)
+    assert [stage["steps"] for stage in phase.report["stages"]] == [9, 9]
+    assert np.isfinite(phase.data).all() and phase.gains[0] > 0
+
+
+def test_an_even_field_needs_no_step():
+    phase = engine.encode(wave_field(np.ones((2, 1, 32, 32)), depth_far=-1e-6, depth_near=1e-6), "joint")
+    assert np.isfinite(phase.data).all()
+    bad = np.full((32, 32, 1), np.nan)
+    with pytest.raises(engine.InvalidInput, match="reference holds values"):
+        engine.encode(wave_field(band_limited((32, 32))), "refine", references=lambda *_: bad)
+
+
+@pytest.mark.parametrize("method", ["sgd", "joint"])
+def test_a_single_bright_pixel(method):
+    """A point of light is where it was, and the rest is dark beside it."""
+    data = np.zeros((2, 1, 48, 48), complex)
+    data[:, 0, 20, 30] = 1
+    field = wave_field(data, depth_far=-1e-6, depth_near=1e-6)
+    phase = engine.encode(field, method, most_steps=60)
+    image = engine.reconstruct(phase.field(), [1.0])[0, ..., 0]
+    assert np.unravel_index(image.argmax(), image.shape) == (20, 30)
+    assert image[20, 30] > 100 * np.median(image)
+
+
+def test_what_does_not_fit():
+    field = wave_field(band_limited((16, 16)))
+    for options, says in (
+        ({"method": "magic"}, "encoding 'magic'"),
+        ({"supervision": "hope"}, "supervision 'hope'"),
+        ({"start": "nothing"}, "start of an encoding 'nothing'"),
+        ({"bits": 0}, "1 to 16 bits"),
+        ({"planes": 0}, "1 to 64 planes"),
+        ({"views": 0}, "1 to 1000"),
+        ({"tolerance": 2}, "share"),
+        ({"most_steps": 0}, "one step"),
+        ({"method": "refine"}, "needs the scene"),
+        ({"start": 3}, "starts with"),
+        ({"method": "joint", "aperture": False}, "only sgd"),
+    ):
+        with pytest.raises(engine.InvalidInput, match=says):
+            engine.encode(field, **options)
+
+
+def test_what_is_kept_when_mitsuba_wraps_the_wish_to_stop():
+    def references(focus, pupil):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise RuntimeError("in a loop") from error
+
+    with pytest.raises(engine.Cancelled) as stop:
+        engine.encode(wave_field(band_limited((32, 32))), "refine", references=references, most_steps=3)
+    assert stop.value.kept.report["stages"][0]["steps"] == 3
+    with pytest.raises(ZeroDivisionError):
+        engine.encode(wave_field(band_limited((32, 32))), "refine", references=lambda *_: 1 / 0, most_steps=3)
+
+
+def test_a_field_with_nothing_that_can_be_seen():
+    """A checkerboard's light lies in the corners of the spectrum, beyond the recordable circle."""
+    rows, columns = np.indices((32, 32))
+    for method in ("sgd", "joint"):
+        phase = engine.encode(wave_field(((-1.0) ** (rows + columns))[None, None]), method)
+        assert phase.gains == (0,) and np.isfinite(phase.data).all()
+
+
+@pytest.mark.parametrize("method", ["sgd", "joint"])
+def test_cancelling_keeps_what_is_done(method):
+    field = wave_field(band_limited((32, 32), frames=2, colours=2))
+    told = []
+
+    def progress(done, message):
+        told.append((done, message))
+        if len(told) == 25:
+            raise engine.Cancelled
+
+    with pytest.raises(engine.Cancelled) as stop:
+        engine.encode(field, method, progress, tolerance=0, most_steps=20)
+    kept = stop.value.kept
+    assert kept.report["stopped"] and len(told) == 25
+    steps = [stage["steps"] for stage in kept.report["stages"]]
+    assert steps[:2] == [20, 4]  # the fifth of the second colour was told, and stopped
+    assert [done for done, _ in told] == sorted(done for done, _ in told) and "dB" in told[-1][1]
+    whole = engine.encode(field, method, tolerance=0, most_steps=20)
+    if method == "sgd":
+        np.testing.assert_array_equal(kept.data[:, 0], whole.data[:, 0])
+    assert all(gain > 0 for gain in kept.gains)
+
+
+def test_frames_that_do_not_fit_into_memory(monkeypatch):
+    """Done in groups: better than one by one, if not as all together."""
+    field = wave_field(band_limited((64, 64), frames=6))
+    whole = engine.encode(field, "joint", most_steps=60)
+    padded = Pictures((64, 64), PITCH, GREEN, [Look(2e-3)]).padded
+    monkeypatch.setattr(encoder, "MOST_BYTES", 3 * padded[0] * padded[1] * encoder.BYTES["joint"])
+    parts = engine.encode(field, "joint", most_steps=60)
+    stages = [stage["stage"] for stage in parts.report["stages"]]
+    assert stages.count("joint") == 2 and stages.count("sgd") <= 2
+    wanted, *seen = (
+        engine.reconstruct(light, [1.0])[0]
+        for light in (field, engine.encode(field, "sgd").field(), parts.field(), whole.field())
+    )
+    alone, grouped, together = (engine.psnr(image, wanted) for image in seen)
+    assert alone + 1 < grouped < together
+
+
+@pytest.mark.slow
+def test_loss_to_the_complex_field(build, camera, small):
+    """Against a thin lens: 24 frames of phases, rounded to eight bits, show what their field does.
+
+    A field on several recording planes has more to lose, and what is shown of it is better still.
+    """
+    scene, focus = build.two_planes(build.emissive), (0.5, 1.0, 2.0)
+    best, field = (
+        engine.render(scene, camera, small, engine.Settings(frames=24, planes=planes))
+        for planes in ("auto", 1)
+    )
+    truth = engine.reference(scene, camera, small, focus, spp=128, near=field.near)
+
+    def quality(light):
+        images = engine.reconstruct(light, focus)
+        return np.array([engine.psnr(a, b, BORDER) for a, b in zip(images, truth, strict=True)])
+
+    whole = quality(field)
+    several, joint = (engine.encode(each, "joint", most_steps=300) for each in (best, field))
+    loss = {
+        method: whole - quality(engine.encode(field, method).field(engine.Modulator(8)))
+        for method in ("dpac", "sgd")
+    } | {"joint": whole - quality(joint.field(engine.Modulator(8)))}
+    assert loss["joint"].max() < 0.3
+    gain = quality(several.field(engine.Modulator(8))) - quality(joint.field(engine.Modulator(8)))
+    assert gain.min() > -0.15 and gain.max() > 3
+    assert loss["sgd"].min() > 1  # or there was nothing to lose
+    assert (loss["dpac"] > loss["sgd"]).all()
+    # what a checkerboard can show: through a pupil that the half band fills
+    half_band = engine.Pupil(0, 0, 1.4 * field.mapping.pupil_radius(small.max_slope(GREEN)))
+    wanted = engine.reference(scene, camera, small, [1.0], half_band, 128, field.near)[0]
+    seen = [
+        engine.psnr(engine.reconstruct(light, [1.0], half_band)[0], wanted, BORDER)
+        for light in (engine.encode(field, "dpac").field(), field)
+    ]
+    assert seen[1] - 6 < seen[0] and seen[0] > 19.5
+
+
+@pytest.mark.slow
+def test_references_are_better_than_the_field(build, camera, small):
+    """No view is worse than before the stage; between the supervised depths and through half pupils, too."""
+    scene = build.three_planes()
+    field = engine.render(scene, camera, small, engine.Settings(frames=8))
+    radius = field.mapping.pupil_radius(small.max_slope(GREEN))
+    asked = []
+
+    def truth(focus, pupil, spp=32):
+        asked.append((focus, pupil))
+        return engine.reference(scene, camera, small, [focus], pupil, spp, field.near)[0]
+
+    before = engine.encode(field, "sgd")
+    after = engine.encode(field, "refine", references=truth, views=20, most_steps=250)
+    assert len(asked) == 20 and len(set(asked)) == 20
+    half = engine.Pupil(0.3 * radius, -0.4 * radius, radius)
+    for focus, pupil in ((0.5, None), (1.1, None), (1.0, half)):
+        wanted = truth(focus, pupil, 128)
+        seen = [
+            engine.psnr(engine.reconstruct(light, [focus], pupil)[0], wanted, BORDER)
+            for light in (before.field(), field, after.field())
+        ]
+        assert seen[2] > seen[0] + 1, (focus, pupil, seen)
+        assert seen[2] > seen[1], (focus, pupil, seen)  # and than the complex field that it began with
+
+
+def test_pictures_count_frames_as_they_come():
+    """One by one or together, and as `reconstruct` shows them."""
+    field = wave_field(band_limited((40, 56), frames=3))
+    looks = [Look(1e-3), Look(2e-3, (0.1, 0.05, 0.2))]
+    together, single = (Pictures((40, 56), PITCH, GREEN, looks) for _ in range(2))
+    together.add(field.data[:, 0])
+    for m in range(3):
+        single.add(field.data[m : m + 1, 0])
+    np.testing.assert_allclose(single.wanted, together.wanted, rtol=1e-4, atol=1e-5)
+    assert single.energy == pytest.approx(together.energy, rel=1e-5)
+    seen = engine.reconstruct(field, [math.inf])[0, ..., 0]
+    np.testing.assert_allclose(together.wanted[0], seen, atol=2e-3 * seen.max())
+    radius = field.mapping.pupil_radius(field.hologram.max_slope(GREEN))
+    pupil = engine.Pupil(0.2 * radius, -0.1 * radius, 0.8 * radius)
+    seen = engine.reconstruct(field, [field.near], pupil)[0, ..., 0]
+    np.testing.assert_allclose(together.wanted[1], seen, atol=0.02 * seen.max())
+
+
+def test_a_hologram_that_is_loaded_is_encoded_on(tmp_path):
+    field = wave_field(band_limited((32, 32), frames=2))
+    phase = engine.encode(field, "joint", most_steps=15)
+    phase.save(tmp_path / "hologram")
+    stored = engine.PhaseHologram.load(tmp_path / "hologram")
+    np.testing.assert_array_equal(stored.data, phase.data)
+    assert stored.gains == phase.gains and stored.report == phase.report
+    assert stored.report["stages"][0]["stage"] == "sgd" and stored.report["stages"][1]["steps"] == 15

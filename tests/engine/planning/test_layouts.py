@@ -1,0 +1,181 @@
+"""Several recording planes: fewer rays, far things shaded by near ones as waves, mirrors with planes of their own."""
+
+import math
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.slabs import depth_slabs, overlapping
+
+
+def test_slabs_close_up_around_gaps():
+    depths = np.concatenate([np.linspace(0, 1, 50), np.linspace(5, 6, 50), np.linspace(9, 9.5, 50)])
+    assert depth_slabs(depths, 3) == [(0, 1), (5, 6), (9, 9.5)]
+    assert depth_slabs(depths, 1) == [(0, 9.5)]
+    assert depth_slabs(np.full(10, 2.0), 4) == [(2, 2)]
+
+
+def test_slabs_share_an_even_range():
+    slabs = depth_slabs(np.linspace(0, 8, 10_000), 4)
+    assert [high - low for low, high in slabs] == pytest.approx([2, 2, 2, 2], abs=0.15)
+
+
+def test_three_planes_with_a_tenth_of_the_rays(build, camera):
+    """Each surface on a plane of its own; near focus keeps what lies behind. A deep volume, of many rays."""
+    deep, edge = engine.Hologram(128, 128, 8e-6, (516.5e-9,), 1e-3, 6e-3), 25
+    scene, focus = build.three_planes(), [0.5, 1.0, 2.0]
+    truth = engine.reference(scene, camera, deep, focus, spp=64, near=0.5)
+    values, rays = {}, {}
+    for planes in (1, 3):
+        field = engine.render(scene, camera, deep, engine.Settings(frames=24, planes=planes))
+        pictures = engine.reconstruct(field, focus)
+        values[planes] = [engine.psnr(p, t, edge) for p, t in zip(pictures, truth, strict=True)]
+        rays[planes] = field.plan["rays_per_pixel"]
+        inner = slice(edge, -edge)
+        ratios = [
+            p[inner, inner].mean() / t[inner, inner].mean() for p, t in zip(pictures, truth, strict=True)
+        ]
+        assert ratios == pytest.approx([1, 1, 1], abs=0.03)
+    assert rays[3] < rays[1] / 5
+    assert min(np.subtract(values[3], values[1])) > -0.3
+    assert values[3][0] > values[1][0]
+
+
+@pytest.mark.slow
+def test_a_floor_without_gaps(build, camera, small):
+    scene, focus = build.floor(), [0.55, 1.0, 4.0]
+    field = engine.render(scene, camera, small, engine.Settings(frames=24, planes=4))
+    truth = engine.reference(scene, camera, small, focus, spp=128, near=field.near)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        assert engine.psnr(picture, reference, 13) > 21.5
+        inner = slice(13, -13)
+        assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.05)
+
+
+def test_images_in_mirrors_have_planes_of_their_own(build, camera):
+    """A lamp behind the viewer in a mirror beside a near and a far plane: nearer than one plane has it, with less."""
+    display, edge = engine.Hologram(128, 128, 8e-6, (516.5e-9,), 1e-3, 6e-3), 20
+    behind = {
+        "type": "rectangle",
+        "to_world": build.T().translate([0, 0, 1]).rotate([0, 1, 0], 180).scale(1.5),
+    }
+    scene = build.scene(
+        mirror=build.plane(1.0, {"bsdf": {"type": "conductor", "material": "none"}}, 0.1, 0.4, x=0.08),
+        lamp=behind | build.emissive(build.texture(128, 4, contrast=4)),
+        far=build.plane(1.4, build.emissive(build.texture(128, 1, contrast=4))),
+        near=build.plane(0.5, build.emissive(build.texture(128, 2, contrast=4)), 0.03, 0.04, x=-0.02),
+    )
+    focus, values, rays = [0.5, 1.4, 3.0], {}, {}
+    truth = engine.reference(scene, camera, display, focus, spp=64, near=0.5)
+    for planes in (1, "auto"):
+        field = engine.render(scene, camera, display, engine.Settings(frames=24, planes=planes))
+        pictures = engine.reconstruct(field, focus)
+        values[planes] = [engine.psnr(p, t, edge) for p, t in zip(pictures, truth, strict=True)]
+        rays[planes] = field.report["rays"]["wave rays"]
+        inner = slice(edge, -edge)
+        ratios = [
+            p[inner, inner].mean() / t[inner, inner].mean() for p, t in zip(pictures, truth, strict=True)
+        ]
+        assert ratios == pytest.approx([1, 1, 1], abs=0.03)
+    assert {plane["sees"] for plane in field.plan["planes"]} == {"surfaces", "images"}
+    assert rays["auto"] < rays[1] / 2
+    assert min(np.subtract(values["auto"], values[1])) > -0.1 and values["auto"][0] > values[1][0] + 1
+
+
+def test_slabs_overlap_and_share_all(backend):
+    """Whatever the depth, the slabs' shares of an amplitude add up to 1, and no more than two have any."""
+    import mitsuba as mi
+
+    from holopath_addon.engine.scene.rays import Rays
+
+    slabs = overlapping([(0.0, 1e-3), (1e-3, 1.4e-3), (2e-3, 5e-3)])
+    z = np.linspace(-1e-3, 6e-3, 1001, dtype=np.float32)
+    hologram, camera = engine.Hologram(8, 8, 8e-6, (516.5e-9,), 0.0, 5e-3), engine.Camera(np.eye(4), 0.3)
+    mapping, shares = DepthMapping.of(hologram, camera, 0.5), []
+    for slab in slabs:
+        rays = Rays(hologram, camera, mapping, 2e-3, slab=slab)
+        share = np.asarray(rays.share(mi.Float(z - 2e-3), mi.Float(0)))
+        assert not share[~slab.holds(z)].any()
+        shares.append(share)
+    np.testing.assert_allclose(np.sum(shares, axis=0), 1, atol=1e-5)
+    assert (np.array(shares) > 0).sum(0).max() == 2
+    assert Rays(hologram, camera, mapping, 2e-3).share(mi.Float(z), mi.Float(0)) is None
+
+
+def even_plane(build, slant):
+    return build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)), 4.0, 4.0, slant=slant))
+
+
+@pytest.mark.parametrize(
+    ("slant", "planes"),
+    [(66, 3)]
+    + [pytest.param(66, j, marks=pytest.mark.slow) for j in (2, 4, 5, 6, 7, 8)]
+    + [pytest.param(78, j, marks=pytest.mark.slow) for j in range(2, 9)],
+)
+def test_a_surface_goes_on_from_slab_to_slab(build, camera, slant, planes):
+    """As bright as on one plane, without dark or bright columns at the slabs' ends."""
+    display, scene, edge = (
+        engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3),
+        even_plane(build, slant),
+        24,
+    )
+    settings = [engine.Settings(frames=24, max_depth=1, planes=j) for j in (1, planes)]
+    fields = [engine.render(scene, camera, display, each) for each in settings]
+    assert len(fields[1].plan["planes"]) == planes
+    one, several = (
+        np.mean(engine.reconstruct(field, [0.8, 1.0, 1.3]), axis=0)[edge:-edge, edge:-edge, 0]
+        for field in fields
+    )
+    assert several.mean() == pytest.approx(one.mean(), rel=0.01)
+    columns = several.mean(0) / several.mean()
+    assert columns == pytest.approx(1, abs=0.08) and columns.std() < 0.02
+
+
+def test_several_planes_never_need_more_rays(build, camera):
+    """A gently slanted plane is near any plane: what many would have at least is more than one has."""
+    display, scene = engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3), even_plane(build, 40)
+    rays = {}
+    for planes in (1, 8, "auto"):
+        plan = engine.plan(scene, camera, display, engine.Settings(planes=planes, max_depth=1))
+        rays[planes] = sum(plane.plain for plane in plan.planes)
+    assert max(rays[8], rays["auto"]) < 1.05 * rays[1]
+
+
+@pytest.mark.slow
+def test_three_shining_planes_by_default(build, camera):
+    display, edge = engine.Hologram(256, 256, 8e-6, (516.5e-9,), 1e-3, 6e-3), 24
+    near, middle = (depth * math.tan(math.radians(10)) for depth in (0.4, 0.9))
+
+    def surface(cells, seed):
+        return build.emissive(build.texture(cells, seed, contrast=4))
+
+    scene, focus = (
+        build.scene(
+            far=build.plane(3.0, surface(256, 1)),
+            middle=build.plane(0.9, surface(256, 3), 0.3 * middle, 0.35 * middle, x=0.025 * middle),
+            near=build.plane(0.4, surface(128, 2), 0.5 * near, 0.6 * near, x=-0.55 * near),
+        ),
+        [0.4, 0.9, 3.0],
+    )
+    field = engine.render(scene, camera, display, engine.Settings(frames=24))
+    truth = engine.reference(scene, camera, display, focus, spp=256, near=field.near)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        assert engine.psnr(picture, reference, edge) > 27.5
+
+
+def test_most_rays_are_shared_by_the_planes(build, camera, small):
+    plan = engine.plan(build.floor(), camera, small, engine.Settings(planes=4, spp=60))
+    assert len(plan.planes) == 4
+    assert 55 < sum(plane.plain + plane.chained for plane in plan.planes) <= 60
+    assert any("middle views only" in warning for warning in plan.warnings)
+
+
+def test_no_rays_are_cut_where_as_many_do_on_average(build, camera, small):
+    """What is asked for is compared with all pixels' mean, not with the pixel that needs most."""
+    scene = build.two_planes(build.emissive)
+    whole = engine.plan(scene, camera, small)
+    enough = math.ceil(sum(plane.plain + plane.chained for plane in whole.planes))
+    assert enough < whole.rays_per_pixel
+    assert engine.plan(scene, camera, small, engine.Settings(spp=enough)).planes == whole.planes

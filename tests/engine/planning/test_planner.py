@@ -1,0 +1,392 @@
+"""The plan: what it sees, what it decides, what it refuses."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.planning import machine, pilot, planner
+from holopath_addon.engine.planning.planner import captured_share
+from holopath_addon.engine.waves.phase_fields import speckle_contrast
+
+
+def test_recording_plane_halves_the_depths_in_view(build, camera, small):
+    plan = engine.plan(build.two_planes(build.emissive), camera, small, engine.Settings(planes=1))
+    assert plan.near == pytest.approx(0.5, rel=1e-3)
+    assert plan.z_high == pytest.approx(3e-3, abs=1e-5)
+    assert plan.z_low == pytest.approx(0.5e-3 + 2.5e-3 * 0.5 / 2, abs=1e-5)
+    assert plan.planes[0].z == pytest.approx((plan.z_low + plan.z_high) / 2)
+
+
+def test_flat_picture_needs_few_rays(build, camera, small):
+    flat, one = (
+        build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)))),
+        engine.Settings(planes=1),
+    )
+    flat, deep = (
+        engine.plan(scene, camera, small, one) for scene in (flat, build.two_planes(build.emissive))
+    )
+    assert flat.rays_per_pixel < deep.rays_per_pixel / 5
+
+
+def test_too_few_rays_and_too_small_an_aperture_are_warned_of(build, camera, small):
+    scene = build.two_planes(build.emissive)
+    assert any(
+        "rays a pixel" in w
+        for w in engine.plan(scene, camera, small, engine.Settings(spp=20, planes=1)).warnings
+    )
+    far = replace(small, depth_far=80e-3, depth_near=85e-3)
+    assert any("aperture" in w for w in engine.plan(scene, camera, far).warnings)
+    assert engine.plan(scene, camera, small).warnings == ()
+
+
+def test_drafts_model_little(build, camera, small):
+    """No mirrors, two planes, a few rays a pixel; and nothing to be warned of. What is fixed by hand counts."""
+    parts = {
+        "mirror": build.plane(0.8, {"bsdf": {"type": "conductor"}}, 0.2, 0.2, slant=30),
+        "pane": build.plane(0.6, build.emissive(build.texture(64, 3)), 0.1, 0.2, x=-0.1),
+        "wall": build.plane(2.0, build.emissive(build.texture(64, 3))),
+    }
+    scene, draft = build.scene(**parts), engine.Settings(quality="draft", frames=24)
+    plan = engine.plan(scene, camera, small, draft)
+    assert (plan.chain, plan.bins, plan.passes, plan.warnings) == (0, 1, 4, ())
+    assert len(plan.planes) == 2
+    assert sum(plane.plain + plane.chained for plane in plan.planes) <= 25
+    assert any(d.name == "specular hits" and "as drafts do" in d.reason for d in plan.decisions)
+    assert engine.plan(scene, camera, small, replace(draft, fixed={"chain": 2})).chain == 2
+    field = engine.render(scene, camera, small, draft, plan)
+    focus = [0.6, 2.0]
+    truth = engine.reference(scene, camera, small, focus, spp=64, near=field.near)
+    for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
+        assert engine.psnr(picture, reference, 16) > 22
+        picture, reference = (light[16:-16, 16:-16] for light in (picture, reference))
+        assert picture.mean() / reference.mean() == pytest.approx(1, abs=0.05)
+
+
+def test_captured_share_against_a_monte_carlo_count(small):
+    rng = np.random.default_rng(0)
+    width = small.width * small.pitch
+    start = rng.uniform(-width / 2, width / 2, (200_000, 2))
+    radius = small.max_slope(516.5e-9) * np.sqrt(rng.random(len(start)))
+    angle = rng.uniform(0, 2 * np.pi, len(start))
+    end = start + 20e-3 * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    inside = (np.abs(end) < width / 2).all(1).mean()
+    assert captured_share(small, 20e-3) == pytest.approx(inside, abs=0.02)
+
+
+def test_mirrors_are_named(build, camera, small):
+    scene = build.scene(mirror=build.plane(1.0, {"bsdf": {"type": "conductor"}}), sky={"type": "constant"})
+    plan = engine.plan(scene, camera, small)
+    assert plan.chain > 0 and any("mirror" in d.reason for d in plan.decisions)
+
+
+def test_packets_are_chosen_by_the_scene(build, camera):
+    """Not by measured speeds, which now and then would give another field."""
+    display = engine.Hologram(64, 64, 8e-6, (516.5e-9,), 1e-3, 1.5e-3)
+    for cells, coherent in ((4, True), (400, False)):
+        x, y = np.meshgrid(np.linspace(-0.3, 0.3, cells + 1), np.linspace(-0.3, 0.3, cells + 1))
+        wall = build.mesh(np.stack([x, y, -1 - 0 * x], axis=-1), {"bsdf": {"type": "diffuse"}})
+        scene = build.scene(wall=wall, sky={"type": "constant"})
+        plans = [engine.plan(scene, camera, display).to_dict() for _ in range(2)]
+        for plan in plans:
+            assert plan["coherent"] is coherent
+            for name in ("stages", "seconds", "decisions"):  # as measured
+                del plan[name]
+        assert plans[0] == plans[1]
+
+
+def test_nothing_in_view(build, camera, small):
+    behind = build.scene(plane=build.plane(-1.0, build.emissive(build.grey(1.0))))
+    with pytest.raises(engine.InvalidInput, match="Nothing is in the camera's view"):
+        engine.plan(behind, camera, small)
+
+
+def test_plan_is_plain_words_and_json(build, camera, small):
+    import json
+
+    plan = engine.plan(build.two_planes(build.emissive), camera, small)
+    assert all(d.reason for d in plan.decisions)
+    assert "recording plane" in str(plan)
+    assert json.loads(json.dumps(plan.to_dict(), allow_nan=False))["rays_per_pixel"] == plan.rays_per_pixel
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"frames": 0},
+        {"spp": 0},
+        {"quality": "best"},
+        {"estimator": "x"},
+        {"wrp": math.nan},
+        {"max_depth": 0},
+        {"seed": -1},
+    ],
+)
+def test_impossible_settings_are_refused(change):
+    with pytest.raises(engine.InvalidInput):
+        engine.Settings(**change)
+
+
+def test_the_plan_says_how_far_from_focus_designed_fields_serve(build, camera):
+    """60 pitch^2 / wavelength: 7.4 mm at 8 µm in green, 1.6 mm at 3.74 µm."""
+    scene = build.two_planes(build.emissive)
+    for pitch, kind, says in (
+        (8e-6, "designed", "21%"),
+        (3.74e-6, "designed", "up to 1.6 mm"),
+        (8e-6, "random", "35%"),
+    ):
+        hologram = engine.Hologram(128, 128, pitch, (516.5e-9,), 1e-3, 6e-3)
+        plan = engine.plan(scene, camera, hologram, engine.Settings(frames=8, phase_field=kind))
+        (reason,) = (d.reason for d in plan.decisions if d.name == "frames")
+        assert f"{kind} phase fields" in reason and ("from focus" in reason) == (pitch < 5e-6)
+        assert says in reason
+
+
+def difference(field, other):
+    """Relative difference of two fields, but for a phase common to all of a wavelength."""
+    a, b = (np.moveaxis(f.data, 1, 0).reshape(f.data.shape[1], -1) for f in (field, other))
+    turn = (a.conj() * b).sum(1, keepdims=True)
+    return np.linalg.norm(a * turn / abs(turn) - b) / np.linalg.norm(b)
+
+
+def small_display(side=128, wavelengths=(516.5e-9,)):
+    return engine.Hologram(side, side, 8e-6, wavelengths, 1e-3, 6e-3)
+
+
+@pytest.fixture
+def two_balls(build):
+    """Small, in the dark, at two depths."""
+    return build.scene(
+        near=build.ball(0.04, [0, 0, -0.8], build.emissive(build.texture(128, 2))),
+        far=build.ball(0.06, [-0.2, 0.1, -1.8], build.emissive(build.texture(128, 4))),
+    )
+
+
+def test_tiles_have_the_rays_that_they_need(two_balls, camera):
+    """Empty ones none; the picture is that of all rays everywhere."""
+    display, settings = small_display(192), engine.Settings(fixed={"passes": 16})
+    plan = engine.plan(two_balls, camera, display, settings)
+    field = engine.render(two_balls, camera, display, settings, plan)
+    everywhere = replace(plan, regions=False)
+    whole = engine.render(two_balls, camera, display, settings, everywhere)
+    assert field.report["rays"]["wave rays"] < 0.4 * whole.report["rays"]["wave rays"]
+    assert field.report["rays"]["wave rays"] == pytest.approx(
+        192**2 * sum(plane.plain + plane.chained for plane in plan.planes), rel=0.5
+    )
+    assert difference(field, whole) < 0.1
+    for depth in (0.8, 1.8):
+        truth = engine.reference(two_balls, camera, display, [depth], spp=64, near=field.near)[0]
+        a, b = (engine.psnr(engine.reconstruct(f, [depth])[0], truth, 10) for f in (field, whole))
+        assert a > b - 0.3
+
+
+def test_chains_are_followed_where_mirrors_are_seen(build, camera):
+    """Tiles without any have first hits alone, and the same light."""
+    scene = build.scene(
+        wall=build.plane(1.6, build.emissive(build.texture(128, 1))),
+        glass={"type": "sphere", "center": [-0.1, 0, -0.8], "radius": 0.03, "bsdf": {"type": "dielectric"}},
+    )
+    display, settings = small_display(192), engine.Settings(fixed={"passes": 16})
+    plan = engine.plan(scene, camera, display, settings)
+    assert plan.splits == 2 and 0 < plan.planes[0].chained < 0.6 * plan.planes[0].rays
+    field = engine.render(scene, camera, display, settings, plan)
+    whole = engine.render(scene, camera, display, settings, replace(plan, regions=False))
+    assert field.report["rays"]["wave rays"] < 0.7 * whole.report["rays"]["wave rays"]
+    assert difference(field, whole) < 0.1
+
+
+def test_a_chain_that_is_too_short_is_told_of(build, camera):
+    """Between two facing mirrors whose light, but for the middle, is reflected once to four times."""
+    half = 2 * math.tan(camera.fov_x / 2) / 9
+    walls = {}
+    for name, side in (("left", 1), ("right", -1)):
+        place = build.T().translate([-side * half, 0, -1]).rotate([0, 1, 0], 90 * side).scale([1.2, 1, 1])
+        walls[name] = {"type": "rectangle", "to_world": place, "bsdf": {"type": "conductor"}}
+    scene = build.scene(end=build.plane(2.0, build.emissive(build.texture(64, 1))), **walls)
+
+    def beyond(hits):
+        warnings = engine.plan(scene, camera, small_display(), engine.Settings(most_hits=hits)).warnings
+        return [int(re.match(r"(\d+)%", text)[1]) for text in warnings if "stays black" in text]
+
+    assert beyond(6) == []
+    # of nine equal strips the two outermost take four hits, the two beside them three
+    assert beyond(3) == pytest.approx([22], abs=4) and beyond(2) == pytest.approx([44], abs=4)
+
+
+@pytest.mark.parametrize("kind, chained", [("diffuse", False), ("conductor", True)])
+def test_the_kernel_holds_what_is_planned(build, camera, kind, chained):
+    """No chain, and no curvature, in the program of a diffuse scene."""
+    import drjit as dr
+
+    ball = {"type": "sphere", "center": [0, 0, -1], "radius": 0.2, "bsdf": {"type": kind}}
+    scene = build.scene(ball=ball, sky={"type": "constant"})
+    display = small_display(32)
+    plan = engine.plan(scene, camera, display)
+    dr.kernel_history_clear()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        engine.render(scene, camera, display, plan=plan)
+        programs = [str(kernel["ir"].getvalue()) for kernel in dr.kernel_history() if "ir" in kernel]
+    tracing = [program for program in programs if "wave path tracer" in program]
+    assert tracing and any("specular chain" in program for program in tracing) is chained
+
+
+def test_light_is_followed_as_far_as_it_counts(build, camera):
+    display = small_display(64)
+    shining = engine.plan(build.two_planes(build.emissive), camera, display)
+    lit = engine.plan(build.two_planes(build.diffuse), camera, display)
+    indirect = engine.plan(build.closed_box(), camera, display, engine.Settings(method="full"))
+    assert shining.max_depth == 1 and lit.max_depth == 2 and indirect.max_depth > 4
+
+
+def test_colourless_scenes_have_one_radiance(build, camera):
+    display = small_display(96, (640e-9, 516.5e-9, 455.4e-9))
+    grey = build.texture(64, 1, channels=1)
+    fields = {}
+    for name, texture in (("grey", grey), ("coloured", build.texture(64, 1))):
+        scene = build.scene(wall=build.plane(1.0, build.emissive(texture)))
+        plan = engine.plan(scene, camera, display)
+        assert plan.grey is (name == "grey")
+        fields[name] = scene, plan
+    scene, plan = fields["grey"]
+    settings = engine.Settings(fixed={"passes": 16})
+    field = engine.render(scene, camera, display, settings, plan)
+    three = engine.render(scene, camera, display, settings, replace(plan, grey=False))
+    assert difference(field, three) < 1e-3
+
+
+def test_rays_once_where_no_glass_in_view_disperses(build, camera):
+    display = small_display(64, (640e-9, 455.4e-9))
+    ball = {"type": "sphere", "radius": 0.05, "bsdf": {"type": "dispersive_dielectric", "abbe": 30.0}}
+    wall = build.plane(1.5, build.emissive(build.grey(1.0)))
+    for x, traversals in ((0.0, 2), (3.0, 1)):
+        scene = build.scene(wall=wall, ball={**ball, "center": [x, 0, -0.8]})
+        assert engine.plan(scene, camera, display).traversals == traversals
+
+
+@pytest.mark.slow
+def test_the_error_of_the_field_is_foretold_and_measured(build, camera):
+    """Noise of radiance paths, by the plan, by the halves of the paths, and against a field with many more paths."""
+    scene = build.closed_box()
+    display, settings = small_display(128), engine.Settings(method="full", fixed={"passes": 64})
+    field = engine.render(scene, camera, display, settings)
+    exact = engine.render(scene, camera, display, replace(settings, fixed={"passes": 2048}))
+    true = difference(field, exact)
+    errors = field.report["foretold"]["field_error"]
+    assert errors["measured"] == pytest.approx(true, rel=0.25)
+    assert 1 / 1.5 < errors["plan"] / true < 1.5
+
+
+def test_more_paths_where_their_halves_differ(build, camera):
+    """Where the plan took too few."""
+    scene, display = build.closed_box(), small_display(64)
+    settings = engine.Settings(method="full")
+    plan = engine.plan(scene, camera, display, settings)
+    few = replace(plan, passes=8, most_passes=256)
+    reports = [
+        engine.render(scene, camera, display, settings, replace(few, most_passes=most)).report
+        for most in (8, 256)
+    ]
+    assert reports[0]["radiance_passes"] == 8 and reports[1]["radiance_passes"] > 8
+    before, after = (report["foretold"]["field_error"]["measured"] for report in reports)
+    assert after < 0.5 * before
+
+
+def test_frames_for_a_wished_speckle(build, camera):
+    scene, display = build.two_planes(build.emissive), small_display(32)
+    for kind in ("random", "designed"):
+        settings = engine.Settings(speckle=0.2, phase_field=kind)
+        field = engine.render(scene, camera, display, settings)
+        frames = len(field.data)
+        assert frames == planner.resolved(settings).frames
+        assert speckle_contrast(kind, frames) <= 0.2 < speckle_contrast(kind, frames - 1)
+    with pytest.raises(engine.InvalidInput, match="takes over 256 frames"):
+        engine.plan(scene, camera, display, engine.Settings(speckle=0.001))
+
+
+def test_every_decision_can_be_taken_by_hand(build, camera):
+    scene = build.two_planes(build.diffuse)
+    fixed = {"chain": 3, "splits": 1, "max_depth": 5, "passes": 7, "slabs": 9, "bins": 3, "grey": 1}
+    fixed |= {"dispersion": 1, "regions": 0, "chunk": 1 << 20, "filter": 0, "textures": 3}
+    display = small_display(48, (640e-9, 455.4e-9))
+    settings = engine.Settings(method="full", fixed=fixed)
+    plan = engine.plan(scene, camera, display, settings)
+    for name in ("chain", "splits", "max_depth", "passes", "slabs", "bins", "chunk"):
+        assert getattr(plan, name) == fixed[name], name
+    assert plan.grey and not plan.regions
+    assert set(fixed) | {"steps"} == set(engine.FIXABLE)  # which are of baselines
+    field = engine.render(scene, camera, display, settings, plan)
+    assert np.isfinite(field.data).all() and field.report["radiance_passes"] == 7
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("chain", "fixes no decision"),
+        ("chain=x", "fixes no decision"),
+        ("chains=3", "There is no decision 'chains'"),
+    ],
+)
+def test_what_fixes_nothing(text, message):
+    with pytest.raises(engine.InvalidInput, match=message):
+        engine.parse_fixed(text)
+
+
+def test_out_of_range(build, camera, small):
+    assert engine.parse_fixed("chain=4, passes=64") == {"chain": 4, "passes": 64}
+    with pytest.raises(engine.InvalidInput, match="whole number from 0 to 64, not 65"):
+        engine.plan(build.two_planes(build.emissive), camera, small, engine.Settings(fixed={"chain": 65}))
+
+
+def test_what_the_plan_says(build, camera):
+    """Each decision with its reason, savings and errors in words."""
+    plan = engine.plan(build.two_planes(build.diffuse), camera, small_display(128, (640e-9, 455.4e-9)))
+    names = [d.name for d in plan.decisions]
+    for name in ("regions", "light bounces", "radiance paths a pixel", "wavelengths", "frames", "padding"):
+        assert name in names
+    assert any("saves" in d.why for d in plan.decisions) and any(
+        "error about" in d.why for d in plan.decisions
+    )
+    assert "error of the field" in str(plan)
+
+
+def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monkeypatch):
+    """A first render's programs are the pilot's and some more."""
+    timed, radiance = pilot._timed, []
+    for extra in (0.0, 10.0):
+
+        def slower(*work, extra=extra):
+            seconds, _, result = timed(*work)
+            return seconds, extra, result
+
+        monkeypatch.setattr(pilot, "_timed", slower)
+        radiance.append(engine.plan(build.two_planes(build.diffuse), camera, small).stages["radiance"])
+    assert radiance[0] + 10 < radiance[1] < radiance[0] + 20
+
+
+def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
+    """What the scene itself does not time takes as many times longer; the speed is measured once and kept."""
+    times = {}
+    for slow in (1.0, 3.0):
+        monkeypatch.setattr(planner, "slowness", lambda folder, slow=slow: slow)
+        times[slow] = engine.plan(build.two_planes(build.diffuse), camera, small).stages
+    for stage in ("kernel tables", "propagation"):
+        assert times[3.0][stage] == pytest.approx(3 * times[1.0][stage])
+
+
+def test_the_machine_s_speed_is_measured_once(tmp_path, monkeypatch):
+    machine.slowness.cache_clear()
+    found = machine.slowness(tmp_path)
+    assert 0.05 < found < 50
+    machine.slowness.cache_clear()
+    with monkeypatch.context() as patched:
+        patched.delattr(machine, "_work")
+        assert machine.slowness(tmp_path) == found
+    for damaged in ("", "[]", '{"made_with": "another", "slowness": 1}'):
+        (tmp_path / machine.FILE).write_text(damaged)
+        machine.slowness.cache_clear()
+        assert machine.slowness(tmp_path) != 1
+    assert [file.name for file in tmp_path.iterdir()] == [machine.FILE]
+    machine.slowness.cache_clear()

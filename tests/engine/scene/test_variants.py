@@ -1,0 +1,184 @@
+"""The choice of a Mitsuba variant and of an LLVM that does not crash it.
+
+What is loaded stays in a process, so every choice is tried in one of its own.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.scene import variants as module
+
+ROOT = Path(__file__).parents[3]
+
+ACTIVATE = """
+from holopath_addon.engine import backend, BackendUnavailable
+try:
+    print("variant", backend.activate())
+except BackendUnavailable as error:
+    print("refused", error)
+"""
+ACTIVATE_LLVM = ACTIVATE.replace("activate()", "activate('llvm_ad_rgb')")
+COMPUTE = """
+import drjit, mitsuba
+print("sum", drjit.sum(drjit.minimum(mitsuba.Float([1, 2, 3]), 2))[0])
+"""
+
+
+def run(code, **environment):
+    variables = {k: v for k, v in os.environ.items() if k != "DRJIT_LIBLLVM_PATH"} | environment
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=variables,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout.strip()
+
+
+def library(tmp_path, version, name="libLLVM.so.{0}.1"):
+    """A shared library that reports itself as LLVM of this version (None: an LLVM from before it could)."""
+    compiler = shutil.which("cc")
+    if compiler is None or os.name != "posix":
+        pytest.skip("needs a C compiler")
+    source = tmp_path / "llvm.c"
+    body = f"{{ *a = {version}; *b = 1; *c = 7; }}"
+    function = f"void LLVMGetVersion(unsigned *a, unsigned *b, unsigned *c) {body}"
+    source.write_text("int old;" if version is None else function)
+    path = tmp_path / name.format(version)
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", path, source], check=True)
+    return path
+
+
+def test_activates_and_computes():
+    out = run(ACTIVATE + COMPUTE)
+    assert out.splitlines()[0] in ("variant llvm_ad_rgb", "variant cuda_ad_rgb")
+    assert out.splitlines()[1] == "sum 5.0"
+
+
+def test_as_many_threads_as_wished():
+    tell = "import drjit\nprint(backend.threads(), drjit.thread_count())"
+    for wish in (1, 3):  # of Dr.Jit's one at least is another than the caller's
+        out = run(ACTIVATE_LLVM + tell, HOLOPATH_THREADS=str(wish))
+        assert out.splitlines()[1] == f"{wish} {max(wish, 2)}"
+
+
+@pytest.mark.parametrize("wish", ["0", "-2", "many", "1.5"])
+def test_no_such_number_of_threads(monkeypatch, wish):
+    monkeypatch.setenv("HOLOPATH_THREADS", wish)
+    with pytest.raises(engine.InvalidInput, match="HOLOPATH_THREADS"):
+        module.threads()
+
+
+def test_activate_is_idempotent_and_works_in_a_thread(backend):
+    seen = []
+    thread = threading.Thread(target=lambda: seen.append(module.activate()))
+    thread.start()
+    thread.join()
+    assert seen == [backend] == [module.activate()]
+
+
+def test_keeps_the_variant_of_the_caller():
+    code = "from holopath_addon.engine import backend\nbackend.activate('llvm_ad_rgb')\n" + ACTIVATE
+    assert run(code) == "variant llvm_ad_rgb"
+
+
+def test_replaces_a_variant_that_cannot_be_differentiated():
+    assert "_ad_rgb" in run("import mitsuba\nmitsuba.set_variant('scalar_rgb')\n" + ACTIVATE)
+
+
+def test_unknown_preference():
+    with pytest.raises(engine.InvalidInput, match="scalar_rgb"):
+        module.activate("scalar_rgb")
+
+
+def test_describe_names_both_backends():
+    rows = module.describe()
+    assert [row["name"] for row in rows] == ["cuda_ad_rgb", "llvm_ad_rgb"]
+    assert any(row["available"] for row in rows)
+    assert all(isinstance(row["available"], bool) and row["detail"] for row in rows)
+
+
+@pytest.mark.parametrize("version", [14, 16, 18])
+def test_refuses_an_old_llvm_by_its_name(tmp_path, version):
+    path = tmp_path / f"libLLVM-{version}.so.1"
+    path.write_bytes(b"never loaded")
+    out = run(ACTIVATE_LLVM, DRJIT_LIBLLVM_PATH=str(path))
+    assert out.startswith("refused") and f"is LLVM {version}" in out and "install LLVM 19" in out
+    assert len(out.splitlines()) == 1
+
+
+def test_refuses_an_old_llvm_that_hides_its_version(tmp_path):
+    path = library(tmp_path, 18, name="libLLVM.so")
+    assert "is LLVM 18.1.7" in run(ACTIVATE_LLVM, DRJIT_LIBLLVM_PATH=str(path))
+    path = library(tmp_path, None, name="libLLVM-C.so")
+    assert "is older than LLVM 16" in run(ACTIVATE_LLVM, DRJIT_LIBLLVM_PATH=str(path))
+
+
+def test_refuses_a_missing_llvm(tmp_path):
+    out = run(ACTIVATE_LLVM, DRJIT_LIBLLVM_PATH=str(tmp_path / "libLLVM.so.99"))
+    assert out.startswith("refused DRJIT_LIBLLVM_PATH names") and "cannot be loaded" in out
+    assert len(out.splitlines()) == 1
+
+
+def test_takes_the_newest_and_says_what_is_too_old(tmp_path, monkeypatch):
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    monkeypatch.setattr(module, "_own_folders", lambda: [])
+    monkeypatch.setattr(module, "_system_folders", lambda: [tmp_path])
+    (tmp_path / "libLLVM-15.so.1").write_bytes(b"")
+    (tmp_path / "libLLVM.so.9999").symlink_to(tmp_path / "gone")
+    (tmp_path / "libLLVMSupport.a").write_bytes(b"")
+    with pytest.raises(engine.BackendUnavailable, match=r"libLLVM-15\.so\.1 is LLVM 15.*install LLVM 19"):
+        module.find_llvm()
+    library(tmp_path, 19)
+    newest = library(tmp_path, 21)
+    assert module.find_llvm() == (str(newest), (21, 1, 7))
+
+
+def test_its_own_llvm_comes_before_newer_ones_of_the_system(tmp_path, monkeypatch):
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    own = tmp_path / module._OWN
+    own.mkdir()
+    (own / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(module, "_system_folders", lambda: [tmp_path])
+    path = library(own, 21)
+    other = library(tmp_path, 99)
+    assert module.find_llvm() == (str(path), (21, 1, 7))
+    assert module.describe()[1]["detail"] == "LLVM 21.1.7, HoloPath's own"
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(other))
+    assert module.describe()[1]["detail"] == f"LLVM 99.1.7, {other}"
+    # what is wrong with it is told, also where nothing else is found
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH")
+    other.unlink()
+    path.unlink()
+    (own / "libLLVM.so.22.1").write_bytes(b"cut off")
+    with pytest.raises(
+        engine.BackendUnavailable, match=r"libLLVM\.so\.22\.1 cannot be loaded \(.*(short|header)"
+    ):
+        module.find_llvm()
+
+
+def test_says_what_to_do_without_mitsuba():
+    code = "import sys\nsys.modules['mitsuba'] = None\n" + ACTIVATE
+    out = run(code)
+    assert out.startswith("refused Mitsuba 3 cannot be imported") and "pip install mitsuba" in out
+
+
+def test_old_llvm_loaded_before(monkeypatch, backend):
+    import drjit
+
+    monkeypatch.setattr(drjit.detail, "llvm_version", lambda: (16, 0, 6))
+    monkeypatch.setattr(drjit, "has_backend", lambda _: True)
+    with pytest.raises(engine.BackendUnavailable, match=r"has loaded LLVM 16\.0\.6"):
+        module._check_loaded_llvm()
