@@ -2,7 +2,7 @@
 # make test: the tests, in minutes            make env: only what both need, in .venv
 # make test-slow: those that take long, or compare with other people's programs (MINUTES=8: as many as begin in that time)
 # make test-all: both, and those in the Blender that HOLOPATH_BLENDER names
-# make lint, make bench
+# make lint, make bench; make guide: the table of settings in docs/guide.md, as they are declared
 # make extension: the zips that Blender installs, in dist; make repository: a folder that Blender updates from
 # make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
 
@@ -22,7 +22,7 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 # A worker for each processor, as far as memory goes: each has Blender and Mitsuba loaded.
 PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: env demo test test-slow test-all lint bench chart chart-quick extension repository clean
+.PHONY: env demo test test-slow test-all lint bench chart chart-quick extension repository guide clean
 
 env: $(RUN) $(DEV)
 
@@ -62,6 +62,9 @@ test-slow: $(RUN) $(DEV) $(ORACLES)
 
 test-all: test test-slow
 	@if [ -n "$$HOLOPATH_BLENDER" ]; then $(PY) -m pytest -m blender; fi
+
+guide: $(RUN)
+	$(PY) -m holopath_addon.command_line.options docs/guide.md
 
 lint: $(RUN) $(DEV)
 	$(PY) -m ruff check .

@@ -76,7 +76,7 @@ def suzanne(side=SIDE):
     from holopath_addon.command_line.sources import open_source
 
     loaded = open_source("demo:suzanne").load(side, side, None)
-    hologram = engine.Hologram(side, side, PITCH, (GREEN,), *pipeline.default_depth_range(side, side, PITCH))
+    hologram = engine.Hologram(side, side, PITCH, (GREEN,))
     return Subject(loaded.scene, loaded.camera, hologram, (0.5, 1.0, 4.0))
 
 
@@ -94,7 +94,7 @@ def methods(names=("two planes", "suzanne"), side=SIDE):
         focus, hologram = subject.focus, subject.hologram
         view, edge, truth = (subject.scene, subject.camera, hologram), border(hologram), None
         lines.append(f"  {name}: {side} x {side}, 8 µm, green, at {', '.join(f'{d:g}' for d in focus)} m")
-        for kind in PHASE_FIELDS[::-1]:
+        for kind in tuple(PHASE_FIELDS)[::-1]:
             for frames in FRAMES:
                 settings = engine.Settings(frames=frames, method="full", phase_field=kind)
                 field = engine.render(*view, settings)

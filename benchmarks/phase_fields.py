@@ -20,7 +20,7 @@ from .convergence import border, view_of
 from .optics import scenes as optics_scenes
 from .scenes import FOV, GREEN, Scenes
 
-KINDS = PHASE_FIELDS[::-1]  # random first
+KINDS = tuple(PHASE_FIELDS)[::-1]  # random first
 PITCH, SIZE = 8e-6, 256
 WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
 DEFOCUS = np.arange(-60, 61) * 1e-4  # metres

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from . import engine, failures, lengths, output, pipeline, stills
-from .command_line import slm_commands, sources
+from .command_line import options, slm_commands, sources
 from .command_line.console import Progress, close_line
+from .command_line.options import argument, renamed
 from .engine import displays, encoding
-from .engine import settings as choices
-from .engine.hologram import DEPTH_MAPPINGS
+from .engine.settings import DEPTH_MAPPINGS, ENCODINGS
 
 
 def main(argv=None, store=None):
@@ -93,19 +93,6 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(failures.BAD_INPUT)
 
 
-def _argument(parse):
-    """Argument type from a function that raises `InvalidInput` or `ValueError`."""
-
-    def convert(text):
-        try:
-            return parse(text)
-        except engine.InvalidInput as error:
-            raise argparse.ArgumentTypeError(str(error).rstrip(".")) from None
-
-    convert.__name__ = parse.__name__.replace("_", " ").strip()
-    return convert
-
-
 def _numbers(count, shape, unit):
     def parse(text):
         try:
@@ -116,7 +103,7 @@ def _numbers(count, shape, unit):
             raise engine.InvalidInput(f"'{text}' is not {shape} in {unit}")
         return values
 
-    return _argument(parse)
+    return argument(parse)
 
 
 def _resolution(text):
@@ -124,23 +111,6 @@ def _resolution(text):
     if not (x and width.isdigit() and height.isdigit()):
         raise engine.InvalidInput(f"'{text}' is not WIDTHxHEIGHT in pixels, for example 512x512")
     return int(width), int(height)
-
-
-def _wrp(text):
-    if text == "auto":
-        return text
-    try:
-        return float(text) * 1e-3
-    except ValueError:
-        raise engine.InvalidInput(f"'{text}' is neither auto nor a distance in millimetres") from None
-
-
-def _planes(text):
-    if text == "auto":
-        return text
-    if not text.isdigit():
-        raise engine.InvalidInput(f"'{text}' is neither auto nor a number of recording planes")
-    return int(text)
 
 
 def _parser(store):
@@ -173,7 +143,7 @@ def _parser(store):
     _add_focus(render, "three depths spread over the visible range")
     render.add_argument(
         "--encode",
-        choices=("none", *encoding.METHODS),
+        choices=("none", *ENCODINGS),
         default="none",
         help="also write phases for an SLM into DIR/hologram (default none); auto is refine with --method full, joint "
         "with several frames, sgd with one",
@@ -200,7 +170,7 @@ def _parser(store):
     add = encode.add_argument
     add(
         "--method",
-        choices=encoding.METHODS,
+        choices=tuple(ENCODINGS),
         default="auto",
         help="double phase (dpac); each frame for itself by gradient descent (sgd); then all frames together (joint); "
         "auto (default) is joint, or sgd with one frame. refine needs the scene: `holopath render --encode refine`",
@@ -212,7 +182,14 @@ def _parser(store):
         default="complex",
         help="what sgd compares: the complex field (default), or amplitudes alone",
     )
-    add("--planes", type=int, default=1, metavar="N", help="on which amplitudes are compared (default 1)")
+    add(
+        "--compared-planes",
+        type=int,
+        default=1,
+        metavar="N",
+        help="on which amplitudes are compared (default 1)",
+    )
+    renamed(encode, "--planes", "--compared-planes", type=int)
     add("--no-aperture", dest="aperture", action="store_false", help="without a stop in the Fourier plane")
     add(
         "--start",
@@ -243,11 +220,11 @@ def _add_scene(parser, store):
     add("scene", metavar="SCENE", help="a .blend, a Mitsuba .xml, or demo:NAME")
     add(
         "--display",
-        type=_argument(displays.display),
+        type=argument(displays.display),
         metavar="PRESET",
         help=f"resolution and pitch of a device: {', '.join(engine.DISPLAYS)}",
     )
-    add("--resolution", type=_argument(_resolution), metavar="WxH", help="default: the file's, 512x512")
+    add("--resolution", type=argument(_resolution), metavar="WxH", help="default: the file's, 512x512")
     add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometres (default: the file's, 8)")
     add(
         "--wavelengths",
@@ -255,51 +232,10 @@ def _add_scene(parser, store):
         metavar="NM[,NM..]",
         help="default: the file's, 640,516.5,455.4",
     )
-    frames = parser.add_mutually_exclusive_group()
-    frames.add_argument(
-        "--frames", type=int, metavar="M", help="time-multiplexed frames (default: the file's, 8)"
-    )
-    frames.add_argument(
-        "--speckle",
-        type=float,
-        metavar="CONTRAST",
-        help="as many frames as this speckle contrast takes, 0.1 for 10 percent",
-    )
-    add(
-        "--method",
-        choices=choices.METHODS,
-        help="diffuse light by paths of this view alone (full), or baked once for all views (fast); auto (default) "
-        "takes the sooner; direct: the paper's slow baseline, from the SLM; the others are methods to compare with",
-    )
     baked = parser.add_mutually_exclusive_group()
     _add_cache(baked, store)
     baked.add_argument(
         "--no-cache", dest="store", action="store_const", const=None, help="bake for this run only"
-    )
-    add("--estimator", choices=choices.ESTIMATORS, help="lattice with exact kernel, or as published")
-    add(
-        "--phase-field",
-        choices=choices.PHASE_FIELDS,
-        help="designed for little speckle (default), or at random",
-    )
-    add("--despeckle", type=int, metavar="STEPS", help="steps that take out more of it (default 0: none)")
-    add(
-        "--virtual-image",
-        choices=choices.VIRTUAL_IMAGES,
-        help="images in mirrors and lenses (default curvature)",
-    )
-    add("--most-hits", type=int, metavar="N", help="longest chain of mirrors and glass (default 8; 0: none)")
-    add("--radiance", choices=choices.RADIANCES, help="average per grain, or a few paths for each ray")
-    add("--paths", type=int, metavar="N", help="paths a ray with --radiance ray (default 1)")
-    quality = parser.add_mutually_exclusive_group()
-    quality.add_argument("--quality", choices=choices.QUALITIES)
-    quality.add_argument("--spp", type=int, metavar="N", help="most rays a pixel, on average")
-    add("--wrp", type=_argument(_wrp), metavar="auto|MM", help="recording plane's distance from the SLM")
-    add(
-        "--planes",
-        type=_argument(_planes),
-        metavar="auto|J",
-        help="most recording planes: more need fewer rays (default auto: as many as are worth their time)",
     )
     add(
         "--depth-range",
@@ -309,18 +245,11 @@ def _add_scene(parser, store):
     )
     add(
         "--depth-mapping",
-        choices=DEPTH_MAPPINGS,
+        choices=tuple(DEPTH_MAPPINGS),
         help="fit the scene into the depth range, or map it as an eyepiece does",
     )
     add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
-    add(
-        "--fix",
-        dest="fixed",
-        type=_argument(engine.parse_fixed),
-        metavar="NAME=N[,..]",
-        help=f"decisions of the plan that you take yourself: {', '.join(engine.FIXABLE)}",
-    )
-    add("--seed", type=int, metavar="S")
+    options.add(parser)
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
 
 
@@ -344,7 +273,7 @@ def _bits(text):
 def _add_bits(parser):
     parser.add_argument(
         "--bits",
-        type=_argument(_bits),
+        type=argument(_bits),
         metavar="N",
         help="of phase that a pixel of the SLM takes, where they are few: the phases are the best of its levels",
     )
@@ -353,7 +282,7 @@ def _add_bits(parser):
 def _add_modulator(parser):
     add = parser.add_argument_group("from the stored phases, as a display shows them").add_argument
     add("--hologram", action="store_true", help="refocus the stored phases instead of the wave field")
-    add("--bits", type=_argument(_bits), metavar="N", help="of phase that a pixel takes (default: any phase)")
+    add("--bits", type=argument(_bits), metavar="N", help="of phase that a pixel takes (default: any phase)")
     add("--response", metavar="FILE", help="text file of the phase in radians that each grey level shows")
     add("--fill-factor", type=float, default=1.0, metavar="SHARE", help="of a pixel's area (default 1)")
     add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
@@ -363,7 +292,7 @@ def _add_modulator(parser):
 def _add_focus(parser, default):
     parser.add_argument(
         "--focus",
-        type=_argument(lengths.parse_focus),
+        type=argument(lengths.parse_focus),
         metavar="0.5m,1m,inf",
         help=f"focus distances in m, cm, mm, D (dioptres) or inf (default: {default})",
     )
@@ -391,26 +320,13 @@ def _hologram_of(args, base):
     if args.depth_range is not None:
         changes.update(depth_far=args.depth_range[0] * 1e-3, depth_near=args.depth_range[1] * 1e-3)
     elif changes:
-        size = [changes.get(k, getattr(base, k)) for k in ("width", "height", "pitch")]
-        if min(size) > 0:
-            changes["depth_far"], changes["depth_near"] = pipeline.default_depth_range(*size)
+        changes.update(depth_far=None, depth_near=None)
     if args.wavelengths is not None:
         changes["wavelengths"] = tuple(w * 1e-9 for w in args.wavelengths)
     if args.depth_mapping is not None:
         changes["depth_mapping"] = args.depth_mapping
     if args.near is not None:
         changes["near"] = args.near
-    return replace(base, **changes)
-
-
-def _settings_of(args, base):
-    names = ("frames", "method", "estimator", "phase_field", "radiance", "quality", "spp", "wrp", "seed")
-    names += ("virtual_image", "most_hits", "planes", "paths", "despeckle", "speckle", "fixed")
-    changes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    if "quality" in changes:
-        changes["spp"] = None
-    if "frames" in changes:
-        changes["speckle"] = None
     return replace(base, **changes)
 
 
@@ -422,7 +338,10 @@ def _pupil_of(args):
 
 def _load(args, source):
     """Scene in its current frame, hologram and settings that the words ask for."""
-    hologram, settings = _hologram_of(args, source.hologram), _settings_of(args, source.settings)
+    hologram, settings = (
+        _hologram_of(args, source.hologram),
+        options.settings_of(args, source.settings),
+    )
     with sources.native_output_to_stderr():
         loaded = source.load(hologram.width, hologram.height, args.camera)
     return loaded, hologram, settings
@@ -627,7 +546,7 @@ def _encode(args):
             pipeline.stage(progress, 0.0, 0.9),
             bits=args.bits,
             supervision=args.supervision,
-            planes=args.planes,
+            planes=args.compared_planes,
             aperture=args.aperture,
             start=start,
             tolerance=args.tolerance,

@@ -1,9 +1,12 @@
 """Settings of the device that shows holograms, and what they mean to `slm`."""
 
+from collections.abc import Mapping
+
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from . import engine, slm
+from .engine.settings import Choice
 from .slm.drivers.controller import BAUD, SLOWEST
 from .slm.drivers.slmsuite_device import DEVICES, options_of
 
@@ -14,16 +17,6 @@ _DRIVERS = [
     ("slmsuite", "slmsuite", "Any SLM that the library slmsuite drives, where it is installed", 2),
     ("files", "Files", "Pictures in a folder, for a device's own program", 3),
     ("virtual", "Virtual Bench", "A simulated SLM with its optics and a camera", 4),
-]
-_PACKINGS = [
-    ("time", "One Hologram", "One frame of one color per picture, one after the other", 0),
-    (
-        "colour",
-        "Three in RGB",
-        "Three holograms of up to 8 bits in red, green and blue, for field-sequential SLMs",
-        1,
-    ),
-    ("bits", "24 in Bits", "24 holograms of one bit in the bits of red, green and blue, for binary SLMs", 2),
 ]
 _MODELS = {"holoeye": "HOLOEYE", "ti-plm": "TI PLM"}  # names that are not their words with capitals
 _ORDERS = [(order, order, f"{order[0]}, then {order[1]}, then {order[2]}", n) for n, order in enumerate(
@@ -36,6 +29,11 @@ found = {}
 
 def _found(kind):
     return lambda props, context, text: [name for name in found.get(kind, ()) if text.lower() in name.lower()]
+
+
+def menu(chosen: Mapping[str, Choice]) -> list[tuple]:
+    """A menu's items; files hold their numbers."""
+    return [(each.name, each.label, each.help, each.number) for each in chosen.values()]
 
 
 class HoloPathDevice(bpy.types.PropertyGroup):
@@ -84,7 +82,9 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         description="JSON file of the device: phase of its levels, correction, flips and shift. Empty: 8 bits, even",
         subtype="FILE_PATH",
     )
-    packing: EnumProperty(name="Packing", description="Holograms that one picture holds", items=_PACKINGS)
+    packing: EnumProperty(
+        name="Packing", description="Holograms that one picture holds", items=menu(slm.PACKINGS)
+    )
     order: EnumProperty(
         name="Channel Order",
         description="Order in which the SLM shows the channels of a picture",

@@ -13,9 +13,6 @@ from .engine.mapping import DepthMapping
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, Compiling
 
-LARGE_DISPLAY = 6e-3  # metres of the shorter side from which on the engine's own depth range suits
-SMALL_DISPLAY = 4.096e-3  # 512 pixels of 8 µm
-SMALL_DEPTH_RANGE = (10e-3, 15e-3)
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
 SOON = 2.0  # seconds within which no preview is needed
@@ -50,30 +47,6 @@ class Result:
     focus: list
     images: np.ndarray = field(repr=False)
     seconds: dict
-
-
-def default_depth_range(width, height, pitch):
-    """Depth range that a display's aperture can show without dark edges.
-
-    Light spreads on its way to the SLM; a small display far from its volume loses most of it.
-
-    Parameters
-    ----------
-    width, height : int
-        Pixels.
-    pitch : float
-        Metres.
-
-    Returns
-    -------
-    (float, float)
-        Distances of the far and the near end from the SLM, metres.
-    """
-    side = min(width, height) * pitch
-    if side >= LARGE_DISPLAY:
-        return engine.Hologram.depth_far, engine.Hologram.depth_near
-    scale = min(1.0, side / SMALL_DISPLAY)
-    return SMALL_DEPTH_RANGE[0] * scale, SMALL_DEPTH_RANGE[1] * scale
 
 
 def dioptres_in_view(plan, camera, hologram):

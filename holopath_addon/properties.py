@@ -2,6 +2,7 @@
 
 import math
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy.props import (
@@ -15,11 +16,9 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import engine, pipeline
-from .device_properties import HoloPathDevice
-from .engine import encoding
-from .engine import settings as choices
-from .engine.hologram import DEPTH_MAPPINGS
+from . import engine
+from .device_properties import HoloPathDevice, menu
+from .engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODINGS, default_of
 
 CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
@@ -27,90 +26,49 @@ LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
 _KNOWS_RELATIVE = "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
 _RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if _KNOWS_RELATIVE else set()
 
-_LABELS = {
-    "auto": ("Auto", "Bake diffuse light where that takes less time than tracing it for this view"),
-    "fast": (
-        "Fast",
-        "Bake diffuse light into a texture, once for all views and focus distances of the same scene",
-    ),
-    "direct": ("Direct", "Trace straight from the SLM with random directions: the paper's slow baseline"),
-    "draft": (
-        "Draft",
-        "A true hologram at once, with much noise: mirrors and glass show pictures on their own surface",
-    ),
-    "preview": ("Preview", "Few rays and radiance samples, for a first look"),
-    "balanced": ("Balanced", "Enough rays for every depth in view"),
-    "full": ("Full", "A wider cone of rays and more radiance samples"),
-    "lattice": ("Lattice", "Directions on a lattice with the exact kernel: no noise but the radiance's"),
-    "paper": ("Paper", "Random directions with a spherical wave, as published"),
-    "grain": (
-        "Per Grain",
-        "Average every grain's radiance before the root is taken: right where light is indirect",
-    ),
-    "ray": ("Per Ray", "Light paths of its own for each ray, as published: dark where light is indirect"),
-    "designed": ("Designed", "Maps designed so that the frames' mean has little speckle, at any focus"),
-    "random": (
-        "Random",
-        "Independent for each frame, as published: speckle of one over the root of the frames",
-    ),
-    "curvature": ("Wavefront", "Where neighboring rays cross: right for curved mirrors and lenses"),
-    "opl": ("Path Length", "At the optical path length, as published: right for flat mirrors only"),
-    "fit": ("Fit Scene", "Spread the scene from its near end to infinity over the depth range"),
-    "dpac": (
-        "Double Phase",
-        "Neighboring pixels whose mean is the complex amplitude: at once, for a first look",
-    ),
-    "sgd": ("Each Frame", "Gradient descent towards each frame's complex field"),
-    "joint": (
-        "All Frames",
-        "Each frame, then all together, so that what is seen through them is what the field shows",
-    ),
-    "refine": (
-        "References",
-        "Each frame, then all together towards pictures of the scene through a thin lens, which takes longer",
-    ),
-    "eyepiece": ("Eyepiece", "Place depths as an eyepiece that shows the hologram in the camera's view does"),
-}
-
-
-_ENCODING_LABELS = _LABELS | {
-    "auto": (
-        "Automatic",
-        "References where the method Full traced all light; else All Frames, or Each Frame where there is one",
-    )
-}
-_METHOD_LABELS = _LABELS | {"full": ("Full", "Trace all light for this view alone")}
-_METHOD_LABELS |= {
-    name: (label, f"To compare with: {what}") for name, (_, label, what) in choices.BASELINES.items()
-}
-
-
-# A .blend holds these numbers, as it holds the places of `_items`: a display keeps its own for ever.
-_DISPLAY_NUMBERS = {
-    CUSTOM: 0,
-    "pluto-2": 1,
-    "leto-3": 2,
-    "gaea-2": 3,
-    "meadowlark-1920": 4,
-    "santec-slm-210": 5,
-    "ti-plm-067": 6,
-}
-
-
-def _items(names, labels=_LABELS, numbered=None):
-    """Items in this order; files hold their numbers, by that of `numbered`."""
-    numbered = list(numbered or names)
-    return [(name, *labels[name], numbered.index(name)) for name in names]
-
 
 def _display_items():
-    items = [
-        (CUSTOM, "Custom", "Resolution, pixel pitch and bit depth as set below", _DISPLAY_NUMBERS[CUSTOM])
-    ]
+    items = [(CUSTOM, "Custom", "Resolution, pixel pitch and bit depth as set below", 0)]
     for display in engine.DISPLAYS.values():
         size = f"{display.width} × {display.height} pixels of {display.pitch * 1e6:g} µm, {display.bits} bits"
-        items.append((display.name, display.label, size, _DISPLAY_NUMBERS[display.name]))
+        items.append((display.name, display.label, size, display.number))
     return items
+
+
+def _declared_properties():
+    """Blender's properties of the settings that the engine declares, each after its switch if it has one."""
+    made = {}
+    for name, declared in DECLARED.items():
+        switch, default = declared.switch, default_of(name)
+        if switch is not None:
+            made[switch.name] = BoolProperty(
+                name=switch.label, description=switch.help, default=not switch.by_hand
+            )
+            default = declared.initial
+        told: dict[str, Any] = {"name": declared.label, "description": declared.help, "default": default}
+        if declared.chosen:
+            made[name] = EnumProperty(**told, items=menu(declared.chosen))
+        elif name == "fixed":
+            told |= {"description": f"{declared.help}. There are {', '.join(engine.FIXABLE)}", "default": ""}
+            made[name] = StringProperty(**told)
+        else:
+            least, most = declared.bounds
+            low, high = declared.soft or declared.bounds
+            ends = {"min": least, "max": most, "soft_min": low, "soft_max": high}
+            told |= {key: end for key, end in ends.items() if end is not None}
+            if declared.unit:
+                told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
+            elif isinstance(default, float):
+                told |= {"subtype": "FACTOR", "precision": 2}
+            kind = FloatProperty if isinstance(default, float) else IntProperty
+            made[property_of(name)] = kind(**told)
+    return made
+
+
+def property_of(name: str) -> str:
+    """Name of the property that holds a declared setting."""
+    unit = DECLARED[name].unit
+    return f"{name}_{unit}" if unit else name
 
 
 def _display_changed(props, context):
@@ -123,8 +81,8 @@ def _display_changed(props, context):
         display.height,
         display.pitch * 1e6,
     )
-    far, near = pipeline.default_depth_range(display.width, display.height, display.pitch)
-    props.depth_far_mm, props.depth_near_mm = far * 1e3, near * 1e3
+    whole = engine.Hologram(display.width, display.height, display.pitch)
+    props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
 
 
 _noting = []  # not empty while focus or index are written, but nothing is to be refocused
@@ -209,8 +167,15 @@ class HoloPathFocus(_Focus, bpy.types.PropertyGroup):
     )
 
 
-class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
+_Declared = type("_Declared", (), {"__annotations__": _declared_properties()})
+
+
+class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     """What `Scene.holopath` holds."""
+
+    if TYPE_CHECKING:  # of the settings that are declared
+
+        def __getattr__(self, name: str) -> Any: ...
 
     display: EnumProperty(
         name="Display",
@@ -285,7 +250,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     depth_mapping: EnumProperty(
         name="Depth Mapping",
         description="How the scene's depth fills the depth range of the hologram",
-        items=_items(DEPTH_MAPPINGS),
+        items=menu(DEPTH_MAPPINGS),
     )
     depth_far_mm: FloatProperty(
         name="Far End (mm)",
@@ -319,148 +284,6 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
         soft_max=10.0,
         precision=3,
         step=5,
-    )
-    frames: IntProperty(
-        name="Frames",
-        description="Time-multiplexed frames per color; more have less speckle and take longer",
-        default=8,
-        min=1,
-        max=256,
-        soft_max=32,
-    )
-    wish_speckle: BoolProperty(
-        name="Frames by Speckle",
-        description="Take as many frames as the wanted speckle contrast needs",
-    )
-    speckle: FloatProperty(
-        name="Speckle",
-        description="Speckle contrast that may be left: standard deviation over mean of the intensity, from 0 to 1",
-        subtype="FACTOR",
-        default=0.15,
-        min=0.01,
-        max=1.0,
-        soft_max=0.6,
-        precision=2,
-    )
-    phase_field: EnumProperty(
-        name="Phase Fields",
-        description="Where the phases of the frames come from; they cost the same",
-        items=_items(choices.PHASE_FIELDS),
-    )
-    despeckle: IntProperty(
-        name="Despeckle",
-        description=(
-            "Steps that take speckle out of this scene's own fields after tracing, towards the mean of 96 frames, "
-            "which are traced for it and multiply the time; 60 do most. 0: none"
-        ),
-        default=0,
-        min=0,
-        max=1 << 16,
-        soft_max=200,
-    )
-    quality: EnumProperty(
-        name="Quality",
-        description="Rays and radiance samples per pixel: more take longer and leave less noise",
-        items=_items(choices.QUALITIES, numbered=("preview", "balanced", "full", "draft")),
-        default="balanced",
-    )
-    method: EnumProperty(
-        name="Method",
-        description="Where the light that surfaces scatter diffusely comes from",
-        items=_items(choices.METHODS, _METHOD_LABELS),
-    )
-    limit_rays: BoolProperty(
-        name="Limit Rays", description="Set the largest number of rays per pixel by hand", default=False
-    )
-    spp: IntProperty(
-        name="Rays per Pixel",
-        description="Most rays per pixel, on average; fewer than are needed fill a narrower cone",
-        default=256,
-        min=1,
-        max=1 << 20,
-        soft_max=4096,
-    )
-    estimator: EnumProperty(
-        name="Estimator",
-        description="How the rays of a pixel are chosen and summed",
-        items=_items(choices.ESTIMATORS),
-    )
-    radiance: EnumProperty(
-        name="Radiance",
-        description="How path-traced light becomes amplitude",
-        items=_items(choices.RADIANCES),
-    )
-    paths: IntProperty(
-        name="Paths per Ray",
-        description="Radiance paths that are averaged for each ray; few are dark where light is indirect",
-        default=1,
-        min=1,
-        max=1 << 16,
-        soft_max=64,
-    )
-    planes_auto: BoolProperty(
-        name="Automatic Number of Planes",
-        description="As many recording planes as are worth their time, by the depths, edges and mirrors in view",
-        default=True,
-    )
-    planes: IntProperty(
-        name="Recording Planes",
-        description=(
-            "Most planes that rays start from, each near its part of the scene: more planes need fewer rays, and "
-            "keep the edges of near things free of dark rims"
-        ),
-        default=4,
-        min=1,
-        max=32,
-        soft_max=8,
-    )
-    most_hits: IntProperty(
-        name="Specular Hits",
-        description=(
-            "Most mirrors and clear surfaces in a row that are followed to what is seen in them; what is beyond is "
-            "black. 0: none are followed, and reflections lie on the mirror's surface"
-        ),
-        default=8,
-        min=0,
-        max=64,
-        soft_max=16,
-    )
-    fixed: StringProperty(
-        name="Fixed Decisions",
-        description=(
-            "Decisions of the plan that you take yourself, for example: chain=4 passes=64. "
-            f"There are {', '.join(engine.FIXABLE)}"
-        ),
-    )
-    virtual_image: EnumProperty(
-        name="Virtual Images",
-        description="Depth at which things seen in mirrors and through clear glass come into focus",
-        items=_items(choices.VIRTUAL_IMAGES),
-    )
-    wrp_auto: BoolProperty(
-        name="Automatic Recording Plane",
-        description="Put wave recording planes amid the depths in view, where they need the fewest rays",
-        default=True,
-    )
-    wrp_mm: FloatProperty(
-        name="Recording Plane (mm)",
-        description="Distance of the wave recording plane from the SLM, in millimeters",
-        default=12.5,
-        soft_min=-200.0,
-        soft_max=500.0,
-        step=10,
-        precision=2,
-    )
-    max_depth: IntProperty(
-        name="Max Path Depth",
-        description="Longest light path, in vertices: 1 is emission only, 2 direct light, each further one a bounce",
-        default=8,
-        min=1,
-        max=64,
-        soft_max=16,
-    )
-    seed: IntProperty(
-        name="Seed", description="Seed of all random numbers: another one gives other noise", default=0, min=0
     )
     keep_fields: BoolProperty(
         name="Keep Wave Fields",
@@ -543,7 +366,7 @@ class HoloPathSettings(_Focus, bpy.types.PropertyGroup):
     encoding: EnumProperty(
         name="Encoding",
         description="How complex amplitudes become the phases that an SLM shows",
-        items=_items(encoding.METHODS, _ENCODING_LABELS),
+        items=menu(ENCODINGS),
         default="auto",
     )
     refocused: EnumProperty(
@@ -702,25 +525,19 @@ def display_of(props):
 
 def settings_of(props):
     """Engine's settings, see `hologram_of`."""
-    return engine.Settings(
-        frames=props.frames,
-        speckle=_tidy(props.speckle) if props.wish_speckle else None,
-        method=props.method,
-        phase_field=props.phase_field,
-        despeckle=props.despeckle,
-        estimator=props.estimator,
-        radiance=props.radiance,
-        quality=props.quality,
-        spp=props.spp if props.limit_rays else None,
-        wrp="auto" if props.wrp_auto else _tidy(props.wrp_mm * 1e-3),
-        max_depth=props.max_depth,
-        paths=props.paths,
-        planes="auto" if props.planes_auto else props.planes,
-        most_hits=props.most_hits,
-        virtual_image=props.virtual_image,
-        seed=props.seed,
-        fixed=engine.parse_fixed(props.fixed),
-    )
+    return engine.Settings(**{name: _value(props, name, declared) for name, declared in DECLARED.items()})
+
+
+def _value(props, name, declared) -> Any:
+    switch = declared.switch
+    if switch is not None and getattr(props, switch.name) != switch.by_hand:
+        return default_of(name)
+    value = getattr(props, property_of(name))
+    if name == "fixed":
+        return engine.parse_fixed(value)
+    if isinstance(value, float):
+        return _tidy(value * (1e-3 if declared.unit else 1))
+    return value
 
 
 def focus_of(props):

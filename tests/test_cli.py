@@ -102,7 +102,7 @@ def test_distances_that_are_none(text):
         (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
         (["{xml}", "--wavelengths", "red"], "nanometres"),
         (["{xml}", "--wavelengths", "5"], "5 nm"),
-        (["{xml}", "--frames", "0"], "frames"),
+        (["{xml}", "--frames", "0"], "Frames"),
         (["{xml}", "--frames", "many"], "frames"),
         (["{xml}", "--depth-range", "15,10"], "depth range"),
         (["{xml}", "--depth-range", "15"], "FAR,NEAR"),
@@ -116,10 +116,10 @@ def test_distances_that_are_none(text):
         (["{xml}", "--method", "slow"], "invalid choice: 'slow'.*fast"),
         (["{xml}", "--cache", "x", "--no-cache"], "not allowed with"),
         (["{xml}", "--phase-field", "pink"], "invalid choice"),
-        (["{xml}", "--despeckle", "-1"], "against speckle"),
+        (["{xml}", "--despeckle", "-1"], "Despeckle"),
         (["{xml}", "--encode", "magic"], "invalid choice"),
         (["{xml}", "--animation"], "--animation"),
-        (["{xml}", "--seed", "-1"], "seed"),
+        (["{xml}", "--seed", "-1"], "Seed"),
         (["{xml}", "--quality", "full", "--spp", "3"], "not allowed with"),
     ],
 )
@@ -219,7 +219,7 @@ def test_wrong_llvm(xml, tmp_path):
         env=os.environ | {"DRJIT_LIBLLVM_PATH": str(library)},
     )
     _, error = process.communicate(timeout=60)
-    if engine.backend.describe()[0]["available"]:
+    if engine.scene.variants.describe()[0]["available"]:
         pytest.skip("CUDA needs no LLVM")
     refused(process.returncode, error, 1, "DRJIT_LIBLLVM_PATH.*install LLVM")
     assert left_over(tmp_path) == []
@@ -407,7 +407,7 @@ def test_encode_in_other_ways(rendered, tmp_path, capfd):
     levels = engine.PhaseHologram.load(first).data / (math.pi / 2)
     np.testing.assert_allclose(levels, np.round(levels), atol=1e-5)
     refused(cli.main([*words, "--method", "joint", "--no-aperture"]), capfd.readouterr().err, 2, "only sgd")
-    words += ["--supervision", "amplitude", "--planes", "2", "--tolerance", "0.01", "--start", first]
+    words += ["--supervision", "amplitude", "--compared-planes", "2", "--tolerance", "0.01", "--start", first]
     assert cli.main([*words, "--out", second]) == 0
     assert engine.PhaseHologram.load(second).report["stages"][0]["steps"] <= 6
     for more, says in (
@@ -619,10 +619,3 @@ def test_what_to_know_of_baked_light():
     torn, coarse, traced = pipeline.bake_notes(bake)
     assert torn == "It was torn." and "2.0 times larger" in coarse
     assert traced.startswith("10 shapes'") and traced.endswith("h, ....")
-
-
-def test_depth_ranges_fit_the_display():
-    assert pipeline.default_depth_range(1920, 1080, 8e-6) == (80e-3, 85e-3)
-    assert pipeline.default_depth_range(512, 512, 8e-6) == (10e-3, 15e-3)
-    far, near = pipeline.default_depth_range(64, 512, 8e-6)
-    assert (far, near) == (pytest.approx(1.25e-3), pytest.approx(1.875e-3))

@@ -36,7 +36,12 @@ ENGINE = ROOT / "holopath_addon" / "engine"
 OWN = Path(__file__).parent
 SCENE_CODE = (OWN / "scenes.py", OWN.parent / "scenes.py", ROOT / "holopath_addon" / "demo.py")
 FIGURES_CODE = (OWN / "figures.py", OWN / "measure.py")
-TRUTH_CODE = (OWN / "looks.py", ENGINE / "reference.py", ENGINE / "preview.py", ENGINE / "mapping.py")
+TRUTH_CODE = (
+    OWN / "looks.py",
+    ENGINE / "viewing/reference.py",
+    ENGINE / "viewing/preview.py",
+    ENGINE / "mapping.py",
+)
 
 
 @dataclass(frozen=True)

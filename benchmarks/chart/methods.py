@@ -4,7 +4,7 @@ import importlib.util
 from dataclasses import dataclass, replace
 
 from holopath_addon import engine
-from holopath_addon.engine.baselines import BASELINES
+from holopath_addon.engine.settings import BASELINES
 
 from . import peers
 

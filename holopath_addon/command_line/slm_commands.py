@@ -14,6 +14,7 @@ from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
 from .console import Progress
+from .options import listed, renamed
 
 PATIENCE = 30.0  # seconds to wait for a lost device
 
@@ -44,8 +45,7 @@ def add(command):
         "--packing",
         choices=tuple(slm.PACKINGS),
         default="time",
-        help="one hologram a picture (time, default); three of up to 8 bits in red, green and blue (colour); 24 of one "
-        "bit in their bits (bits)",
+        help=listed(slm.PACKINGS, "{}") + " (default time)",
     )
     option("--order", default="RGB", metavar="RGB", help="in which packed channels are shown (default RGB)")
     option("--calibration", metavar="FILE", help="of the device: docs/slm.md")
@@ -94,8 +94,11 @@ def add(command):
         help="focus at each plane and take a picture there while the hologram is shown",
     )
     group(
-        "--planes", metavar="FILE", help="focus planes (default with the virtual bench: five over the volume)"
+        "--focus-planes",
+        metavar="FILE",
+        help="focus planes (default with the virtual bench: five over the volume)",
     )
+    renamed(stream, "--planes", "--focus-planes")
     group(
         "--camera",
         metavar="COMMAND",
@@ -106,7 +109,8 @@ def add(command):
     option = focus.add_argument
     option("--port", metavar="PORT", help="default: the only one there is")
     option("--baud", type=int, default=BAUD, help="default %(default)s")
-    option("--planes", metavar="FILE", help="focus planes, for --plane, --distance and --store")
+    option("--focus-planes", metavar="FILE", help="focus planes, for --plane, --distance and --store")
+    renamed(focus, "--planes", "--focus-planes")
     what = focus.add_mutually_exclusive_group(required=True)
     what.add_argument("--plane", type=int, metavar="N", help="move to this plane, from 0")
     what.add_argument("--distance", type=float, metavar="MM", help="move between calibrated planes")
@@ -211,11 +215,11 @@ def _controller(args, driver):
 
 
 def _planes(args, hologram):
-    if args.planes:
-        return slm.FocusPlanes.load(args.planes)
+    if args.focus_planes:
+        return slm.FocusPlanes.load(args.focus_planes)
     if args.driver != "virtual":
         raise engine.InvalidInput(
-            "The focus planes are missing: give them with --planes, see `holopath focus --help`."
+            "The focus planes are missing: give them with --focus-planes, see `holopath focus --help`."
         )
     return slm.FocusPlanes.spread(hologram.depth_far, hologram.depth_near)
 
@@ -284,11 +288,11 @@ def _captured(args, sequence, driver, controller, trigger, progress, tell):
 
 def _focus(args):
     progress = Progress(quiet=args.quiet)
-    file = Path(args.planes) if args.planes else None
+    file = Path(args.focus_planes) if args.focus_planes else None
     planes, target = None, args.position
     if target is None:
         if file is None:
-            raise engine.InvalidInput("The focus planes are missing: give their file with --planes.")
+            raise engine.InvalidInput("The focus planes are missing: give their file with --focus-planes.")
         new = args.store is not None and not file.exists()
         planes = slm.FocusPlanes.spread() if new else slm.FocusPlanes.load(file)
     controller = slm.Controller(args.port, args.baud)
@@ -303,7 +307,7 @@ def _focus(args):
     try:
         if planes is not None and target is None:
             position = controller.position()
-            planes.calibrated(args.store, position).save(args.planes)
+            planes.calibrated(args.store, position).save(args.focus_planes)
             distance = planes.planes[args.store].distance * 1e3
             progress(1.0, f"Done: plane {args.store} ({distance:g} mm) is position {position}, in {file}")
             return

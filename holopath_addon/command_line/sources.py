@@ -103,11 +103,8 @@ class MitsubaSource:
     """A Mitsuba scene file; the viewer stands at its first sensor."""
 
     def __init__(self, path):
-        from .. import pipeline
-
         self.path = path
-        far, near = pipeline.default_depth_range(512, 512, 8e-6)
-        self.hologram = engine.Hologram(512, 512, 8e-6, depth_far=far, depth_near=near)
+        self.hologram = engine.Hologram(512, 512, 8e-6)
         self.settings = engine.Settings()
 
     def load(self, width, height, camera=None):

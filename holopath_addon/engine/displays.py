@@ -23,6 +23,8 @@ class Display:
         Pixel pitch, metres, the same in x and y.
     bits : int
         Bits of phase per pixel that the device's interface takes.
+    number : int
+        By which .blend files hold it, for ever.
     """
 
     name: str
@@ -31,17 +33,18 @@ class Display:
     height: int
     pitch: float
     bits: int
+    number: int
 
 
 DISPLAYS = {
     d.name: d
     for d in (
-        Display("pluto-2", "HOLOEYE PLUTO-2", 1920, 1080, 8.0e-6, 8),
-        Display("leto-3", "HOLOEYE LETO-3", 1920, 1080, 6.4e-6, 8),
-        Display("gaea-2", "HOLOEYE GAEA-2", 4160, 2464, 3.74e-6, 8),
-        Display("meadowlark-1920", "Meadowlark Optics 1920 x 1152", 1920, 1152, 9.2e-6, 8),
-        Display("santec-slm-210", "Santec SLM-210", 1920, 1200, 8.0e-6, 10),
-        Display("ti-plm-067", 'Texas Instruments PLM 0.67"', 1358, 800, 10.8e-6, 4),
+        Display("pluto-2", "HOLOEYE PLUTO-2", 1920, 1080, 8.0e-6, 8, 1),
+        Display("leto-3", "HOLOEYE LETO-3", 1920, 1080, 6.4e-6, 8, 2),
+        Display("gaea-2", "HOLOEYE GAEA-2", 4160, 2464, 3.74e-6, 8, 3),
+        Display("meadowlark-1920", "Meadowlark Optics 1920 x 1152", 1920, 1152, 9.2e-6, 8, 4),
+        Display("santec-slm-210", "Santec SLM-210", 1920, 1200, 8.0e-6, 10, 5),
+        Display("ti-plm-067", 'Texas Instruments PLM 0.67"', 1358, 800, 10.8e-6, 4, 6),
     )
 }
 

@@ -6,8 +6,10 @@ import math
 from dataclasses import asdict, dataclass
 
 from .errors import InvalidInput
+from .settings import DEPTH_MAPPINGS
 
-DEPTH_MAPPINGS = ("fit", "eyepiece")
+LARGE_DISPLAY, LARGE_DEPTH_RANGE = 6e-3, (80e-3, 85e-3)  # metres of the shorter side from which on it suits
+SMALL_DISPLAY, SMALL_DEPTH_RANGE = 4.096e-3, (10e-3, 15e-3)  # 512 pixels of 8 µm
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,8 @@ class Hologram:
         Vacuum wavelengths, metres; each takes the red, green or blue radiance of the scene,
         whichever is nearest (`channel`).
     depth_far, depth_near : float
-        Distance from the SLM of the far end (world infinity) and of the near end, metres.
+        Distance from the SLM of the far end (world infinity) and of the near end, metres. Default: what its
+        aperture can show without dark edges.
     depth_mapping : {'fit', 'eyepiece'}
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
@@ -40,8 +43,10 @@ class Hologram:
     height: int
     pitch: float
     wavelengths: tuple = (640e-9, 516.5e-9, 455.4e-9)
-    depth_far: float = 80e-3
-    depth_near: float = 85e-3
+    # pyrefly: ignore[bad-assignment]  # numbers from `__post_init__` on
+    depth_far: float = None
+    # pyrefly: ignore[bad-assignment]
+    depth_near: float = None
     depth_mapping: str = "fit"
     near: float | None = None
 
@@ -67,6 +72,9 @@ class Hologram:
                     f"The pixel pitch {self.pitch * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
                     f"make it larger than half the wavelength."
                 )
+        for name, default in zip(("depth_far", "depth_near"), self._depth_range(), strict=True):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, default)
         if not (
             math.isfinite(self.depth_far)
             and math.isfinite(self.depth_near)
@@ -82,6 +90,17 @@ class Hologram:
             )
         if self.near is not None and not (math.isfinite(self.near) and self.near > 0):
             raise InvalidInput(f"The near end of the scene must be a positive distance, not {self.near:g} m.")
+
+    def _depth_range(self):
+        """Depth range that the aperture can show without dark edges.
+
+        Light spreads on its way to the SLM; a small display far from its volume loses most of it.
+        """
+        side = min(self.width, self.height) * self.pitch
+        if side >= LARGE_DISPLAY:
+            return LARGE_DEPTH_RANGE
+        scale = min(1.0, side / SMALL_DISPLAY)
+        return tuple(end * scale for end in SMALL_DEPTH_RANGE)
 
     def max_slope(self, wavelength: float) -> float:
         """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge."""

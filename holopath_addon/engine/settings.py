@@ -1,13 +1,39 @@
-"""How a hologram is computed: what may be asked for."""
+"""How a hologram is computed: each setting declared once, for the command line, Blender, the checks and the guide."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 from .errors import InvalidInput
 
-# name: module here, what it is called, what it does
+
+@dataclass(frozen=True)
+class Choice:
+    """One of the values that a setting may have.
+
+    Attributes
+    ----------
+    name, label, help : str
+        In words on the command line, as Blender's menus have it, and what it does.
+    number : int
+        By which .blend files hold it, for ever.
+    """
+
+    name: str
+    label: str
+    help: str
+    number: int
+
+
+def choices(*rows: tuple[str, str, str], numbered: tuple[str, ...] = ()) -> dict[str, Choice]:
+    """Choices by name, numbered in this order, or in that of `numbered`."""
+    order = list(numbered or [row[0] for row in rows])
+    return {row[0]: Choice(*row, order.index(row[0])) for row in rows}
+
+
+# name: module of `baselines`, what it is called, what it does
 BASELINES = {
     "point": ("point_cloud", "Point Cloud", "a spherical wave from each visible surface point"),
     "polygon": ("polygons", "Polygons", "the field of each visible facet, by its angular spectrum"),
@@ -35,62 +61,183 @@ BASELINES = {
     ),
     "network": ("network", "Network", "a function of your own from a picture with depth to a field"),
 }
-
-QUALITIES = ("draft", "preview", "balanced", "full")
-METHODS = ("auto", "full", "fast", "direct", *BASELINES)
-ESTIMATORS = ("lattice", "paper")
-PHASE_FIELDS = ("designed", "random")
-RADIANCES = ("grain", "ray")
-VIRTUAL_IMAGES = ("curvature", "opl")
+METHODS = choices(
+    ("auto", "Auto", "Bake diffuse light where that takes less time than tracing it for this view"),
+    ("full", "Full", "Trace all light for this view alone"),
+    ("fast", "Fast", "Bake diffuse light into a texture, once for all views and focus distances of a scene"),
+    ("direct", "Direct", "Trace straight from the SLM with random directions: the paper's slow baseline"),
+    *((name, label, f"To compare with: {what}") for name, (_, label, what) in BASELINES.items()),
+)
+QUALITIES = choices(
+    (
+        "draft",
+        "Draft",
+        "A true hologram at once, with much noise: mirrors and glass show pictures on their own surface",
+    ),
+    ("preview", "Preview", "Few rays and radiance samples, for a first look"),
+    ("balanced", "Balanced", "Enough rays for every depth in view"),
+    ("full", "Full", "A wider cone of rays and more radiance samples"),
+    numbered=("preview", "balanced", "full", "draft"),
+)
+ESTIMATORS = choices(
+    ("lattice", "Lattice", "Directions on a lattice with the exact kernel: no noise but the radiance's"),
+    ("paper", "Paper", "Random directions with a spherical wave, as published"),
+)
+PHASE_FIELDS = choices(
+    ("designed", "Designed", "Maps designed so that the frames' mean has little speckle, at any focus"),
+    (
+        "random",
+        "Random",
+        "Independent for each frame, as published: speckle of one over the root of the frames",
+    ),
+)
+RADIANCES = choices(
+    (
+        "grain",
+        "Per Grain",
+        "Average every grain's radiance before the root is taken: right where light is indirect",
+    ),
+    ("ray", "Per Ray", "Light paths of its own for each ray, as published: dark where light is indirect"),
+)
+VIRTUAL_IMAGES = choices(
+    ("curvature", "Wavefront", "Where neighboring rays cross: right for curved mirrors and lenses"),
+    ("opl", "Path Length", "At the optical path length, as published: right for flat mirrors only"),
+)
+DEPTH_MAPPINGS = choices(
+    ("fit", "Fit Scene", "Spread the scene from its near end to infinity over the depth range"),
+    ("eyepiece", "Eyepiece", "Place depths as an eyepiece that shows the hologram in the camera's view does"),
+)
+ENCODINGS = choices(
+    (
+        "dpac",
+        "Double Phase",
+        "Neighboring pixels whose mean is the complex amplitude: at once, for a first look",
+    ),
+    (
+        "auto",
+        "Automatic",
+        "References where the method Full traced all light; else All Frames, or Each Frame where there is one",
+    ),
+    ("sgd", "Each Frame", "Gradient descent towards each frame's complex field"),
+    (
+        "joint",
+        "All Frames",
+        "Each frame, then all together, so that what is seen through them is what the field shows",
+    ),
+    (
+        "refine",
+        "References",
+        "Each frame, then all together towards pictures of the scene through a thin lens, which takes longer",
+    ),
+)
 
 
 @dataclass(frozen=True)
+class Switch:
+    """Blender's switch beside a setting that need not be set by hand.
+
+    Attributes
+    ----------
+    name, label, help : str
+        The property's, its label, and what it does.
+    by_hand : bool
+        Whether the setting is taken by hand where it is on, or where it is off.
+    heading : str
+        In front of it in a panel.
+    """
+
+    name: str
+    label: str
+    help: str
+    by_hand: bool
+    heading: str
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What those who set a setting are told of it, and what it may be.
+
+    Attributes
+    ----------
+    label, help : str
+        In Title Case, and a sentence without a full stop, as Blender has them.
+    advice : str
+        What to start with, for the guide; its default where empty.
+    section : str
+        The panel that shows it.
+    bounds : (float or None, float or None)
+        Least and most of a number; none where None.
+    soft : (float, float), optional
+        What a slider in Blender covers.
+    chosen : dict of str to Choice
+        What it may be, where that is a word.
+    unit : str
+        'mm' of what the engine has in metres.
+    initial : float or None
+        What a number that need not be set is at first when it is.
+    switch : Switch, optional
+        Whether it is.
+    instead_of : str
+        The setting that it takes the place of: only one of the two is given.
+    metavar : str
+        Its value on the command line.
+    """
+
+    label: str
+    help: str
+    advice: str = ""
+    section: str = "advanced"
+    bounds: tuple = (None, None)
+    soft: tuple | None = None
+    chosen: dict = field(default_factory=dict)
+    unit: str = ""
+    initial: float | None = None
+    switch: Switch | None = None
+    instead_of: str = ""
+    metavar: str = "N"
+
+    def check(self, value: Any) -> None:
+        """Refuse a value that it cannot have.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        if self.chosen:
+            if value not in self.chosen:
+                known = ", ".join(self.chosen)
+                raise InvalidInput(f"Unknown {self.label.lower()} '{value}': choose one of {known}.")
+            return
+        least, most = (end if end is not None else side for end, side in zip(self.bounds, _ENDS, strict=True))
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and least <= value <= most):
+            raise InvalidInput(f"{self.label} must be {self._allowed()}, not {value}.")
+
+    def _allowed(self):
+        auto = "auto or " if self.switch and not self.switch.by_hand else ""
+        least, most = self.bounds
+        if least is None:
+            return f"{auto}a number"
+        return f"{auto}{least} or more" if most is None else f"{auto}from {least} to {most}"
+
+
+_ENDS = -math.inf, math.inf
+
+
+def _setting(default, label, help, **told) -> Any:
+    declared = Declaration(label, help, **told)
+    if isinstance(default, dict):
+        return field(default_factory=dict, metadata={"declared": declared})
+    return field(default=default, metadata={"declared": declared})
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """How a hologram is computed. Defaults suit most scenes; the plan fills what is left open.
 
-    Parameters
-    ----------
-    frames : int
-        Time-multiplexed frames M; more have less speckle.
-    speckle : float, optional
-        Speckle contrast to reach: as many frames as that takes, in place of `frames`.
-    method : {'auto', 'full', 'fast', 'direct'} or one of `BASELINES`
-        Where diffuse light comes from: paths for this view alone (`full`), or a cache of baked light, which other
-        views share (`fast`); `auto` takes the sooner. `direct` traces straight from the SLM with the paper's
-        estimator: its slow baseline. The baselines are other people's methods, to be compared with; of these settings
-        they take `frames`, `quality`, `spp` (paths of a picture's pixel), `max_depth` and `seed`.
-    estimator : {'lattice', 'paper'}
-        Lattice of directions with the exact kernel, or the paper's random directions with a
-        spherical wave.
-    phase_field : {'designed', 'random'}
-        Phases of the frames: maps designed for little speckle, or independent random fields as published.
-    radiance : {'grain', 'ray'}
-        Average the path-traced radiance per grain before the root is taken, or take a few paths for each ray.
-    paths : int
-        Of each ray where radiance is 'ray'.
-    quality : {'draft', 'preview', 'balanced', 'full'}
-        Sets rays and radiance samples where `spp` does not; a draft shows mirrors and clear surfaces as pictures on
-        themselves.
-    spp : int, optional
-        Most rays a pixel, on average: with fewer than are needed far depths show their middle views only.
-    wrp : 'auto' or float
-        Distance of the wave recording plane from the SLM, metres.
-    planes : 'auto' or int
-        Most recording planes; by itself the plan takes what is worth its time. More need fewer rays, and each shades
-        what lies behind it as a wave.
-    max_depth : int
-        Vertices of a radiance path, as Mitsuba counts them: 1 emission only, 2 direct light.
-    virtual_image : {'curvature', 'opl'}
-        Where the image in a mirror or lens lies: where its wavefront's curvature says, or at the optical path
-        length as in the paper.
-    most_hits : int
-        Longest chain of mirrors and clear surfaces that is followed; 0 shows them as pictures on themselves.
-    despeckle : int
-        Gradient steps that take speckle out of this scene's own fields, see `despeckle`; 0: none.
-    seed : int
-        Of every random number used.
-    fixed : dict
-        Values of decisions that the planner would else take, see `planner.FIXABLE`.
+    What each setting does is what `Declaration.help` says of it. Of the `BASELINES`, which are other people's methods,
+    to be compared with, settings count for `frames`, `quality`, `spp` (paths of a picture's pixel), `max_depth` and
+    `seed`. Distances are in metres; `fixed` holds values of decisions that the plan would else take, see
+    `planning.FIXABLE`.
 
     Raises
     ------
@@ -98,57 +245,191 @@ class Settings:
         On a value out of range.
     """
 
-    frames: int = 8
-    speckle: float | None = None
-    method: str = "auto"
-    estimator: str = "lattice"
-    phase_field: str = "designed"
-    radiance: str = "grain"
-    paths: int = 1
-    quality: str = "balanced"
-    spp: int | None = None
-    wrp: str | float = "auto"
-    planes: int | str = "auto"
-    max_depth: int = 8
-    virtual_image: str = "curvature"
-    most_hits: int = 8
-    despeckle: int = 0
-    seed: int = 0
-    fixed: dict = field(default_factory=dict)
+    quality: str = _setting(
+        "balanced",
+        "Quality",
+        "Rays and radiance samples per pixel: more take longer and leave less noise",
+        advice="`draft` for something true within a second, `preview` to look, `full` for figures in a paper",
+        section="quality",
+        chosen=QUALITIES,
+    )
+    speckle: float | None = _setting(
+        None,
+        "Speckle",
+        "Speckle contrast that may be left, standard deviation over mean of the intensity: as many frames as it takes",
+        advice="instead of frames: 0.2 is hardly seen in motion, 0.05 in stills",
+        section="quality",
+        bounds=(0.01, 1.0),
+        soft=(0.01, 0.6),
+        initial=0.15,
+        switch=Switch(
+            "wish_speckle",
+            "Frames by Speckle",
+            "Take as many frames as the wanted speckle contrast needs",
+            True,
+            "By Speckle",
+        ),
+        instead_of="frames",
+        metavar="CONTRAST",
+    )
+    frames: int = _setting(
+        8,
+        "Frames",
+        "Time-multiplexed frames per color; more have less speckle and take longer",
+        advice="8; 24 for a fast SLM",
+        section="quality",
+        bounds=(1, 256),
+        soft=(1, 32),
+        metavar="M",
+    )
+    method: str = _setting(
+        "auto",
+        "Method",
+        "Where the light that surfaces scatter diffusely comes from",
+        advice="`auto`. See [Baked light](#baked-light) and [To compare with](#to-compare-with)",
+        section="quality",
+        chosen=METHODS,
+    )
+    despeckle: int = _setting(
+        0,
+        "Despeckle",
+        "Steps that take speckle out of this scene's own fields after tracing, towards the mean of 96 frames, which "
+        "are traced for it and multiply the time; 60 do most. 0: none",
+        advice="0; 60 for a still picture with few frames, 200 for the best",
+        section="quality",
+        bounds=(0, 1 << 16),
+        soft=(0, 200),
+        metavar="STEPS",
+    )
+    max_depth: int = _setting(
+        8,
+        "Max Path Depth",
+        "Longest light path, in vertices: 1 is emission only, 2 direct light, each further one a bounce",
+        section="quality",
+        bounds=(1, 1 << 16),
+        soft=(1, 16),
+    )
+    seed: int = _setting(
+        0,
+        "Seed",
+        "Seed of all random numbers: another one gives other noise",
+        bounds=(0, None),
+        metavar="S",
+    )
+    phase_field: str = _setting(
+        "designed",
+        "Phase Fields",
+        "Where the phases of the frames come from; they cost the same",
+        advice="`designed`; `random` to compare with the paper",
+        chosen=PHASE_FIELDS,
+    )
+    spp: int | None = _setting(
+        None,
+        "Rays per Pixel",
+        "Most rays per pixel, on average; fewer than are needed fill a narrower cone",
+        advice="as many as are needed",
+        bounds=(1, 1 << 20),
+        soft=(1, 4096),
+        initial=256,
+        switch=Switch(
+            "limit_rays",
+            "Limit Rays",
+            "Set the largest number of rays per pixel by hand",
+            True,
+            "Limit Rays",
+        ),
+        instead_of="quality",
+    )
+    estimator: str = _setting(
+        "lattice",
+        "Estimator",
+        "How the rays of a pixel are chosen and summed",
+        advice="`lattice`; `paper` to compare with the paper",
+        chosen=ESTIMATORS,
+    )
+    radiance: str = _setting(
+        "grain",
+        "Radiance",
+        "How path-traced light becomes amplitude",
+        advice="`grain`; `ray` to compare with the paper",
+        chosen=RADIANCES,
+    )
+    paths: int = _setting(
+        1,
+        "Paths per Ray",
+        "Radiance paths that are averaged for each ray where radiance is taken per ray; few are dark where light is "
+        "indirect",
+        bounds=(1, 1 << 16),
+        soft=(1, 64),
+    )
+    most_hits: int = _setting(
+        8,
+        "Specular Hits",
+        "Most mirrors and clear surfaces in a row that are followed to what is seen in them; what is beyond is black. "
+        "0: none are followed, and reflections lie on the mirror's surface",
+        bounds=(0, 64),
+        soft=(0, 16),
+    )
+    virtual_image: str = _setting(
+        "curvature",
+        "Virtual Images",
+        "Depth at which things seen in mirrors and through clear glass come into focus",
+        advice="`curvature`; `opl` to compare with the paper",
+        chosen=VIRTUAL_IMAGES,
+    )
+    wrp: str | float = _setting(
+        "auto",
+        "Recording Plane",
+        "Distance of the wave recording plane from the SLM, in millimeters",
+        advice="`auto`: amid the depths in view, where the fewest rays are needed",
+        soft=(-200.0, 500.0),
+        unit="mm",
+        initial=12.5,
+        switch=Switch(
+            "wrp_auto",
+            "Automatic Recording Plane",
+            "Put wave recording planes amid the depths in view, where they need the fewest rays",
+            False,
+            "Plane Depths",
+        ),
+        metavar="MM",
+    )
+    planes: int | str = _setting(
+        "auto",
+        "Recording Planes",
+        "Most planes that rays start from, each near its part of the scene: more planes need fewer rays, and keep the "
+        "edges of near things free of dark rims",
+        advice="`auto`: as many as are worth their time; 1 as published",
+        bounds=(1, 32),
+        soft=(1, 8),
+        initial=4,
+        switch=Switch(
+            "planes_auto",
+            "Automatic Number of Planes",
+            "As many recording planes as are worth their time, by the depths, edges and mirrors in view",
+            False,
+            "Plane Count",
+        ),
+        metavar="J",
+    )
+    fixed: dict = _setting(
+        {},
+        "Fixed Decisions",
+        "Decisions of the plan that you take yourself, for example chain=4,passes=64",
+        advice="none: `holopath plan` says what it decides",
+        metavar="NAME=N[,..]",
+    )
 
     def __post_init__(self):
-        for name, known in (
-            ("method", METHODS),
-            ("estimator", ESTIMATORS),
-            ("phase_field", PHASE_FIELDS),
-            ("radiance", RADIANCES),
-            ("quality", QUALITIES),
-            ("virtual_image", VIRTUAL_IMAGES),
-        ):
+        for name, declared in DECLARED.items():
             value = getattr(self, name)
-            if value not in known:
-                raise InvalidInput(
-                    f"Unknown {name.replace('_', ' ')} '{value}': choose one of {', '.join(known)}."
-                )
-        if not 1 <= self.frames <= 256:
-            raise InvalidInput(f"The number of frames must be between 1 and 256, not {self.frames}.")
-        if self.speckle is not None and not 0 < self.speckle <= 1:
-            raise InvalidInput(f"The speckle contrast must be above 0 and at most 1, not {self.speckle:g}.")
-        if self.spp is not None and not 1 <= self.spp <= 1 << 20:
-            raise InvalidInput(f"Rays a pixel must be between 1 and {1 << 20}, not {self.spp}.")
-        if self.wrp != "auto" and not (isinstance(self.wrp, (int, float)) and math.isfinite(self.wrp)):
-            raise InvalidInput(
-                "The recording plane must be 'auto' or a distance from the SLM in millimeters."
-            )
-        if self.planes != "auto" and not (isinstance(self.planes, int) and 1 <= self.planes <= 32):
-            raise InvalidInput(f"Recording planes must be 'auto' or 1 to 32, not {self.planes}.")
-        if not 1 <= self.paths <= 1 << 16:
-            raise InvalidInput(f"Radiance paths a ray must be 1 to {1 << 16}, not {self.paths}.")
-        if self.max_depth < 1:
-            raise InvalidInput(f"Paths need at least 1 vertex, not {self.max_depth}.")
-        if not 0 <= self.most_hits <= 64:
-            raise InvalidInput(f"Chains of mirrors must be 0 to 64 hits long, not {self.most_hits}.")
-        if not 0 <= self.despeckle <= 1 << 16:
-            raise InvalidInput(f"Steps against speckle must be 0 to {1 << 16}, not {self.despeckle}.")
-        if self.seed < 0:
-            raise InvalidInput(f"The seed must not be negative, not {self.seed}.")
+            if name != "fixed" and not (declared.switch and value == default_of(name)):
+                declared.check(value)
+
+
+DECLARED: dict[str, Declaration] = {each.name: each.metadata["declared"] for each in fields(Settings)}
+
+
+def default_of(name: str) -> Any:
+    """Default of a setting."""
+    return getattr(Settings, name, {})

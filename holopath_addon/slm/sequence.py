@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..engine.errors import InvalidInput
+from ..engine.settings import Choice
 from .calibration import Calibration
 from .driver import Picture
 
@@ -19,8 +20,37 @@ if TYPE_CHECKING:
 
     from ..engine.encoding.phase_hologram import PhaseHologram
 
-# one hologram a picture; three of up to 8 bits in red, green and blue; 24 of one bit in their bits
-PACKINGS = {"time": 1, "colour": 3, "bits": 24}
+
+@dataclass(frozen=True)
+class Packing(Choice):
+    """How holograms share a picture: `each` of them, of `most_bits` at most."""
+
+    each: int
+    most_bits: int
+
+
+PACKINGS = {
+    packing.name: packing
+    for packing in (
+        Packing("time", "One Hologram", "One frame of one color per picture, one after the other", 0, 1, 16),
+        Packing(
+            "colour",
+            "Three in RGB",
+            "Three holograms of up to 8 bits in red, green and blue, for field-sequential SLMs",
+            1,
+            3,
+            8,
+        ),
+        Packing(
+            "bits",
+            "24 in Bits",
+            "24 holograms of one bit in the bits of red, green and blue, for binary SLMs",
+            2,
+            24,
+            1,
+        ),
+    )
+}
 MOST_BYTES = 512 << 20  # of pictures that are kept
 
 
@@ -114,7 +144,7 @@ class Sequence:
                 raise InvalidInput(
                     f"Hologram {number} has another size or wavelengths than the first: render it alike."
                 )
-        most = {"time": 16, "colour": 8, "bits": 1}[packing]
+        most = PACKINGS[packing].most_bits
         if self.calibration.bits > most:
             raise InvalidInput(
                 f"The packing {packing} takes levels of {most} bit{'s' if most > 1 else ''} at most, the calibration "
@@ -122,7 +152,7 @@ class Sequence:
             )
         frames, wavelengths = first.data.shape[:2]
         self._shown = [(m, k) for m in range(frames) for k in range(wavelengths)]
-        self.each = PACKINGS[packing]
+        self.each = PACKINGS[packing].each
         self._of_one = math.lcm(len(self._shown), self.each) // self.each
         self._repeats = repeats
         self._tables, self._kept, self._bytes, self._lock = {}, OrderedDict(), 0, Lock()

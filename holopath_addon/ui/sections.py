@@ -5,10 +5,10 @@ from typing import Any
 from bpy.types import Context, UILayout
 
 from .. import pipeline, preferences, properties
-from ..engine.baselines import BASELINES
+from ..engine.settings import BASELINES, DECLARED
 from ..operators import session
 from ..operators.rendering import output_size, own_size
-from ..properties import HoloPathSettings, display_of
+from ..properties import HoloPathSettings, display_of, property_of
 from .focus_list import HOLOPATH_UL_focus
 from .text import count, wrapped
 
@@ -86,61 +86,44 @@ def depth(layout: UILayout, context: Context) -> None:
 
 def quality(layout: UILayout, context: Context) -> None:
     """How good, how many frames, and where light comes from."""
-    props = properties.of(context.scene)
-    layout.prop(props, "quality")
-    row = layout.row(heading="By Speckle")
-    row.prop(props, "wish_speckle", text="")
-    if props.wish_speckle:
-        row.prop(props, "speckle", text="", slider=True)
-    else:
-        layout.prop(props, "frames")
-    layout.prop(props, "method")
-    layout.prop(props, "despeckle")
-    layout.prop(props, "max_depth")
+    _declared(layout, properties.of(context.scene), "quality")
 
 
 def advanced(layout: UILayout, context: Context) -> None:
     """Parts of the method, each with the paper's."""
     props = properties.of(context.scene)
     if props.method in BASELINES:
-        wrapped(
-            layout,
-            context,
-            f"For Comparison: {_method(props)} Uses Few Settings",
-            icon="INFO",
-        )
-        layout.prop(props, "seed")
-        row = layout.row(heading="Limit Rays")
-        row.prop(props, "limit_rays", text="")
-        if props.limit_rays:
-            row.prop(props, "spp", text="")
-        return
-    layout.prop(props, "seed")
-    layout.prop(props, "phase_field")
-    row = layout.row(heading="Limit Rays")
-    row.prop(props, "limit_rays", text="")
-    if props.limit_rays:
-        row.prop(props, "spp", text="")
-    if props.method == "direct":
+        wrapped(layout, context, f"For Comparison: {_method(props)} Uses Few Settings", icon="INFO")
+    elif props.method == "direct":
         wrapped(layout, context, "Estimator: Paper, by Method Direct", icon="INFO")
-    else:
-        layout.prop(props, "estimator")
-    layout.prop(props, "radiance")
-    if props.radiance == "ray":
-        layout.prop(props, "paths")
-    layout.prop(props, "most_hits")
-    if props.most_hits > 0:
-        layout.prop(props, "virtual_image")
-    row = layout.row(heading="Plane Depths")
-    row.prop(props, "wrp_auto", text="Automatic")
-    if props.wrp_auto:
-        row = layout.row(heading="Plane Count")
-        row.prop(props, "planes_auto", text="Automatic")
-        if not props.planes_auto:
-            row.prop(props, "planes", text="")
-    else:
-        layout.prop(props, "wrp_mm", text="Plane (mm)")
-    layout.prop(props, "fixed")
+    _declared(layout, props, "advanced")
+
+
+# Settings that count only where others are so.
+_COUNTS = {
+    "frames": lambda props: not props.wish_speckle,
+    "estimator": lambda props: props.method != "direct",
+    "paths": lambda props: props.radiance == "ray",
+    "virtual_image": lambda props: props.most_hits > 0,
+    "planes": lambda props: props.wrp_auto,
+}
+
+
+def _declared(layout, props, section):
+    """The settings of a section that count."""
+    for name, declared in DECLARED.items():
+        if declared.section != section or not _COUNTS.get(name, bool)(props):
+            continue
+        if section == "advanced" and props.method in BASELINES and name not in ("seed", "spp"):
+            continue
+        switch = declared.switch
+        if switch is None:
+            layout.prop(props, property_of(name))
+            continue
+        row = layout.row(heading=switch.heading)
+        row.prop(props, switch.name, text="" if switch.by_hand else "Automatic")
+        if getattr(props, switch.name) == switch.by_hand:
+            row.prop(props, property_of(name), text="")
 
 
 def baked_light(layout: UILayout, context: Context) -> None:

@@ -63,13 +63,13 @@ INSTALL = """
 
     def install():
         bpy.ops.extensions.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=True)
-        return sys.modules[name + ".engine.backend"], sys.modules[name + ".preferences"].store().folder
+        return sys.modules[name + ".engine.scene.variants"], sys.modules[name + ".preferences"].store().folder
 
-    backend, told["store"] = install()
+    variants, told["store"] = install()
     told["enabled"] = traces()
     told["file"] = sys.modules[name].__file__
     told["programs"] = os.environ["DRJIT_CACHE_DIR"]
-    backend.activate()
+    variants.activate()
     addon_utils.disable(name, default_set=True)
     told["disabled"] = traces()
     told["forgotten"] = "DRJIT_CACHE_DIR" not in os.environ
@@ -82,8 +82,8 @@ INSTALL = """
     renewed.activate()
     import mitsuba as mi
     glass = type(mi.load_dict({"type": "dispersive_dielectric"}))
-    told["plugin"] = glass.__init__.__globals__ is vars(sys.modules[name + ".engine.dispersion"])
-    told["anew"] = renewed is not backend
+    told["plugin"] = glass.__init__.__globals__ is vars(sys.modules[name + ".engine.scene.dispersion"])
+    told["anew"] = renewed is not variants
 
     addon_utils.disable("cycles")  # the exporter does without it
     session = sys.modules[name + ".operators.session"]

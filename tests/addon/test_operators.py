@@ -402,10 +402,10 @@ def test_stopping_an_encoding_keeps_it(scene, monkeypatch):
 
 def test_without_a_backend(scene, monkeypatch):
     """The panel says what to install; once it is there, a press of Check Again finds it."""
-    monkeypatch.setattr(engine.backend, "_candidates", lambda: [])
+    monkeypatch.setattr(engine.scene.variants, "_candidates", lambda: [])
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     with monkeypatch.context() as patch:
-        patch.setattr(engine.backend, "_cuda_device", lambda: (False, "no card"))
+        patch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
         bpy.ops.holopath.check()
         assert "install LLVM" in preferences.missing()
     monkeypatch.undo()
@@ -415,8 +415,8 @@ def test_without_a_backend(scene, monkeypatch):
 
 
 def test_a_graphics_card_that_is_not_there(scene, monkeypatch):
-    monkeypatch.setattr(engine.backend, "_cuda_device", lambda: (False, "no card"))
-    monkeypatch.setattr(preferences, "wanted", lambda: engine.backend.CUDA)
+    monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
+    monkeypatch.setattr(preferences, "wanted", lambda: engine.scene.variants.CUDA)
     preferences.look_again()
     told = preferences.missing()
     preferences.look_again()

@@ -126,8 +126,8 @@ def no_camera(scene, monkeypatch):
 
 @state
 def mitsuba_unavailable(scene, monkeypatch):
-    monkeypatch.setattr(engine.backend, "_candidates", lambda: [])
-    monkeypatch.setattr(engine.backend, "_cuda_device", lambda: (False, "no card"))
+    monkeypatch.setattr(engine.scene.variants, "_candidates", lambda: [])
+    monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     preferences.look_again()
     yield

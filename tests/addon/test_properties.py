@@ -49,7 +49,7 @@ def test_all_settings(settings):
         20, 10, 8e-6, (532e-9,), depth_far=10e-3, depth_near=15e-3, depth_mapping="eyepiece", near=0.3
     )
     assert properties.settings_of(settings) == engine.Settings(
-        3,
+        frames=3,
         method="fast",
         estimator="paper",
         radiance="ray",

@@ -348,11 +348,13 @@ def test_store(board, tmp_path, capfd):
     """The first time it makes the file, with five planes; then it fills them in."""
     file = tmp_path / "planes.json"
     assert command(board, "--position", 120) == 0
-    assert command(board, "--planes", file, "--store", 1) == 0
+    assert command(board, "--focus-planes", file, "--store", 1) == 0
     assert "plane 1 (81.25 mm) is position 120" in capfd.readouterr().err
     planes = FocusPlanes.load(file)
     assert planes == FocusPlanes.spread().calibrated(1, 120)
-    assert command(board, "--position", -30) == 0 and command(board, "--planes", file, "--store", 3) == 0
+    assert (
+        command(board, "--position", -30) == 0 and command(board, "--focus-planes", file, "--store", 3) == 0
+    )
     assert FocusPlanes.load(file) == planes.calibrated(3, -30)
     assert board.firmware.positions == [120, -30]  # to store does not move
     assert [path.name for path in tmp_path.iterdir()] == ["planes.json"]
@@ -370,7 +372,7 @@ def test_store(board, tmp_path, capfd):
 )
 def test_moves(words, target, board, tmp_path, capfd):
     some(100, 200, None).save(tmp_path / "planes.json")
-    assert command(board, "--planes", tmp_path / "planes.json", *words) == 0
+    assert command(board, "--focus-planes", tmp_path / "planes.json", *words) == 0
     assert board.firmware.positions == [target] and time.monotonic() >= board.firmware.arrivals[0]
     assert f"position {target}" in capfd.readouterr().err
 
@@ -399,7 +401,7 @@ def test_refused(words, says, board, tmp_path, capfd):
     file = tmp_path / "planes.json"
     some(100, 200, None).save(file)
     before = file.read_bytes()
-    said_in_one_line(capfd, command(board, "--planes", file, *words), says)
+    said_in_one_line(capfd, command(board, "--focus-planes", file, *words), says)
     assert board.firmware.positions == [] and file.read_bytes() == before
 
 
@@ -412,7 +414,7 @@ def test_refused(words, says, board, tmp_path, capfd):
     ],
 )
 def test_missing_file(words, says, board, tmp_path, capfd):
-    said_in_one_line(capfd, command(board, "--planes", tmp_path / "missing.json", *words), says)
+    said_in_one_line(capfd, command(board, "--focus-planes", tmp_path / "missing.json", *words), says)
     assert list(tmp_path.iterdir()) == [] and board.firmware.positions == []
 
 
@@ -421,19 +423,21 @@ def test_damaged_file(board, tmp_path, capfd):
     (tmp_path / "planes.json").write_text("{}")
     for words in (["--plane", "0"], ["--store", "0"]):
         said_in_one_line(
-            capfd, command(board, "--planes", tmp_path / "planes.json", *words), "cannot be read"
+            capfd, command(board, "--focus-planes", tmp_path / "planes.json", *words), "cannot be read"
         )
     assert (tmp_path / "planes.json").read_text() == "{}"
 
 
 def test_no_file_named(board, capfd):
     for words in (["--plane", "0"], ["--distance", "80"], ["--store", "0"]):
-        said_in_one_line(capfd, command(board, *words), "give their file with --planes")
+        said_in_one_line(capfd, command(board, *words), "give their file with --focus-planes")
 
 
 def test_missing_port(tmp_path, capfd, monkeypatch):
     planes = tmp_path / "planes.json"
-    status = cli.main(["focus", "--port", str(tmp_path / "none"), "--planes", str(planes), "--store", "0"])
+    status = cli.main(
+        ["focus", "--port", str(tmp_path / "none"), "--focus-planes", str(planes), "--store", "0"]
+    )
     said_in_one_line(capfd, status, "none cannot be opened.*holopath devices")
     assert list(tmp_path.iterdir()) == []
     from holopath_addon.slm.drivers import controller

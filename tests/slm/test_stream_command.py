@@ -207,7 +207,14 @@ def test_captures_at_planes_of_ones_own(folder, tmp_path):
     """Which need no positions there. The SLM is as the calibration says: with it the picture is the ideal one."""
     FocusPlanes((Plane(1.3e-3), Plane(1.6e-3))).save(tmp_path / "planes.json")
     Calibration(size=(WIDTH + 8, HEIGHT + 8), flip_y=True, shift=(2, -1)).save(tmp_path / "device.json")
-    words = ["--driver", "virtual", "--planes", tmp_path / "planes.json", "--captures", tmp_path / "seen"]
+    words = [
+        "--driver",
+        "virtual",
+        "--focus-planes",
+        tmp_path / "planes.json",
+        "--captures",
+        tmp_path / "seen",
+    ]
     assert run(folder, *words, "--calibration", tmp_path / "device.json", "--quiet") == 0
     assert len(list((tmp_path / "seen").iterdir())) == 4
     picture = ideal([depth_of(1.6e-3)])[0]
@@ -354,7 +361,16 @@ def planes(tmp_path):
 def test_captures_by_a_camera(board, folder, tmp_path, camera, planes):
     """At every plane, and not before the focus stands there; meanwhile the hologram is shown."""
     board.firmware.speed = 1000
-    words = ["--driver", "serial", "--port", board.path, "--captures", tmp_path / "seen", "--planes", planes]
+    words = [
+        "--driver",
+        "serial",
+        "--port",
+        board.path,
+        "--captures",
+        tmp_path / "seen",
+        "--focus-planes",
+        planes,
+    ]
     assert run(folder, *words, "--camera", camera, "--rate", "100", "--quiet") == 0
     assert board.firmware.positions == [100, 200, 300, 400, 500]
     names = [f"plane_{n}_{mm}mm.png" for n, mm in enumerate(["80", "81.25", "82.5", "83.75", "85"])]
@@ -369,7 +385,16 @@ def test_captures_by_a_camera(board, folder, tmp_path, camera, planes):
 
 def test_captures_of_a_device_without_a_pause(board, folder, tmp_path, camera, planes):
     """Pictures as fast as it takes them do not keep the focus waiting."""
-    words = ["--driver", "serial", "--port", board.path, "--captures", tmp_path / "seen", "--planes", planes]
+    words = [
+        "--driver",
+        "serial",
+        "--port",
+        board.path,
+        "--captures",
+        tmp_path / "seen",
+        "--focus-planes",
+        planes,
+    ]
     start = time.monotonic()
     assert run(folder, *words, "--camera", camera, "--quiet") == 0
     assert board.firmware.positions == [100, 200, 300, 400, 500] and time.monotonic() - start < 4
@@ -388,7 +413,16 @@ def test_captures_of_a_device_without_a_pause(board, folder, tmp_path, camera, p
     ],
 )
 def test_cameras_that_take_no_picture(command, says, board, folder, tmp_path, planes, capfd):
-    words = ["--driver", "serial", "--port", board.path, "--captures", tmp_path / "seen", "--planes", planes]
+    words = [
+        "--driver",
+        "serial",
+        "--port",
+        board.path,
+        "--captures",
+        tmp_path / "seen",
+        "--focus-planes",
+        planes,
+    ]
     command = command.format(python=shlex.join([sys.executable, "-I", "-S"]))
     one_line(capfd, run(folder, *words, "--camera", command), says)
     assert not (tmp_path / "seen").exists() or list((tmp_path / "seen").iterdir()) == []
@@ -398,7 +432,16 @@ def test_a_picture_of_an_earlier_time_is_none(board, folder, tmp_path, planes, c
     """A camera that writes nothing is found out, though a file of that name is there."""
     (tmp_path / "seen").mkdir()
     (tmp_path / "seen" / "plane_0_80mm.png").write_text("old")
-    words = ["--driver", "serial", "--port", board.path, "--captures", tmp_path / "seen", "--planes", planes]
+    words = [
+        "--driver",
+        "serial",
+        "--port",
+        board.path,
+        "--captures",
+        tmp_path / "seen",
+        "--focus-planes",
+        planes,
+    ]
     command = f"{shlex.join([sys.executable, '-I', '-S'])} -c pass"
     one_line(capfd, run(folder, *words, "--camera", command), "took no picture at plane 0")
 
@@ -406,7 +449,7 @@ def test_a_picture_of_an_earlier_time_is_none(board, folder, tmp_path, planes, c
 @pytest.mark.parametrize(
     ("lacks", "says"),
     [
-        ("--planes", "focus planes are missing"),
+        ("--focus-planes", "focus planes are missing"),
         ("--camera", "camera is missing"),
         ("positions", r"Focus plane 0 \(80 mm\) has no position yet"),
     ],
@@ -415,7 +458,7 @@ def test_captures_that_lack_something(lacks, says, board, folder, tmp_path, came
     if lacks == "positions":
         FocusPlanes.spread().save(planes)
     words = ["--driver", "serial", "--port", board.path, "--captures", tmp_path / "seen"]
-    words += [] if lacks == "--planes" else ["--planes", planes]
+    words += [] if lacks == "--focus-planes" else ["--focus-planes", planes]
     words += [] if lacks == "--camera" else ["--camera", camera]
     one_line(capfd, run(folder, *words), says)
     assert board.firmware.shown == board.firmware.positions == [] and not (tmp_path / "seen").exists()
@@ -427,14 +470,14 @@ def test_captures_that_lack_something(lacks, says, board, folder, tmp_path, came
 def test_captures_with_a_device_that_cannot(can, says, folder, tmp_path, camera, planes, capfd):
     with Board(Firmware(size=(WIDTH, HEIGHT), can=can)) as board:
         words = ["--driver", "serial", "--port", board.path, "--captures", tmp_path / "seen"]
-        one_line(capfd, run(folder, *words, "--planes", planes, "--camera", camera), says)
+        one_line(capfd, run(folder, *words, "--focus-planes", planes, "--camera", camera), says)
         assert board.firmware.positions == []
     assert not (tmp_path / "seen").exists() or list((tmp_path / "seen").iterdir()) == []
 
 
 def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
     words = ["--driver", "serial", "--port", tmp_path / "none", "--captures", tmp_path / "seen"]
-    status = run(folder, *words, "--planes", planes, "--camera", camera)
+    status = run(folder, *words, "--focus-planes", planes, "--camera", camera)
     one_line(capfd, status, "none cannot be opened.*holopath devices")
 
 
@@ -477,7 +520,7 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         (["{out}", "--trigger", "--port", "{tmp}/none"], "none cannot be opened"),
         (["{out}", "--out", "{tmp}/film"], "something other than a sequence"),
         (
-            ["{out}", "--driver", "virtual", "--captures", "{tmp}/seen", "--planes", "{tmp}/none"],
+            ["{out}", "--driver", "virtual", "--captures", "{tmp}/seen", "--focus-planes", "{tmp}/none"],
             "cannot be read",
         ),
         ([], "required"),

@@ -1,6 +1,7 @@
 """Low roughness: no step of sharpness or brightness where a δ lobe becomes a narrow one.
 
-Where images of rough mirrors, glass and coats lie, tests/engine/scene/test_specular_chains.py holds to formulas every day.
+Where images of rough mirrors, glass and coats lie, tests/engine/scene/test_specular_chains.py holds
+to formulas every day.
 """
 
 import pytest

@@ -1,6 +1,6 @@
 """From complex fields to the phases that an SLM shows (paper section 5, Phase-only Hologram Encoding)."""
 
-from .encoder import METHODS, STARTS, SUPERVISIONS, encode
+from .encoder import STARTS, SUPERVISIONS, encode
 from .phase_hologram import PhaseHologram
 
-__all__ = ["METHODS", "STARTS", "SUPERVISIONS", "PhaseHologram", "encode"]
+__all__ = ["STARTS", "SUPERVISIONS", "PhaseHologram", "encode"]

@@ -11,6 +11,7 @@ import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
 from ..scene.variants import threads
+from ..settings import ENCODINGS
 from ..waves.modulator import Modulator
 from ..waves.pictures import Pictures, spread_looks
 from ..waves.propagation import circular_band, filtered
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from ..pupil import Pupil
     from ..wavefield import WaveField
 
-METHODS = ("dpac", "auto", "sgd", "joint", "refine")
 SUPERVISIONS = ("complex", "amplitude")
 STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
@@ -61,7 +61,7 @@ def encode(
     ----------
     field : WaveField
     method : str
-        One of `METHODS`. ``dpac``: double phase (Hsueh and Sawchuk, Appl. Opt. 17, 3874 (1978); Maimone et al., ACM
+        One of `ENCODINGS`. ``dpac``: double phase (Hsueh and Sawchuk, Appl. Opt. 17, 3874 (1978); Maimone et al., ACM
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame for itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths and
         through parts of the pupil all over the volume. ``refine``: instead, so that it is that of `references`.
@@ -137,7 +137,7 @@ def _check(
     field, method, bits, supervision, planes, aperture, start, references, views, tolerance, most_steps
 ):
     for value, known, name in (
-        (method, METHODS, "encoding"),
+        (method, ENCODINGS, "encoding"),
         (supervision, SUPERVISIONS, "supervision"),
         (start if isinstance(start, str) else STARTS[0], STARTS, "start of an encoding"),
     ):

@@ -197,7 +197,7 @@ class SpecularChains:
         self.branches, self.coherent, self.sky = 1 << splits, coherent, sky
 
     def view(self, scene: mi.Scene, ray: mi.Ray3f, branch: mi.UInt32, drawn: bool = False) -> ImagePoint:
-        """The `ImagePoint` of a branch along a ray; of one `drawn` at random, bits that nothing divides by do not count."""
+        """The `ImagePoint` of a branch along a ray; of one `drawn` at random, bits that divide nothing do not count."""
         met = intersect(scene, ray, self.coherent)
         chain = self._follow(scene, ray, met, branch)
         last, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves, rough = (

@@ -393,10 +393,9 @@ class _Tiles:
 
 @dataclass
 class _Grains:
-    """Grains that rays saw (Dr.Jit types): the sampler after them, the first surface's
-    distance from the plane, number of the path and of the pixel's place
-    on the plane, slope, the `ImagePoint`, distance from the plane, cell, whether it is on the grid and shows anything, and
-    whether its surface looks different across the pupil.
+    """Grains that rays saw (Dr.Jit types): the sampler after them, the first surface's distance from the plane, number
+    of the path and of the pixel's place on the plane, slope, the `ImagePoint`, distance from the plane, cell, whether
+    it is on the grid and shows anything, and whether its surface looks different across the pupil.
     """
 
     sampler: mi.Sampler

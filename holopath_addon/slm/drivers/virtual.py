@@ -14,7 +14,7 @@ from ...engine.wavefield import WaveField
 from ...engine.waves.modulator import Modulator
 from ..calibration import Calibration
 from ..driver import Info
-from ..sequence import unpack
+from ..sequence import PACKINGS, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,7 +67,7 @@ class VirtualDriver:
 
     def show(self, number: int, picture: Picture) -> None:
         """Show a picture: the camera sees it until its parts are shown anew, and averages what it sees."""
-        packing = {1: "time", 3: "colour", 24: "bits"}[len(picture.parts)]
+        (packing,) = (name for name, each in PACKINGS.items() if each.each == len(picture.parts))
         levels = unpack(picture.pixels, packing, self._order)
         if levels[0].shape != (self.info.height, self.info.width):
             raise InvalidInput(

@@ -383,8 +383,8 @@ def gallery():
 
 def test_another_process_finds_the_same(digest, backend):
     script = (
-        "from holopath_addon.engine import backend\n"
-        f"backend.activate({backend!r})\n"
+        "from holopath_addon.engine.scene import variants\n"
+        f"variants.activate({backend!r})\n"
         "from holopath_addon.engine.scene.fingerprint import scene_digest\n"
         "from test_fingerprint import boxes, gallery, loaded\n"
         "print(scene_digest(loaded(gallery() | boxes())))"

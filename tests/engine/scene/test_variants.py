@@ -18,9 +18,10 @@ from holopath_addon.engine.scene import variants as module
 ROOT = Path(__file__).parents[3]
 
 ACTIVATE = """
-from holopath_addon.engine import backend, BackendUnavailable
+from holopath_addon.engine import BackendUnavailable
+from holopath_addon.engine.scene import variants
 try:
-    print("variant", backend.activate())
+    print("variant", variants.activate())
 except BackendUnavailable as error:
     print("refused", error)
 """
@@ -67,7 +68,7 @@ def test_activates_and_computes():
 
 
 def test_as_many_threads_as_wished():
-    tell = "import drjit\nprint(backend.threads(), drjit.thread_count())"
+    tell = "import drjit\nprint(variants.threads(), drjit.thread_count())"
     for wish in (1, 3):  # of Dr.Jit's one at least is another than the caller's
         out = run(ACTIVATE_LLVM + tell, HOLOPATH_THREADS=str(wish))
         assert out.splitlines()[1] == f"{wish} {max(wish, 2)}"
@@ -89,7 +90,7 @@ def test_activate_is_idempotent_and_works_in_a_thread(backend):
 
 
 def test_keeps_the_variant_of_the_caller():
-    code = "from holopath_addon.engine import backend\nbackend.activate('llvm_ad_rgb')\n" + ACTIVATE
+    code = "from holopath_addon.engine.scene import variants\nvariants.activate('llvm_ad_rgb')\n" + ACTIVATE
     assert run(code) == "variant llvm_ad_rgb"
 
 

@@ -20,7 +20,10 @@ def fields(scene, camera, pixels, passes, exact, other=None):
 
     def light(passes, filtered, seed):
         fixed = {**(other or {}), "passes": passes, "filter": filtered}
-        planned = replace(plan, passes=passes, most_passes=passes)
+        planned = engine.plan(scene, camera, display, replace(settings, fixed=fixed))
+        planned = replace(
+            plan, passes=passes, most_passes=passes, reach=planned.reach, textures=planned.textures
+        )
         return engine.render(scene, camera, display, replace(settings, fixed=fixed, seed=seed), planned)
 
     truth, errors, brightness, told = light(exact, 0, 0).data, [], [], []

@@ -1,0 +1,142 @@
+"""The settings that `engine.settings` declares, as options of a command and as the guide's table.
+
+python -m holopath_addon.command_line.settings_options docs/guide.md    writes the table anew
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from .. import engine
+from ..engine.settings import BASELINES, DECLARED, Choice, Settings, default_of
+
+BEGIN, END = "<!-- settings, from engine/settings.py: make guide -->", "<!-- end of settings -->"
+
+
+def argument(parse: Callable) -> Callable:
+    """Argument type from a function that raises `InvalidInput` or `ValueError`."""
+
+    def convert(text):
+        try:
+            return parse(text)
+        except engine.InvalidInput as error:
+            raise argparse.ArgumentTypeError(str(error).rstrip(".")) from None
+
+    convert.__name__ = parse.__name__.replace("_", " ").strip()
+    return convert
+
+
+def renamed(parser: argparse.ArgumentParser, old: str, new: str, **told) -> None:
+    """Take an option's old name for a version more, with a word."""
+
+    class Renamed(argparse.Action):
+        def __call__(self, parser, args, value, option=None):
+            print(
+                f"holopath: {old} is called {new} now; the old name goes with the next version.",
+                file=sys.stderr,
+            )
+            setattr(args, self.dest, value)
+
+    dest = new.removeprefix("--").replace("-", "_")
+    parser.add_argument(
+        old, dest=dest, action=Renamed, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **told
+    )
+
+
+def flag(name: str) -> str:
+    """A setting's word on the command line."""
+    return "--fix" if name == "fixed" else f"--{name.replace('_', '-')}"
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add an option for each setting; those that take each other's place exclude each other."""
+    instead = {declared.instead_of: name for name, declared in DECLARED.items() if declared.instead_of}
+    groups = {}
+    for name, other in instead.items():
+        groups[name] = groups[other] = parser.add_mutually_exclusive_group()
+    for name, declared in DECLARED.items():
+        told: dict[str, Any] = {"metavar": _value(name, declared), "type": _type(name, declared)}
+        if declared.chosen:
+            told = {"choices": tuple(declared.chosen)}
+        text = _meaning(declared, "{}")
+        text += f". There are {', '.join(engine.FIXABLE)}" if name == "fixed" else ""
+        groups.get(name, parser).add_argument(
+            flag(name), dest=name, help=f"{text} (default: the file's, {_default(name)})", **told
+        )
+
+
+def settings_of(args: argparse.Namespace, base: Settings) -> Settings:
+    """The settings that words ask for, over a scene's own."""
+    given = {name: getattr(args, name) for name in DECLARED if getattr(args, name) is not None}
+    others = {name: default_of(name) for name, each in DECLARED.items() if each.instead_of in given}
+    return replace(base, **others | given)
+
+
+def guide_table() -> str:
+    """The guide's table of settings, Markdown."""
+    rows = ["| setting | on the command line | meaning | start with |", "|---|---|---|---|"]
+    for name, declared in DECLARED.items():
+        value = "" if declared.chosen else f" {_value(name, declared)}"
+        meaning = _meaning(declared, "`{}`")
+        advice = declared.advice or _default(name)
+        rows.append(f"| {declared.label} | `{flag(name)}{value}` | {meaning} | {advice} |")
+    return "\n".join(rows)
+
+
+def write_guide(text: str) -> str:
+    """A guide's text with its table as the settings are declared now."""
+    return re.sub(f"(?s)(?<={re.escape(BEGIN)}\n\n).*(?=\n\n{re.escape(END)})", lambda _: guide_table(), text)
+
+
+def _value(name, declared):
+    auto = default_of(name) == "auto" and not declared.chosen
+    return f"auto|{declared.metavar}" if auto else declared.metavar
+
+
+def _type(name, declared):
+    if name == "fixed":
+        return argument(engine.parse_fixed)
+    number = float if declared.unit or isinstance(declared.initial, float) else int
+
+    def parse(text):
+        if text == "auto":
+            return text
+        try:
+            return number(text) * (1e-3 if declared.unit else 1)
+        except ValueError:
+            what = "a distance in millimeters" if declared.unit else "a whole number"
+            raise engine.InvalidInput(f"'{text}' is neither auto nor {what}") from None
+
+    return argument(parse) if default_of(name) == "auto" else number
+
+
+def listed(chosen: Mapping[str, Choice], form: str) -> str:
+    """What each choice does, but for other people's methods."""
+    told = [
+        f"{form.format(name)}: {_small(each.help)}" for name, each in chosen.items() if name not in BASELINES
+    ]
+    return "; ".join(told)
+
+
+def _meaning(declared, form):
+    text = f"{declared.help}. {listed(declared.chosen, form)}" if declared.chosen else declared.help
+    return _small(text)
+
+
+def _small(text):
+    """A sentence that goes on: its first word small, unless it is a name."""
+    return text if text[1:2].isupper() else text[:1].lower() + text[1:]
+
+
+def _default(name):
+    default = default_of(name)
+    return "none" if default is None or default == {} else str(default)
+
+
+if __name__ == "__main__":
+    guide = Path(sys.argv[1])
+    guide.write_text(write_guide(guide.read_text("utf-8")), "utf-8")

@@ -1,0 +1,138 @@
+"""Settings are declared once: the command line, Blender's properties and panels, and the guide have them all."""
+
+from pathlib import Path
+
+import bpy
+import pytest
+
+from holopath_addon import cli, engine, properties
+from holopath_addon.command_line import options
+from holopath_addon.engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODINGS, Settings, default_of
+from holopath_addon.slm import PACKINGS
+from tests.addon.layout import Context, Layout
+
+GUIDE = Path(__file__).parents[2] / "docs" / "guide.md"
+
+
+def parse(*words):
+    """Words of `holopath plan`."""
+    return cli._parser(engine.BakeStore.default()).parse_args(["plan", *words])
+
+
+def test_the_guide_has_the_settings_as_they_are_declared():
+    text = GUIDE.read_text("utf-8")
+    assert options.write_guide(text) == text, "run `make guide`"
+    assert all(f"| {declared.label} | `{options.flag(name)}" in text for name, declared in DECLARED.items())
+
+
+def test_the_command_line_has_them(capsys):
+    with pytest.raises(SystemExit):
+        parse("--help")
+    text = capsys.readouterr().out
+    assert [name for name in DECLARED if f"{options.flag(name)} " not in text] == []
+
+
+def words(name, declared):
+    """Words that set a setting, and the value that they mean."""
+    if name == "fixed":
+        return "chain=4", {"chain": 4}
+    if declared.chosen:
+        value = list(declared.chosen)[-1]
+        return value, value
+    value = declared.initial or declared.bounds[0] + 1
+    return str(value), value * 1e-3 if declared.unit else value
+
+
+@pytest.mark.parametrize("name", DECLARED)
+def test_words_set_them(name):
+    word, value = words(name, DECLARED[name])
+    args = parse("scene.xml", options.flag(name), word)
+    assert options.settings_of(args, Settings()) == Settings(**{name: value})
+
+
+def test_one_takes_the_place_of_another():
+    def settings(*words):
+        return options.settings_of(parse("scene.xml", *words), Settings(speckle=0.3, spp=9))
+
+    assert settings("--frames", "4") == Settings(frames=4, spp=9)
+    assert settings("--quality", "preview") == Settings(quality="preview", speckle=0.3)
+    assert settings("--spp", "5", "--speckle", "0.2") == Settings(spp=5, speckle=0.2)
+
+
+@pytest.mark.parametrize("name", DECLARED)
+def test_blender_has_them_within_the_same_bounds(addon, name):
+    declared, rna = DECLARED[name], properties.HoloPathSettings.bl_rna.properties
+    prop = rna[properties.property_of(name)]
+    assert prop.name.startswith(declared.label) and prop.description.startswith(declared.help)
+    if declared.chosen:
+        assert {item.identifier: item.value for item in prop.enum_items} == {
+            each.name: each.number for each in declared.chosen.values()
+        }
+    elif name != "fixed":
+        for end, told in zip(declared.bounds, (prop.hard_min, prop.hard_max), strict=True):
+            assert end is None or told == pytest.approx(end)
+    if declared.switch:
+        assert rna[declared.switch.name].default == (not declared.switch.by_hand)
+
+
+@pytest.mark.parametrize("name", DECLARED)
+def test_a_panel_shows_them(addon, name):
+    from holopath_addon.ui import sections
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    props = bpy.context.scene.holopath
+    declared = DECLARED[name]
+    if declared.switch:
+        setattr(props, declared.switch.name, declared.switch.by_hand)
+    if name == "paths":
+        props.radiance = "ray"
+    context = Context(bpy.context.scene)
+    layout = Layout(context)
+    getattr(sections, declared.section)(layout, context)
+    assert properties.property_of(name) in [
+        given["property"] for what, given in layout.drawn if what == "prop"
+    ]
+
+
+@pytest.mark.parametrize("name", [name for name in DECLARED if name != "fixed"])
+def test_values_out_of_bounds_are_refused(name):
+    declared = DECLARED[name]
+    bad = "nonsense" if declared.chosen or declared.unit else declared.bounds[0] - 1
+    with pytest.raises(
+        engine.InvalidInput, match=declared.label if not declared.chosen else declared.label.lower()
+    ):
+        Settings(**{name: bad})
+    if declared.bounds[1] is not None:
+        with pytest.raises(engine.InvalidInput, match=f"to {declared.bounds[1]}, not"):
+            Settings(**{name: declared.bounds[1] + 1})
+    assert Settings(**{name: default_of(name)}) == Settings()
+
+
+def test_numbers_in_files_are_for_ever():
+    """A .blend of an earlier version holds them."""
+    numbers = [
+        {name: each.number for name, each in chosen.items()}
+        for chosen in (
+            DECLARED["quality"].chosen,
+            DECLARED["method"].chosen,
+            DEPTH_MAPPINGS,
+            ENCODINGS,
+            PACKINGS,
+        )
+    ]
+    assert numbers[0] == {"draft": 3, "preview": 0, "balanced": 1, "full": 2}
+    assert list(numbers[1].items())[:4] == [("auto", 0), ("full", 1), ("fast", 2), ("direct", 3)]
+    assert numbers[2:] == [
+        {"fit": 0, "eyepiece": 1},
+        {"dpac": 0, "auto": 1, "sgd": 2, "joint": 3, "refine": 4},
+        {"time": 0, "colour": 1, "bits": 2},
+    ]
+    displays = {
+        "pluto-2": 1,
+        "leto-3": 2,
+        "gaea-2": 3,
+        "meadowlark-1920": 4,
+        "santec-slm-210": 5,
+        "ti-plm-067": 6,
+    }
+    assert {name: each.number for name, each in engine.DISPLAYS.items()} == displays
