@@ -45,7 +45,7 @@ def detach():
 
 
 def wanted():
-    """Backend that the preferences choose, None for the best; tells the LLVM that they name to `engine.backend`."""
+    """Backend that the preferences choose, None for the best; tells the LLVM that they name to `engine.scene.variants`."""
     preferences = _chosen()
     if preferences is None:
         return None

@@ -22,7 +22,7 @@ NEEDS = {
 
 
 def describe() -> list[dict]:
-    """All drivers, in the form of `engine.backend.describe`.
+    """All drivers, in the form of `engine.scene.variants.describe`.
 
     Returns
     -------
