@@ -45,7 +45,7 @@ def detach():
 
 
 def wanted():
-    """Backend that the preferences choose, None for the best; tells the LLVM that they name to `engine.scene.variants`."""
+    """Backend that the preferences choose, None for the best; tells `engine.scene.variants` the LLVM that they name."""
     preferences = _chosen()
     if preferences is None:
         return None

@@ -58,7 +58,7 @@ def _declared_properties():
             told |= {key: end for key, end in ends.items() if end is not None}
             if declared.unit:
                 told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
-            elif isinstance(default, float):
+            elif declared.bounds[1] == 1.0:
                 told |= {"subtype": "FACTOR", "precision": 2}
             kind = FloatProperty if isinstance(default, float) else IntProperty
             made[property_of(name)] = kind(**told)

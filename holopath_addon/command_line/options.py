@@ -100,7 +100,7 @@ def _value(name, declared):
 def _type(name, declared):
     if name == "fixed":
         return argument(engine.parse_fixed)
-    number = float if declared.unit or isinstance(declared.initial, float) else int
+    number = float if float in (type(default_of(name)), type(declared.initial)) else int
 
     def parse(text):
         if text == "auto":
