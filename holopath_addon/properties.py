@@ -55,7 +55,7 @@ def _declared_properties():
             least, most = declared.bounds
             low, high = declared.soft or declared.bounds
             ends = {"min": least, "max": most, "soft_min": low, "soft_max": high}
-            told |= {key: end for key, end in ends.items() if end is not None}
+            told |= {key: end for key, end in ends.items() if math.isfinite(end)}
             if declared.unit:
                 told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
             elif declared.bounds[1] == 1.0:

@@ -165,8 +165,8 @@ class Declaration:
         What to start with, for the guide; its default where empty.
     section : str
         The panel that shows it.
-    bounds : (float or None, float or None)
-        Least and most of a number; none where None.
+    bounds : (float, float)
+        Least and most of a number.
     soft : (float, float), optional
         What a slider in Blender covers.
     chosen : dict of str to Choice
@@ -187,7 +187,7 @@ class Declaration:
     help: str
     advice: str = ""
     section: str = "advanced"
-    bounds: tuple = (None, None)
+    bounds: tuple[float, float] = (-math.inf, math.inf)
     soft: tuple | None = None
     chosen: dict = field(default_factory=dict)
     unit: str = ""
@@ -205,22 +205,21 @@ class Declaration:
         """
         if self.chosen:
             if value not in self.chosen:
-                known = ", ".join(self.chosen)
-                raise InvalidInput(f"Unknown {self.label.lower()} '{value}': choose one of {known}.")
+                raise InvalidInput(f"Unknown {self.label.lower()} '{value}': choose {self.allowed}.")
             return
-        least, most = (end if end is not None else side for end, side in zip(self.bounds, _ENDS, strict=True))
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and least <= value <= most):
-            raise InvalidInput(f"{self.label} must be {self._allowed()}, not {value}.")
-
-    def _allowed(self):
-        auto = "auto or " if self.switch and not self.switch.by_hand else ""
         least, most = self.bounds
-        if least is None:
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and least <= value <= most):
+            raise InvalidInput(f"{self.label} must be {self.allowed}, not {value}.")
+
+    @property
+    def allowed(self) -> str:
+        """What it may be, in words."""
+        if self.chosen:
+            return f"one of {', '.join(self.chosen)}"
+        auto, (least, most) = "auto or " if self.switch and not self.switch.by_hand else "", self.bounds
+        if math.isinf(least):
             return f"{auto}a number"
-        return f"{auto}{least} or more" if most is None else f"{auto}from {least} to {most}"
-
-
-_ENDS = -math.inf, math.inf
+        return f"{auto}{least} or more" if math.isinf(most) else f"{auto}from {least} to {most}"
 
 
 def _setting(default, label, help, **told) -> Any:
@@ -234,10 +233,9 @@ def _setting(default, label, help, **told) -> Any:
 class Settings:
     """How a hologram is computed. Defaults suit most scenes; the plan fills what is left open.
 
-    What each setting does is what `Declaration.help` says of it. Of the `BASELINES`, which are other people's methods,
-    to be compared with, settings count for `frames`, `quality`, `spp` (paths of a picture's pixel), `max_depth` and
-    `seed`. Distances are in metres; `fixed` holds values of decisions that the plan would else take, see
-    `planning.FIXABLE`.
+    For the `BASELINES`, which are other people's methods, to be compared with, these count: `frames`, `quality`, `spp`
+    (paths of a picture's pixel), `max_depth` and `seed`. Distances are in metres here, whatever their unit elsewhere.
+    `fixed` holds values by name, see `FIXABLE`.
 
     Raises
     ------
@@ -313,7 +311,7 @@ class Settings:
         0,
         "Seed",
         "Seed of all random numbers: another one gives other noise",
-        bounds=(0, None),
+        bounds=(0, math.inf),
         metavar="S",
     )
     phase_field: str = _setting(
@@ -428,6 +426,11 @@ class Settings:
 
 
 DECLARED: dict[str, Declaration] = {each.name: each.metadata["declared"] for each in fields(Settings)}
+
+
+Settings.__doc__ = f"{Settings.__doc__}\n    Parameters\n    ----------\n" + "".join(
+    f"    {name} : {declared.allowed}\n        {declared.help}.\n" for name, declared in DECLARED.items()
+)
 
 
 def default_of(name: str) -> Any:
