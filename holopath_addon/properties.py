@@ -85,6 +85,8 @@ def _display_changed(props, context):
     props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
 
 
+# Called with the settings when focus or pupil change, and when another frame of the phases is chosen: callables.
+looking_elsewhere, frame_chosen = [], []
 _noting = []  # not empty while focus or index are written, but nothing is to be refocused
 
 
@@ -95,9 +97,8 @@ def _distance_changed(props, context):
 
 
 def _focus_changed(props, context):
-    from .operators import session
-
-    session.request_refocus(*seen_of(props))
+    for call in looking_elsewhere:
+        call(props)
 
 
 def _get_infinity(props):
@@ -118,10 +119,8 @@ def _set_dioptres(props, value):
 
 
 def _phase_frame_changed(props, context):
-    from .operators import session
-
-    if session.current.phase is not None:
-        session.show_phase(props.phase_frame)
+    for call in frame_chosen:
+        call(props)
 
 
 def _focus_chosen(props, context):

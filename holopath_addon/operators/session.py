@@ -227,7 +227,7 @@ def keep_shown(props, task, result, draft=False):
     image = bpy.data.images.get(IMAGE)
     if image is None or props is None or properties.seen_of(props)[:2] == (focus, task.pupil):
         return show(result.images[0], result.field.hologram.wavelengths)
-    request_refocus(*properties.seen_of(props))  # it was moved meanwhile
+    _refocus_as_set(props)  # it was moved meanwhile
     return image
 
 
@@ -539,7 +539,7 @@ def show_again():
     """Show the stored field's picture in place of what a cancelled render left; nothing where there is none."""
     scene = bpy.context.scene
     if current.refocuser is not None and IMAGE in bpy.data.images and scene is not None:
-        request_refocus(*properties.seen_of(properties.of(scene)))
+        _refocus_as_set(properties.of(scene))
 
 
 def progress_text(job):
@@ -573,9 +573,20 @@ def _rendered(*_):
         bpy.app.timers.register(redraw)
 
 
+def _refocus_as_set(props):
+    request_refocus(*properties.seen_of(props))
+
+
+def _show_frame_as_set(props):
+    if current.phase is not None:
+        show_phase(props.phase_frame)
+
+
 def _handlers():
     handlers = bpy.app.handlers
     return [
+        (properties.looking_elsewhere, _refocus_as_set),
+        (properties.frame_chosen, _show_frame_as_set),
         (handlers.load_pre, _forget),
         (handlers.render_complete, _rendered),
         (handlers.render_cancel, _rendered),
@@ -583,7 +594,7 @@ def _handlers():
 
 
 def attach():
-    """Begin to listen for files being opened and for the end of F12's renders."""
+    """Begin to listen for changes of the settings, for files being opened and for the end of F12's renders."""
     for callbacks, handler in _handlers():
         callbacks.append(handler)
 
