@@ -22,7 +22,7 @@ from holopath_addon.engine.scene import variants
 from holopath_addon.engine.settings import PHASE_FIELDS
 from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
-from holopath_addon.engine.waves.pictures import Look, Pictures
+from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.supervision import Frames
 
 from .convergence import border
@@ -316,8 +316,8 @@ def cost(sizes=SIZES):
         rng = np.random.default_rng(0)
         parts = rng.normal(size=(2, frames, *shape)).astype(np.float32)
         fields = parts[0] + 1j * parts[1]
-        looks = [Look(3e-3), Look(-2e-3, (0.1, 0, 0.25))]
-        pictures = Pictures(shape, PITCH, GREEN, looks)
+        vantages = [Vantage(3e-3), Vantage(-2e-3, (0.1, 0, 0.25))]
+        pictures = Pictures(shape, PITCH, GREEN, vantages)
         pictures.add(fields)
         with Frames() as threads:
             phases = Phases(np.angle(fields), threads)

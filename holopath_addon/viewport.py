@@ -42,7 +42,7 @@ _jobs = []  # those at work; one may outlive its viewport for a moment
 
 
 @dataclass(frozen=True)
-class View:
+class RegionView:
     """What a 3D View shows.
 
     Attributes
@@ -98,14 +98,14 @@ class Viewport:
     def __init__(self):
         self._engine: weakref.ref | None = None
         self._ended = 0.0
-        self._view: View | None = None
+        self._view: RegionView | None = None
         self._where = "", ""  # scene and view layer by name
         self._stage: Stage | None = None
         self._outdated = True
         self._facts: tuple | None = None
         self._changed, self._read, self._reading = 0.0, 0.0, 0.0  # moments, and seconds
         self._job: Job | None = None
-        self._traced: tuple[Stage, View] | None = None
+        self._traced: tuple[Stage, RegionView] | None = None
         self._pixels: np.ndarray | None = None
         self._texture: gpu.types.GPUTexture | None = None
         self._complaint, self._error = "", ""
@@ -276,7 +276,7 @@ def refine(stage, view, show, progress):
     Parameters
     ----------
     stage : Stage
-    view : View
+    view : RegionView
     show : callable
         ``show(picture)`` takes each picture, float32 [y, x, 3], row 0 top.
     progress : callable
@@ -316,7 +316,7 @@ def view_of(context, depsgraph, shrink):
 
     Returns
     -------
-    View
+    RegionView
 
     Raises
     ------
@@ -346,7 +346,7 @@ def view_of(context, depsgraph, shrink):
     area = abs(place[2] * place[3])
     shrink *= max(1.0, math.sqrt(area / (region.width * region.height)))
     size = tuple(max(1, round(abs(n) / shrink)) for n in place[2:])
-    return View(camera, size, place, properties.of(context.scene).max_depth)
+    return RegionView(camera, size, place, properties.of(context.scene).max_depth)
 
 
 def _frame(camera, scene, region, region_view):

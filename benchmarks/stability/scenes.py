@@ -169,7 +169,7 @@ def behind(s, place, half=1.0, cells=128):
 
 
 def on_axis(s, scene, branch=0, aside=(2e-3, 1e-3)):
-    """The `View` of a ray on the axis, or near it."""
+    """The `ImagePoint` of a ray on the axis, or near it."""
     from holopath_addon.engine.scene.specular_chains import SpecularChains
 
     mi = s.mi

@@ -50,7 +50,7 @@ class ExportCache:
         self._context = context
         moved, changed = self._moved, self._changed
         self._moved, self._changed = set(), set()
-        self.looks.forget(moved | changed)
+        self.appearances.forget(moved | changed)
         self._meshes = {key: mesh for key, mesh in self._meshes.items() if not mesh.sources & changed}
 
     def mesh(self, key, sources):
@@ -79,7 +79,7 @@ class ExportCache:
         meshes : dict of KeptMesh
         """
         self._meshes = {key: mesh for key, mesh in meshes.items() if mesh.tracked}
-        self.looks.drop_unused()
+        self.appearances.drop_unused()
 
     @property
     def bakes(self):
@@ -93,7 +93,7 @@ class ExportCache:
     def clear(self):
         """Forget everything."""
         self._meshes, self._context = {}, None
-        self.looks = Looks()
+        self.appearances = Appearances()
 
     def close(self):
         """Forget everything and stop listening to Blender."""
@@ -167,7 +167,7 @@ class _Kept:
     images: dict
 
 
-class Looks:
+class Appearances:
     """Exported materials, world and lamps' profiles, each kept with the notes it gave rise to."""
 
     def __init__(self):

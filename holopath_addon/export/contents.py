@@ -14,7 +14,7 @@ from .cache import Bake
 from .geometry import read_mesh, split_by_slot
 from .hair import curve_tubes, particle_tubes
 from .lights import emission_varies, export_lamp, read_profile
-from .textures import Picture
+from .textures import RawImage
 
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 UNSUPPORTED_TYPES = {
@@ -157,7 +157,7 @@ class Contents:
         profile = None
         if emission_varies(object.data):
             frame = self._depsgraph.scene.frame_current_final
-            profile = self._cache.looks.profile(object.data, object.name, frame, read_profile)
+            profile = self._cache.appearances.profile(object.data, object.name, frame, read_profile)
         matrix[:3, 3] -= np.array(self._origin) / self._scale
         emitter = export_lamp(object.data, matrix, object.name, self._scale, self._notes, profile)
         if emitter is not None:
@@ -178,7 +178,7 @@ class Contents:
             slots = object.material_slots
             number = min(settings.material, len(slots)) - 1
             material = self._override or (slots[number].material if number >= 0 else None)
-            look = self._cache.looks.get(material, can_bake=False)
+            look = self._cache.appearances.get(material, can_bake=False)
             self._notes.worn(object.name, look.notes)
             if _reads_maps(look):
                 self._notes.add(object.name, *_BARE_HAIR)
@@ -206,7 +206,7 @@ class Contents:
 
     def _looks(self, key, kept, object, materials, matrix):
         """Looks of a mesh's slots; where they have to be baked, their baked ones or, for the time being, none."""
-        get = self._cache.looks.get
+        get = self._cache.appearances.get
         uids = key[-1]  # of the materials: many meshes wear the same
         if uids not in self._looks_of:
             found = [get(material, self._can_bake) for material in materials]
@@ -264,7 +264,7 @@ class Contents:
 
     def _bake(self, key, flat, materials, name):
         """Bake what the materials of a mesh want, and finish them with that."""
-        kept, looks = self.meshes[key], self._cache.looks
+        kept, looks = self.meshes[key], self._cache.appearances
         wanted = [look.wanted for look in kept.bake.unbaked]
         slots = [
             (material, list(outputs.values())) for material, outputs in zip(materials, wanted, strict=True)
@@ -281,7 +281,7 @@ class Contents:
             materials, wanted, kept.bake.unbaked, baked, strict=True
         ):
             pictures = {
-                socket: Picture(f"{name} {socket}", pixels)
+                socket: RawImage(f"{name} {socket}", pixels)
                 for socket, pixels in zip(outputs, arrays, strict=True)
             }
             done.append(looks.baked(material, pictures) if outputs else unbaked)
@@ -397,7 +397,8 @@ class Contents:
         if look.emission is None or surface.area() < 1e-16:
             return [surface.to_mitsuba(name, look.bsdf)]
         return [
-            side.to_mitsuba(name, look.bsdf, self._cache.looks.emitter(look, 0.5)) for side in surface.sides()
+            side.to_mitsuba(name, look.bsdf, self._cache.appearances.emitter(look, 0.5))
+            for side in surface.sides()
         ]
 
     def _instance(self, group, placed):

@@ -28,7 +28,7 @@ _TWO_SIDED = {"null", "clear", "gloss", "glass", "sheen", "matt"}
 
 
 @dataclass
-class Look:
+class Appearance:
     """What a shader node amounts to.
 
     Attributes
@@ -68,7 +68,7 @@ class ExportedMaterial:
     uv_name : str or None
         UV map its textures read: None for the active one, "" if it reads none.
     smooth : bool
-        See `Look`.
+        See `Appearance`.
     notes : Notes
         What was approximated or left out.
     wanted : dict
@@ -122,7 +122,7 @@ class Materials:
         Parameters
         ----------
         material : bpy.types.Material
-        pictures : dict of textures.Picture
+        pictures : dict of textures.RawImage
             By `textures.socket_key`, as `ExportedMaterial.wanted` asks for.
 
         Returns
@@ -186,19 +186,19 @@ def read_material(material, textures, notes):
 
     Returns
     -------
-    look : Look
+    look : Appearance
     uv_names : list of (str or None)
         UV maps that its BSDF reads, see `ExportedMaterial`.
     """
     uv_names = []
     if material is None:
         reader = _ShaderReader("default material", None, textures, notes, uv_names)
-        return Look(reader.diffuse((0.8, 0.8, 0.8))), uv_names
+        return Appearance(reader.diffuse((0.8, 0.8, 0.8))), uv_names
     return _ShaderReader(material.name, material, textures, notes, uv_names).read(), uv_names
 
 
 class _ShaderReader:
-    """Turns one material's node tree into a `Look`."""
+    """Turns one material's node tree into an `Appearance`."""
 
     def __init__(self, name, material, textures, notes, uv_names):
         self._name = name
@@ -221,7 +221,7 @@ class _ShaderReader:
         output = output_node(tree)
         if output is None:
             self._note("Material Output", "missing: rendered black, as in Blender")
-            return Look()
+            return Appearance()
         if output.inputs["Volume"].is_linked:
             self._note("Volume", "ignored")
         self._displaced = first_link(output.inputs["Displacement"]) is not None
@@ -240,7 +240,7 @@ class _ShaderReader:
         material = self._material
         colour = tuple(material.diffuse_color)[:3]
         gloss = {"roughness": material.roughness}
-        look = self._over(Look(self._matt(colour)), Look(self._dielectric(1.5, _WHITE, gloss)))
+        look = self._over(Appearance(self._matt(colour)), Appearance(self._dielectric(1.5, _WHITE, gloss)))
         return self._blend(look, self._metal(colour, _WHITE, gloss), material.metallic)
 
     def _shader(self, source):
@@ -270,11 +270,11 @@ class _ShaderReader:
         return replace(look, bsdf={"type": "normalmap", "normalmap": self._build(normals), "bsdf": look.bsdf})
 
     def _fallback(self):
-        return Look(self.diffuse(tuple(self._material.diffuse_color)[:3]))
+        return Appearance(self.diffuse(tuple(self._material.diffuse_color)[:3]))
 
     def _linked_shader(self, pin):
         source = follow(pin)
-        return self._shader(source) if source.socket.is_output else Look()
+        return self._shader(source) if source.socket.is_output else Appearance()
 
     # -- shader nodes
 
@@ -289,14 +289,14 @@ class _ShaderReader:
         self._note_thin_film(node, "Principled ")
         if self._deviates(node, "Thin Wall", False):
             self._note("Principled Thin Wall", "ignored")
-        look = Look(self._matt(base, self._number(node, "Diffuse Roughness", 0.0)))
+        look = Appearance(self._matt(base, self._number(node, "Diffuse Roughness", 0.0)))
         if metallic != 1 and transmission != 1:
             if self._deviates(node, "Subsurface Weight", 0.0):
                 self._note("Principled Subsurface Weight", "shown as a diffuse surface of the same color")
             f0 = 2 * self._constant(node, "Specular IOR Level", 0.5) * _f0(ior)
             if f0 > 0:
                 smooth = _at_most(gloss["roughness"], SMOOTH)
-                look = self._over(look, Look(self._dielectric(_eta(f0), tint, gloss), smooth=smooth))
+                look = self._over(look, Appearance(self._dielectric(_eta(f0), tint, gloss), smooth=smooth))
         if transmission != 0 and metallic != 1:
             # Blender's Principled tints by the square root at each of two surfaces, and no reflections
             glass = self._glass(_square_root(base), _WHITE, gloss, ior, tint)
@@ -314,7 +314,7 @@ class _ShaderReader:
             fuzz = self._fuzz(
                 self._textured(node, "Sheen Tint", _WHITE), self._number(node, "Sheen Roughness", 0.5)
             )
-            look = self._over(look, Look(fuzz), sheen)
+            look = self._over(look, Appearance(fuzz), sheen)
         return self._blend(_clear(), self._bumpy(node, look), self._number(node, "Alpha", 1.0))
 
     def _coated(self, look, node, weight):
@@ -329,7 +329,7 @@ class _ShaderReader:
         roughness = self._number(node, "Coat Roughness", 0.03)
         if _at_most(roughness, SMOOTH_COAT):
             roughness = 0.0
-        coat = Look(
+        coat = Appearance(
             self._dielectric(ior, _WHITE, {"roughness": roughness}), smooth=_at_most(roughness, SMOOTH)
         )
         coated = self._over(look, coat, weight)
@@ -349,23 +349,23 @@ class _ShaderReader:
     def _read_BsdfDiffuse(self, node):
         roughness = self._number(node, "Roughness", 0.0)
         colour = self._colour(node, "Color")
-        return Look(self._matt(colour, roughness))
+        return Appearance(self._matt(colour, roughness))
 
     def _read_BsdfTranslucent(self, node):
         bsdf = self._matt(self._colour(node, "Color")) | {"translucent": True}
-        return Look(bsdf, transmissive=True)
+        return Appearance(bsdf, transmissive=True)
 
     def _read_SubsurfaceScattering(self, node):
         self._note("Subsurface Scattering node", "shown as a diffuse surface of the same color")
-        return Look(self.diffuse(self._colour(node, "Color")))
+        return Appearance(self.diffuse(self._colour(node, "Color")))
 
     def _read_BsdfSheen(self, node):
         if node.node.distribution != "MICROFIBER":
             self._note("Sheen BSDF of the Ashikhmin kind", "replaced by microfiber sheen")
-        return Look(self._fuzz(self._colour(node, "Color"), self._number(node, "Roughness", 0.5)))
+        return Appearance(self._fuzz(self._colour(node, "Color"), self._number(node, "Roughness", 0.5)))
 
     def _read_Emission(self, node):
-        return Look(emission=self._emission(node, "Color", "Strength"))
+        return Appearance(emission=self._emission(node, "Color", "Strength"))
 
     def _read_BsdfGlass(self, node):
         self._note_thin_film(node, "Glass BSDF ")
@@ -385,7 +385,7 @@ class _ShaderReader:
         }
         if "roughness" in bsdf:
             bsdf["distribution"] = gloss.get("distribution", "ggx")
-        return Look(bsdf, transmissive=True, smooth=_at_most(gloss["roughness"], SMOOTH))
+        return Appearance(bsdf, transmissive=True, smooth=_at_most(gloss["roughness"], SMOOTH))
 
     def _read_BsdfAnisotropic(self, node):
         """The Glossy BSDF: a mirror of the given colour, without Fresnel."""
@@ -416,7 +416,7 @@ class _ShaderReader:
     def _read_AddShader(self, node):
         first, second = (self._linked_shader(Pin(socket, node.groups)) for socket in node.node.inputs)
         added = self._joined(first, second, mode="add") if first.bsdf and second.bsdf else None
-        return Look(
+        return Appearance(
             added or first.bsdf or second.bsdf,
             self._sum(first.emission, second.emission),
             first.transmissive or second.transmissive,
@@ -455,7 +455,7 @@ class _ShaderReader:
 
         Parameters
         ----------
-        first, second : Look
+        first, second : Appearance
         weight : float or ImageValue
             Share of the second.
         **by_angle
@@ -463,7 +463,7 @@ class _ShaderReader:
 
         Returns
         -------
-        Look
+        Appearance
         """
         if not isinstance(weight, ImageValue):
             weight = min(max(weight, 0.0), 1.0)
@@ -474,7 +474,7 @@ class _ShaderReader:
         if by_angle and emits and not isinstance(weight, ImageValue):
             self._note("Emission mixed by the angle", "as bright from all sides")
             mean = weight * _mean_by_angle(**by_angle)
-        mixed = Look(
+        mixed = Appearance(
             emission=self._sum(
                 self._product(first.emission, _rest(mean)), self._product(second.emission, mean)
             ),
@@ -568,7 +568,7 @@ class _ShaderReader:
     def _mirror(self, gloss, **colours):
         """What reflects with these colours of `engine.closures`."""
         colours = {name: self._build(colour, limit=1) for name, colour in colours.items()}
-        return Look(self._gloss(gloss, **colours), smooth=_at_most(gloss["roughness"], SMOOTH))
+        return Appearance(self._gloss(gloss, **colours), smooth=_at_most(gloss["roughness"], SMOOTH))
 
     def _metal(self, colour, edge, gloss):
         edge = {} if _is_white(edge) else {"edge": edge}
@@ -585,14 +585,14 @@ class _ShaderReader:
                 self._note("Specular Tint of dispersive glass", "ignored")
             bsdf = dict(zip(("specular_transmittance", "specular_reflectance"), colours, strict=True))
             bsdf |= {"type": "dispersive_dielectric", "int_ior": ior, "ext_ior": 1.0, "abbe": self._abbe}
-            return Look(bsdf, transmissive=True, smooth=True)
+            return Appearance(bsdf, transmissive=True, smooth=True)
         bsdf = dict(zip(("transmittance", "reflectance"), colours, strict=True))
         bsdf |= {"type": "glass", "ior": ior, **self._rough(roughness)}
         if tinted:
             bsdf["specular_tint"] = self._build(tint, limit=1)
         if not smooth and "distribution" in gloss:
             bsdf["distribution"] = gloss["distribution"]
-        return Look(bsdf, transmissive=True, smooth=smooth)
+        return Appearance(bsdf, transmissive=True, smooth=smooth)
 
     # -- values
 
@@ -711,8 +711,8 @@ def _rest(weight):
 
 
 def _clear():
-    """Look of a surface that is not there."""
-    return Look(_CLEAR, transmissive=True, smooth=True)
+    """Appearance of a surface that is not there."""
+    return Appearance(_CLEAR, transmissive=True, smooth=True)
 
 
 def _f0(ior):

@@ -180,15 +180,15 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
         cache = ExportCache()
     else:
         cache.begin(depsgraph)
-    looks = cache.looks
-    looks.begin(notes)
+    appearances = cache.appearances
+    appearances.begin(notes)
     # on CUDA, OptiX has no cracks; Embree lets rays through where triangles meet, unless told otherwise
     parts = {"type": "scene", "embree_use_robust_intersections": True}
     try:
         contents = Contents(depsgraph, scale, pixel, cache, notes, origin)
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
             parts[f"part_{number}"] = part
-        world = looks.world(scene.world, scene.frame_current_final, export_world)
+        world = appearances.world(scene.world, scene.frame_current_final, export_world)
         cache.end(contents.meshes)
     except BaseException:
         cache.clear()

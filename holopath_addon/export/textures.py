@@ -32,7 +32,7 @@ _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear"
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class RawImage:
     """Pixels of our own, in the place of a Blender image.
 
     Attributes
@@ -54,7 +54,7 @@ class ImageValue:
 
     Attributes
     ----------
-    image : bpy.types.Image or Picture
+    image : bpy.types.Image or RawImage
     alpha : bool
         Read the alpha channel instead of the colour.
     multiplied : bool
@@ -146,7 +146,7 @@ def _encoded(colour):
 
 
 # Stands for what is still to be baked.
-PENDING = ImageValue(Picture("pending", np.ones((1, 1, 3), np.float32)))
+PENDING = ImageValue(RawImage("pending", np.ones((1, 1, 3), np.float32)))
 
 
 class Reading:
@@ -155,7 +155,7 @@ class Reading:
     Parameters
     ----------
     baked : dict or None
-        Baked `Picture` by `socket_key`; None where nothing can be baked, so that unsupported nodes are replaced
+        Baked `RawImage` by `socket_key`; None where nothing can be baked, so that unsupported nodes are replaced
         by constants.
 
     Attributes
@@ -384,7 +384,7 @@ class Textures:
 
     def pixels(self, image):
         """Cached `linear_pixels`."""
-        if isinstance(image, Picture):
+        if isinstance(image, RawImage):
             return image.pixels
         key = image.name_full
         if key not in self._pixels:
@@ -484,7 +484,7 @@ class Textures:
                 "to_uv": mi.ScalarTransform3f(to_uv),
             }
         )
-        if not isinstance(value.image, Picture):  # which is read once, and then no more
+        if not isinstance(value.image, RawImage):  # which is read once, and then no more
             self._built[key] = texture
         return texture
 

@@ -31,7 +31,7 @@ def test_refining(scene, monkeypatch):
     """Coarse first, then as large as wanted, then better, up to the limit; cancelled at once."""
     monkeypatch.setattr(viewport, "SAMPLES", 8)
     exported = export_scene(bpy.context.evaluated_depsgraph_get(), (160, 120))
-    view = viewport.View(exported.camera, (160, 120), (0, 0, 160, 120), 8)
+    view = viewport.RegionView(exported.camera, (160, 120), (0, 0, 160, 120), 8)
     previews = []
 
     def look(view, shrink):
@@ -59,9 +59,9 @@ def test_refining(scene, monkeypatch):
 def test_views_of_the_same_picture(scene):
     graph = bpy.context.evaluated_depsgraph_get()
     camera = export_camera(graph, scene.camera, (16, 12), 1.0, Notes())
-    view = viewport.View(camera, (16, 12), (0, 0, 16, 12), 8)
-    assert view.same_picture(viewport.View(camera, (16, 12), (5, 7, 16, 12), 8))
-    assert not view.same_picture(viewport.View(camera, (16, 13), (0, 0, 16, 13), 8))
+    view = viewport.RegionView(camera, (16, 12), (0, 0, 16, 12), 8)
+    assert view.same_picture(viewport.RegionView(camera, (16, 12), (5, 7, 16, 12), 8))
+    assert not view.same_picture(viewport.RegionView(camera, (16, 13), (0, 0, 16, 13), 8))
     assert not view.same_picture(None)
 
 

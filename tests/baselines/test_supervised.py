@@ -148,10 +148,10 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
 
     from holopath_addon.engine.baselines.supervised import phases_for
     from holopath_addon.engine.encoding.frame_mean import FrameMean
-    from holopath_addon.engine.waves.pictures import Look, Pictures
+    from holopath_addon.engine.waves.pictures import Pictures, Vantage
 
     rng = np.random.default_rng(5)
-    pictures = Pictures((64, 80), 8e-6, GREEN, [Look(1e-3), Look(2e-3), Look(3e-3)])
+    pictures = Pictures((64, 80), 8e-6, GREEN, [Vantage(1e-3), Vantage(2e-3), Vantage(3e-3)])
     pictures.add(1.7 * np.exp(2j * np.pi * rng.random((3, 64, 80))).astype(np.complex64))
     losses = []
     for steps in (1, 30, 200):

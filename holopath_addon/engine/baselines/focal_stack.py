@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.pictures import Look, Pictures
+from ..waves.pictures import Pictures, Vantage
 from .shots import through_pupil
 from .supervised import phases_for
 
@@ -33,8 +33,8 @@ def field(job: Job, progress: Progress) -> np.ndarray:
         stack.append(through_pupil(job, z, [(0.0, 0.0, slope)], told, paths)[0])
 
     def pictures(k):
-        looks = [Look(float(z)) for z in planes]
-        wanted = Pictures(job.shape, hologram.pitch, hologram.wavelengths[k], looks)
+        vantages = [Vantage(float(z)) for z in planes]
+        wanted = Pictures(job.shape, hologram.pitch, hologram.wavelengths[k], vantages)
         wanted.wanted[:] = [picture[k] for picture in stack]
         return wanted
 

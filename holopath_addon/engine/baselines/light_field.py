@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.pictures import Look, Pictures
+from ..waves.pictures import Pictures, Vantage
 from .shots import through_pupil
 from .supervised import phases_for
 
@@ -46,8 +46,8 @@ def field(job: Job, progress: Progress) -> np.ndarray:
 
     def pictures(k):
         # the edge of the cone is at half a cycle a pixel; rows go down
-        looks = [Look(z, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in parts]
-        wanted = _Views(job.shape, hologram.pitch, hologram.wavelengths[k], looks)
+        vantages = [Vantage(z, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in parts]
+        wanted = _Views(job.shape, hologram.pitch, hologram.wavelengths[k], vantages)
         for number, view in enumerate(views[k]):
             wanted.wanted[number] = wanted.share(number) * view
         return wanted
@@ -66,11 +66,13 @@ class _Views(Pictures):
 
     def weight(self, number):
         """Of the pixels that light from the SLM reaches on its way through the part; the others do not count."""
-        look, space = self.looks[number], self.space
+        vantage, space = self.vantages[number], self.space
         inside = []
-        for count, frequency in zip(self.shape, (look.part[1], look.part[0]), strict=True):
+        for count, frequency in zip(self.shape, (vantage.part[1], vantage.part[0]), strict=True):
             walk = (
-                look.distance * math.tan(math.asin(space.wavelength * frequency / space.pitch)) / space.pitch
+                vantage.distance
+                * math.tan(math.asin(space.wavelength * frequency / space.pitch))
+                / space.pitch
             )
             start = np.arange(count) - walk
             inside.append((start >= 0) & (start <= count - 1))

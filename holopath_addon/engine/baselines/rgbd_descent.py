@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.pictures import Look, Pictures
+from ..waves.pictures import Pictures, Vantage
 from ..waves.supervision import relative
 from .layers import sliced
 from .shots import picture_with_depth
@@ -28,8 +28,8 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     depths, number = sliced(job, z)
 
     def pictures(k):
-        looks = [Look(float(z)) for z in depths]
-        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], looks)
+        vantages = [Vantage(float(z)) for z in depths]
+        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], vantages)
         for layer, picture in enumerate(wanted.wanted):
             picture[:] = np.where(number == layer, radiance[k], 0)
         wanted.radiance = radiance[k]

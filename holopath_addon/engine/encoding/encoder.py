@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..errors import Cancelled, InvalidInput, cancelled
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.modulator import Modulator
-from ..waves.pictures import Pictures, spread_looks
+from ..waves.pictures import Pictures, spread_vantages
 from ..waves.propagation import circular_band, filtered
 from ..waves.supervision import Frames
 from . import descent
@@ -103,27 +104,25 @@ def encode(
         If there is no such method, options do not fit, or the field is not finite.
     Cancelled
     """
-    frames = field.data.shape[0]
     if method == "auto":
-        method = "joint" if frames > 1 else "sgd"
-    _check(
-        field, method, bits, supervision, planes, aperture, start, references, views, tolerance, most_steps
-    )
-    progress = progress or (lambda done, message: None)
+        method = "joint" if len(field.data) > 1 else "sgd"
+    effort = descent.Effort(tolerance, most_steps, seed)
+    asked = _Asked(method, bits, supervision, planes, aperture, start, references, views, effort)
+    asked.check(field)
     with Frames() as threads:
-        work = _Work(field, method, bits, descent.Effort(tolerance, most_steps, seed), progress, threads)
+        work = _Work(field, asked, progress or (lambda done, message: None), threads)
         if method == "dpac":
             work.double_phase()
             return work.hologram()
         try:
-            work.begin(start)
-            for k in work.colours:
-                work.sgd(k, supervision, planes, aperture)
+            work.begin()
+            for colour in work.colours:
+                work.sgd(colour)
             if method == "joint":
-                for k in work.colours:
-                    work.joint(k)
+                for colour in work.colours:
+                    work.joint(colour)
             elif method == "refine" and work.colours:
-                work.refine(references, views)
+                work.refine()
         except (Exception, KeyboardInterrupt) as error:
             if not cancelled(error):
                 raise
@@ -133,45 +132,59 @@ def encode(
         return work.hologram()
 
 
-def _check(
-    field, method, bits, supervision, planes, aperture, start, references, views, tolerance, most_steps
-):
-    for value, known, name in (
-        (method, ENCODINGS, "encoding"),
-        (supervision, SUPERVISIONS, "supervision"),
-        (start if isinstance(start, str) else STARTS[0], STARTS, "start of an encoding"),
-    ):
-        if value not in known:
-            raise InvalidInput(f"There is no {name} '{value}': choose one of {', '.join(known)}.")
-    if bits is not None and not 1 <= bits <= 16:
-        raise InvalidInput(f"An SLM has 1 to 16 bits, not {bits}.")
-    if not 1 <= planes <= 64:
-        raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {planes}.")
-    if not 1 <= views <= 1000:
-        raise InvalidInput(f"References must be 1 to 1000, not {views}.")
-    if not 0 <= tolerance < 1 or most_steps < 1:
-        raise InvalidInput(
-            "The tolerance of an encoding is a share from 0 to 1, and it has at least one step."
-        )
-    if not aperture and (method != "sgd" or supervision != "complex"):
-        raise InvalidInput(
-            "Without a stop in the Fourier plane only sgd with complex supervision encodes: choose it, or leave the "
-            "aperture."
-        )
-    if method == "refine" and references is None:
-        raise InvalidInput(
-            "The encoding refine needs the scene, for its references: give it to `holopath render --encode refine`, "
-            "or choose joint."
-        )
-    if not isinstance(start, (str, PhaseHologram)):
-        raise InvalidInput("An encoding starts with a PhaseHologram, 'arg' or 'dpac'.")
-    if isinstance(start, PhaseHologram) and start.data.shape != field.data.shape:
-        raise InvalidInput(
-            f"The hologram to start with has {_size(start.data)}, the field {_size(field.data)}: start with another."
-        )
-    for frame in field.data:
-        if not np.isfinite(frame).all():
-            raise InvalidInput("The wave field holds values that are not finite: render it again.")
+@dataclass(frozen=True)
+class _Asked:
+    """What `encode` is asked for."""
+
+    method: str
+    bits: int | None
+    supervision: str
+    planes: int
+    aperture: bool
+    start: str | PhaseHologram
+    references: Callable[[float, Pupil | None], np.ndarray] | None
+    views: int
+    effort: descent.Effort
+
+    def check(self, field):
+        """Whether options are known, and fit each other and the field."""
+        for value, known, name in (
+            (self.method, ENCODINGS, "encoding"),
+            (self.supervision, SUPERVISIONS, "supervision"),
+            (self.start if isinstance(self.start, str) else STARTS[0], STARTS, "start of an encoding"),
+        ):
+            if value not in known:
+                raise InvalidInput(f"There is no {name} '{value}': choose one of {', '.join(known)}.")
+        if self.bits is not None and not 1 <= self.bits <= 16:
+            raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
+        if not 1 <= self.planes <= 64:
+            raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
+        if not 1 <= self.views <= 1000:
+            raise InvalidInput(f"References must be 1 to 1000, not {self.views}.")
+        if not 0 <= self.effort.tolerance < 1 or self.effort.most_steps < 1:
+            raise InvalidInput(
+                "The tolerance of an encoding is a share from 0 to 1, and it has at least one step."
+            )
+        if not self.aperture and (self.method != "sgd" or self.supervision != "complex"):
+            raise InvalidInput(
+                "Without a stop in the Fourier plane only sgd with complex supervision encodes: choose it, or leave "
+                "the aperture."
+            )
+        if self.method == "refine" and self.references is None:
+            raise InvalidInput(
+                "The encoding refine needs the scene, for its references: give it to `holopath render --encode "
+                "refine`, or choose joint."
+            )
+        if not isinstance(self.start, (str, PhaseHologram)):
+            raise InvalidInput("An encoding starts with a PhaseHologram, 'arg' or 'dpac'.")
+        if isinstance(self.start, PhaseHologram) and self.start.data.shape != field.data.shape:
+            raise InvalidInput(
+                f"The hologram to start with has {_size(self.start.data)}, the field {_size(field.data)}: start with "
+                "another."
+            )
+        for frame in field.data:
+            if not np.isfinite(frame).all():
+                raise InvalidInput("The wave field holds values that are not finite: render it again.")
 
 
 def _size(data):
@@ -182,32 +195,29 @@ def _size(data):
 class _Work:
     """Phases of all wavelengths under way."""
 
-    def __init__(self, field, method, bits, effort, progress, threads):
-        self.field, self.method, self._bits = field, method, bits
-        self._effort, self._progress, self._threads = effort, progress, threads
+    def __init__(self, field, asked, progress, threads):
+        self.field, self._asked, self._progress, self._threads = field, asked, progress, threads
         self.phases = np.zeros(field.data.shape, np.float32)
         count = field.data.shape[1]
         # fields are taken as if their root mean square were 1; what is next to nothing stays dark
-        self._scales = [_root_mean_square(field.data[:, k]) for k in range(count)]
-        self.colours = [k for k in range(count) if self._scales[k] > DARK * max(self._scales)]
+        self._scales = [_root_mean_square(field.data[:, colour]) for colour in range(count)]
+        self.colours = [colour for colour in range(count) if self._scales[colour] > DARK * max(self._scales)]
         self.gains = [0.0] * count
-        self._rate = descent.RATE
-        self.report = {"bits": bits, "stages": []}
+        self.report = {"bits": asked.bits, "stages": []}
 
     def hologram(self):
         """What has been done."""
         field = self.field
         gains = tuple(gain * scale for gain, scale in zip(self.gains, self._scales, strict=True))
         return PhaseHologram(
-            self.phases, field.hologram, field.camera, field.near, self.method, gains, self.report
+            self.phases, field.hologram, field.camera, field.near, self._asked.method, gains, self.report
         )
 
     def stopped(self):
         """What there is of it: the phases of each wavelength's last step, or of the start."""
-        for k in self.colours:
-            self.gains[k] = self.gains[k] or self._gain(k)
-        if self._bits is not None:
-            self._round()
+        for colour in self.colours:
+            self.gains[colour] = self.gains[colour] or self._gain(colour)
+        self._round()
         self.report["stopped"] = True
         return self.hologram()
 
@@ -215,75 +225,79 @@ class _Work:
         """The method dpac; the gain is one for all frames, as their mean intensity counts."""
         keep = half_band(self.field.data.shape[-2:])
         frames, count = self.field.data.shape[:2]
-        for k in self.colours:
+        for colour in self.colours:
             waves = np.empty((frames, *keep.shape), np.complex64)
-            for m in range(frames):
-                waves[m] = filtered(self._fields(m, k), keep)
-                self._progress((k + 0.7 * (m + 1) / frames) / count, "Encoding")
+            for frame in range(frames):
+                waves[frame] = filtered(self._fields(frame, colour), keep)
+                self._progress((colour + 0.7 * (frame + 1) / frames) / count, "Encoding")
             level = clipping_level(waves) or 1
-            for m, wave in enumerate(waves):
-                self.phases[m, k] = double_phase(wave / level)
-                self._progress((k + 0.7 + 0.3 * (m + 1) / frames) / count, "Encoding")
-        if self._bits is not None:
-            self._round()
-        for k in self.colours:  # not the level: what goes astray lights the picture too
-            self.gains[k] = self._gain(k)
+            for frame, wave in enumerate(waves):
+                self.phases[frame, colour] = double_phase(wave / level)
+                self._progress((colour + 0.7 + 0.3 * (frame + 1) / frames) / count, "Encoding")
+        self._round()
+        for colour in self.colours:  # not the level: what goes astray lights the picture too
+            self.gains[colour] = self._gain(colour)
 
-    def begin(self, start):
+    def begin(self):
         """Phases to start with."""
-        data = self.field.data
-        self._rate = descent.WARM if isinstance(start, PhaseHologram) else descent.RATE
-        for k in self.colours:
+        data, start = self.field.data, self._asked.start
+        for colour in self.colours:
             if isinstance(start, PhaseHologram):
-                self.phases[:, k] = start.data[:, k]
+                self.phases[:, colour] = start.data[:, colour]
             elif start == "dpac":
-                keep = half_band(data.shape[-2:])
-                waves = filtered(data[:, k], keep)
-                self.phases[:, k] = [double_phase(wave) for wave in waves / (clipping_level(waves) or 1)]
+                waves = filtered(data[:, colour], half_band(data.shape[-2:]))
+                level = clipping_level(waves) or 1
+                self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
             else:
-                self.phases[:, k] = np.mod(np.angle(data[:, k]), 2 * math.pi)
+                self.phases[:, colour] = np.mod(np.angle(data[:, colour]), 2 * math.pi)
 
-    def sgd(self, k, supervision, planes, aperture):
+    def sgd(self, colour):
         """Each frame for itself."""
-        field, hologram = self.field, self.field.hologram
-        white = _white(self._fields(0, k))
-        groups = _groups(len(field.data), field.data[0, k].size * BYTES["sgd"])
-        part = SHARE.get(self.method, 1.0) / len(self.colours) / len(groups)
+        field, asked = self.field, self._asked
+        white = _white(self._fields(0, colour))
+        groups = _groups(len(field.data), field.data[0, colour].size * BYTES["sgd"])
+        part = SHARE.get(asked.method, 1.0) / len(self.colours) / len(groups)
+        rate = descent.WARM if isinstance(asked.start, PhaseHologram) else descent.RATE
+        bits = asked.bits if asked.method == "sgd" else None  # else the next stage's
         for number, group in enumerate(groups):
-            data = self._fields(group, k)
-            if supervision == "complex":
-                target = ComplexTarget(data, aperture, self._threads)
-            else:
-                distances = _spread(*self._volume(), planes)
-                target = AmplitudeTarget(
-                    data, hologram.pitch, hologram.wavelengths[k], distances, self._threads
-                )
+            target = self._target(self._fields(group, colour), colour)
             if not target.energy:
                 continue
-            begun = part * (self.colours.index(k) * len(groups) + number)
+            begun = part * (self.colours.index(colour) * len(groups) + number)
 
             def told(done, loss, begun=begun):
                 psnr = 10 * math.log10(white**2 / max(loss, 1e-30))
                 self._progress(begun + part * done, f"Phases, {psnr:.1f} dB")
                 return psnr
 
-            with self._stage("sgd", k) as stage, self._phases(group, k) as phases:
-                bits = self._bits if self.method == "sgd" else None  # else the next stage's
-                descent.adam(phases, target, self._rate, bits, self._effort, told, stage)
-        self.gains[k] = self._gain(k)
+            with self._stage("sgd", colour) as stage, self._phases(group, colour) as phases:
+                descent.adam(phases, target, rate, bits, asked.effort, told, stage)
+        self.gains[colour] = self._gain(colour)
 
-    def joint(self, k):
+    def _target(self, fields, colour):
+        """What `sgd` compares the light of some frames with."""
+        hologram, asked = self.field.hologram, self._asked
+        if asked.supervision == "complex":
+            return ComplexTarget(fields, asked.aperture, self._threads)
+        distances = _spread(*self._volume(), asked.planes)
+        return AmplitudeTarget(fields, hologram.pitch, hologram.wavelengths[colour], distances, self._threads)
+
+    def joint(self, colour):
         """All frames together, towards the field's own pictures."""
-        field, hologram = self.field, self.field.hologram
-        looks = spread_looks(hologram.pitch, hologram.wavelengths[k], *self._volume(), self._effort.seed)
-        pictures = Pictures(field.data.shape[-2:], hologram.pitch, hologram.wavelengths[k], looks)
-        begun = SHARE["joint"] + (1 - SHARE["joint"]) * self.colours.index(k) / len(self.colours)
+        field, pitch, wavelength = (
+            self.field,
+            self.field.hologram.pitch,
+            self.field.hologram.wavelengths[colour],
+        )
+        vantages = spread_vantages(pitch, wavelength, *self._volume(), self._asked.effort.seed)
+        pictures = Pictures(field.data.shape[-2:], pitch, wavelength, vantages)
+        begun = SHARE["joint"] + (1 - SHARE["joint"]) * self.colours.index(colour) / len(self.colours)
         for group in _groups(len(field.data), math.prod(pictures.padded) * BYTES["pictures"]):
             self._progress(begun, "Pictures of the field")
-            pictures.add(self._fields(group, k))
-        self._together("joint", descent.JOINT, k, pictures, begun, "All frames")
+            pictures.add(self._fields(group, colour))
+        self._together("joint", descent.JOINT, colour, pictures, begun, "All frames")
 
-    def refine(self, references, views):
+    def refine(self):
         """All frames together, towards references."""
         begun, share = SHARE["refine"], 0.4
 
@@ -297,35 +311,35 @@ class _Work:
                 self.gains,
                 self.colours,
                 self._volume(),
-                references,
-                views,
+                self._asked.references,
+                self._asked.views,
                 rendered,
                 self._threads,
             )
             stage["views"] = len(pictures[self.colours[0]])
-        for number, k in enumerate(self.colours):
+        for number, colour in enumerate(self.colours):
             at = begun + share + (1 - begun - share) * number / len(self.colours)
-            own = pictures.pop(k)
-            own.wanted /= np.float32(self._scales[k] ** 2)
-            self.gains[k] /= self._scales[k]
-            self._together("refine", descent.REFINE, k, own, at, "Towards references")
+            own = pictures.pop(colour)
+            own.wanted /= np.float32(self._scales[colour] ** 2)
+            self.gains[colour] /= self._scales[colour]
+            self._together("refine", descent.REFINE, colour, own, at, "Towards references")
 
-    def _together(self, name, manner, k, pictures, begun, doing):
+    def _together(self, name, manner, colour, pictures, begun, doing):
         """A stage of all frames that fit into memory."""
         groups = _groups(len(self.phases), math.prod(pictures.padded) * BYTES["joint"])
-        part = (1 - begun) / (len(self.colours) - self.colours.index(k)) / len(groups)
+        part = (1 - begun) / (len(self.colours) - self.colours.index(colour)) / len(groups)
         for number, group in enumerate(groups):
 
             def told(done, psnr, at=begun + number * part):
                 self._progress(at + part * done, f"{doing}, {psnr:.1f} dB")
 
-            with self._stage(name, k) as stage, self._phases(group, k) as phases:
-                mean = FrameMean(pictures, self.gains[k], self._threads)
-                descent.kaczmarz(phases, mean, manner, self._bits, self._effort, told, stage)
+            with self._stage(name, colour) as stage, self._phases(group, colour) as phases:
+                mean = FrameMean(pictures, self.gains[colour], self._threads)
+                descent.kaczmarz(phases, mean, manner, self._asked.bits, self._asked.effort, told, stage)
 
-    def _fields(self, which, k):
+    def _fields(self, which, colour):
         """Complex fields of some frames, of root mean square 1 over all; a copy."""
-        return self.field.data[which, k] * np.float32(1 / self._scales[k])
+        return self.field.data[which, colour] * np.float32(1 / self._scales[colour])
 
     def _volume(self):
         """Distances between which the scene lies."""
@@ -333,39 +347,42 @@ class _Work:
         ends = plan.get("z_low", hologram.depth_far), plan.get("z_high", hologram.depth_near)
         return ends if ends[1] > ends[0] else (ends[0] - 1e-6, ends[0] + 1e-6)
 
-    def _gain(self, k):
+    def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
         band = circular_band(self.field.data.shape[-2:])
         wanted = shown = 0.0
-        for m, phase in enumerate(self.phases[:, k]):
-            wave = scipy.fft.fft2(self._fields(m, k), workers=threads())
+        for frame, phase in enumerate(self.phases[:, colour]):
+            wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())
             wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
             light = np.exp(np.complex64(1j) * phase)
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
     def _round(self):
-        self.phases[:] = Modulator(self._bits).shown(self.phases)
+        if self._asked.bits is not None:
+            self.phases[:] = Modulator(self._asked.bits).shown(self.phases)
 
-    def _phases(self, group, k):
-        return _UnderWay(self.phases, group, k, self._threads)
+    def _phases(self, group, colour):
+        return _UnderWay(self.phases, group, colour, self._threads)
 
-    def _stage(self, name, k):
-        return _Stage(self.report["stages"], name, None if k is None else self.field.hologram.wavelengths[k])
+    def _stage(self, name, colour):
+        return _Stage(
+            self.report["stages"], name, None if colour is None else self.field.hologram.wavelengths[colour]
+        )
 
 
 class _UnderWay:
     """`Phases` of some frames in one wavelength, which are put back however the work ends."""
 
-    def __init__(self, all_phases, group, k, threads):
-        self._all, self._group, self._k = all_phases, group, k
-        self._state = Phases(all_phases[group, k], threads)
+    def __init__(self, all_phases, group, colour, threads):
+        self._all, self._group, self._colour = all_phases, group, colour
+        self._state = Phases(all_phases[group, colour], threads)
 
     def __enter__(self):
         return self._state
 
     def __exit__(self, *_):
-        self._all[self._group, self._k] = self._state.values()
+        self._all[self._group, self._colour] = self._state.values()
 
 
 class _Stage(dict):

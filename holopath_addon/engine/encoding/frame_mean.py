@@ -50,8 +50,9 @@ class FrameMean:
         error = np.empty(target.shape, light.real.dtype)
         parts = blocks(target.shape)
 
-        def compare(k):
-            error[parts[k]] = scale * _intensity(waves[:, parts[k], :columns]) - target[parts[k]]
+        def compare(part):
+            block = parts[part]
+            error[block] = scale * _intensity(waves[:, block, :columns]) - target[block]
 
         self._threads.each(compare, len(parts))
         weighted = error * pictures.weight(number)
@@ -59,11 +60,11 @@ class FrameMean:
         slope = (2 * scale * weighted).astype(light.dtype)  # a product of unlike numbers is slower
         adjoint = np.conj(transfer)
 
-        def back(n):
-            wave = waves[n]
+        def back(frame):
+            wave = waves[frame]
             wave[:rows, :columns] *= slope
             wave[rows:], wave[:rows, columns:] = 0, 0
-            waves[n] = carried(wave, adjoint)
+            waves[frame] = carried(wave, adjoint)
 
         self._threads.each(back, len(light))
         return loss, waves[:, :rows, :columns]
@@ -75,8 +76,8 @@ class FrameMean:
         image = np.empty((rows, columns), np.float32)
         parts = blocks(image.shape)
 
-        def add(k):
-            image[parts[k]] = _intensity(waves[:, parts[k], :columns])
+        def add(part):
+            image[parts[part]] = _intensity(waves[:, parts[part], :columns])
 
         self._threads.each(add, len(parts))
         return image / np.float32(len(light))
@@ -88,11 +89,11 @@ class FrameMean:
             self._waves = np.empty((len(light), *padded), light.dtype)
         rows, columns = self.pictures.shape
 
-        def see(n):
-            wave = self._waves[n]
-            wave[:rows, :columns] = light[n]
+        def see(frame):
+            wave = self._waves[frame]
+            wave[:rows, :columns] = light[frame]
             wave[rows:], wave[:rows, columns:] = 0, 0
-            self._waves[n] = carried(wave, transfer)
+            self._waves[frame] = carried(wave, transfer)
 
         self._threads.each(see, len(light))
         return self._waves

@@ -67,8 +67,10 @@ class Phases:
         """
         slope = np.empty_like(self._angle)
 
-        def fill(n, block, rows):
-            slope[n, block] = self._slope(n, block, back[n, rows], 1 if factors is None else factors[n])
+        def fill(frame, block, rows):
+            slope[frame, block] = self._slope(
+                frame, block, back[frame, rows], 1 if factors is None else factors[frame]
+            )
 
         self._each(fill)
         return slope
@@ -86,9 +88,9 @@ class Phases:
         scale = (1 - first) / (1 - first**self._count), (1 - second) / (1 - second**self._count)
         length = real(rate * scale[0] / math.sqrt(scale[1]))
 
-        def move(n, block, rows):
-            mean, square = means[0, n, block], means[1, n, block]
-            slope = self._slope(n, block, back[n, rows], factors[n])
+        def move(frame, block, rows):
+            mean, square = means[0, frame, block], means[1, frame, block]
+            slope = self._slope(frame, block, back[frame, rows], factors[frame])
             mean *= real(first)
             mean += slope
             slope *= slope
@@ -98,9 +100,9 @@ class Phases:
             np.divide(mean, slope, out=slope)
             slope *= length
             if free is not None:
-                slope *= free[n, block]
-            self._angle[n, block] -= slope
-            self._show(n, block, rows)
+                slope *= free[frame, block]
+            self._angle[frame, block] -= slope
+            self._show(frame, block, rows)
 
         self._each(move)
 
@@ -113,13 +115,13 @@ class Phases:
         slope = self.slope(back)
         if self._free is not None:
             slope *= self._free
-        norm = sum(self._threads.each(lambda n: float(np.vdot(slope[n], slope[n])), len(slope)))
+        norm = sum(self._threads.each(lambda frame: float(np.vdot(slope[frame], slope[frame])), len(slope)))
         step = slope.dtype.type(relaxation * 2 * loss / norm if norm else 0)
 
-        def move(n, block, rows):
-            slope[n, block] *= step
-            self._angle[n, block] -= slope[n, block]
-            self._show(n, block, rows)
+        def move(frame, block, rows):
+            slope[frame, block] *= step
+            self._angle[frame, block] -= slope[frame, block]
+            self._show(frame, block, rows)
 
         self._each(move)
 
@@ -134,8 +136,8 @@ class Phases:
             self._free = np.ones(self._angle.shape, bool)
         count = round(share * self._angle.shape[1])
 
-        def frame(n):
-            angle, free = self._angle[n], self._free[n]
+        def each(frame):
+            angle, free = self._angle[frame], self._free[frame]
             nearest = np.round(angle / level) * level
             apart = np.abs(angle - nearest)
             apart[~free] = -1
@@ -144,7 +146,7 @@ class Phases:
             free[chosen] = False
 
         if count:
-            self._threads.each(frame, len(self._angle))
+            self._threads.each(each, len(self._angle))
             self._each(self._show)
 
     def values(self) -> np.ndarray:
@@ -153,9 +155,9 @@ class Phases:
         angle = np.mod(self._angle, 2 * math.pi).astype(np.float32).reshape(self._shape)
         return np.where(angle < turn, angle, 0)  # the largest float below a turn is rounded to it
 
-    def _slope(self, n, block, back, factor):
+    def _slope(self, frame, block, back, factor):
         product, slope, _ = self._room(block)
-        np.conjugate(self._light[n, block], out=product)
+        np.conjugate(self._light[frame, block], out=product)
         shaped = product.reshape(back.shape)
         shaped *= back
         factor = complex(factor)
@@ -164,9 +166,9 @@ class Phases:
             factor = 1 + 0j
         return np.multiply(product.imag, slope.dtype.type(2 * factor.real), out=slope)
 
-    def _show(self, n, block, rows):
+    def _show(self, frame, block, rows):
         _, first, second = self._room(block)
-        angle, light = self._angle[n, block], self._light[n, block]
+        angle, light = self._angle[frame, block], self._light[frame, block]
         light.real = np.cos(angle, out=first)
         light.imag = np.sin(angle, out=second)
 
@@ -183,9 +185,9 @@ class Phases:
         rows, columns = self._shape[1:]
         height = max(1, BLOCK // columns)
 
-        def frame(n):
+        def each(frame):
             for first in range(0, rows, height):
                 last = min(first + height, rows)
-                work(n, slice(first * columns, last * columns), slice(first, last))
+                work(frame, slice(first * columns, last * columns), slice(first, last))
 
-        self._threads.each(frame, len(self._angle))
+        self._threads.each(each, len(self._angle))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..pupil import Pupil
-from ..waves.pictures import Look, Pictures
+from ..waves.pictures import Pictures, Vantage
 from .frame_mean import FrameMean
 
 if TYPE_CHECKING:
@@ -60,18 +60,18 @@ def chosen_pictures(
     Returns
     -------
     dict of int to Pictures
-        By wavelength; each look lets through what its pupil does.
+        By wavelength; each vantage lets through what its pupil does.
     """
     hologram, mapping = field.hologram, field.mapping
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
-    radius = float(np.mean([radii[k] for k in colours]))
+    radius = float(np.mean([radii[colour] for colour in colours]))
     slope = hologram.widest_slope
     focal_depth = DEPTH * 2 * max(hologram.wavelengths) / slope**2
     first, last = volume
     depths = np.linspace(first, last, min(MOST_DEPTHS, 2 + math.ceil((last - first) / focal_depth)))
     views = [(i / (len(depths) - 1), part) for i in range(len(depths)) for part in _parts()]
     count = min(count, len(views))
-    images, errors, looked = {}, {}, {}
+    images, errors, vantages_of = {}, {}, {}
 
     def render(number):
         share, part = views[number]
@@ -80,26 +80,27 @@ def chosen_pictures(
         images[number] = np.asarray(references(float(mapping.z_to_depth(distance)), pupil), np.float32)
         if not np.isfinite(images[number]).all():
             raise InvalidInput("A reference holds values that are not finite: look for faults in the scene.")
-        looks = [Look(distance, None if pupil is None else _share_of(pupil, r)) for r in radii]
-        looked[number] = looks
+        vantages_of[number] = [
+            Vantage(distance, None if pupil is None else _share_of(pupil, r)) for r in radii
+        ]
         progress(len(images) / count)
 
     first = _first(views)[:count]
     for number in first:
         render(number)
-    pictures = {k: _pictures(field, k, images, looked) for k in colours}
-    for k in colours:
-        light = np.exp(np.complex64(1j) * phases[:, k])
-        mean = FrameMean(pictures[k], 1.0, threads)
+    pictures = {colour: _pictures(field, colour, images, vantages_of) for colour in colours}
+    for colour in colours:
+        light = np.exp(np.complex64(1j) * phases[:, colour])
+        mean = FrameMean(pictures[colour], 1.0, threads)
         seen = [mean.look(light, n) for n in range(len(first))]
         bright = sum(float(image.sum(dtype=float)) for image in seen)
-        gains[k] = math.sqrt(float(pictures[k].wanted.sum(dtype=float)) / bright) if bright else 0.0
-        for number, image, wanted in zip(first, seen, pictures[k].wanted, strict=True):
-            error = np.square(gains[k] ** 2 * image - wanted).sum(dtype=float)
+        gains[colour] = math.sqrt(float(pictures[colour].wanted.sum(dtype=float)) / bright) if bright else 0.0
+        for number, image, wanted in zip(first, seen, pictures[colour].wanted, strict=True):
+            error = np.square(gains[colour] ** 2 * image - wanted).sum(dtype=float)
             errors[number] = errors.get(number, 0.0) + error / max(np.square(wanted).sum(dtype=float), 1e-30)
     while len(images) < count:
         render(_worst(views, images, errors))
-    return {k: _pictures(field, k, images, looked) for k in colours}
+    return {colour: _pictures(field, colour, images, vantages_of) for colour in colours}
 
 
 def _parts():
@@ -144,12 +145,15 @@ def _share_of(pupil, radius):
     return 0.5 * pupil.x / radius, -0.5 * pupil.y / radius, 0.25 * pupil.diameter / radius
 
 
-def _pictures(field, k, images, looked):
+def _pictures(field, colour, images, vantages_of):
     """Pictures in one wavelength: a part of the pupil passes its share of the light."""
     hologram = field.hologram
     pictures = Pictures(
-        field.data.shape[-2:], hologram.pitch, hologram.wavelengths[k], [looked[n][k] for n in images]
+        field.data.shape[-2:],
+        hologram.pitch,
+        hologram.wavelengths[colour],
+        [vantages_of[n][colour] for n in images],
     )
     for place, number in enumerate(images):
-        pictures.wanted[place] = pictures.share(place) * images[number][..., k]
+        pictures.wanted[place] = pictures.share(place) * images[number][..., colour]
     return pictures

@@ -42,8 +42,8 @@ class ComplexTarget:
         self._band = circular_band(shape) if aperture else np.ones(shape, bool)
         self._band = self._band.astype(fields.dtype)
         self._threads = threads
-        self._targets = threads.each(lambda n: scipy.fft.fft2(fields[n]) * self._band, len(fields))
-        self._energies = np.array(threads.each(lambda n: _square(self._targets[n]), len(fields)))
+        self._targets = threads.each(lambda frame: scipy.fft.fft2(fields[frame]) * self._band, len(fields))
+        self._energies = np.array(threads.each(lambda frame: _square(self._targets[frame]), len(fields)))
         self.energy = float(sum(self._energies))
         self.factors = None
 
@@ -63,7 +63,7 @@ class ComplexTarget:
             self.factors, self._waves = np.ones(len(light), light.dtype), np.empty_like(light)
             self.gradient(light)
         used = self.factors
-        sums = self._threads.each(lambda n: self._compare(light, n, used[n]), len(light))
+        sums = self._threads.each(lambda frame: self._compare(light, frame, used[frame]), len(light))
         errors, overlaps = np.array(sums).T
         # of the spectra, from those of the errors: U = (E + T) / c
         energies = (errors.real + 2 * overlaps.real + self._energies) / np.abs(used) ** 2
@@ -76,20 +76,20 @@ class ComplexTarget:
             np.conj(used) * (light[0].size / self.energy),
         )
 
-    def _compare(self, light, n, factor):
+    def _compare(self, light, frame, factor):
         """c U - T, back on the plane, into `_waves`; its square and its product with T."""
-        wave = self._waves[n]
-        wave[:] = light[n]
+        wave = self._waves[frame]
+        wave[:] = light[frame]
         wave = scipy.fft.fft2(wave, overwrite_x=True)
         square = overlap = 0.0
         for rows in blocks(wave.shape):
-            error, target = wave[rows], self._targets[n][rows]
+            error, target = wave[rows], self._targets[frame][rows]
             error *= self._band[rows]
             error *= wave.dtype.type(factor)
             error -= target
             square += np.vdot(error, error).real
             overlap += np.vdot(target, error)
-        self._waves[n] = scipy.fft.ifft2(wave, overwrite_x=True)
+        self._waves[frame] = scipy.fft.ifft2(wave, overwrite_x=True)
         return square, overlap
 
 
@@ -118,8 +118,8 @@ class AmplitudeTarget:
         self._transfers = [space(z).astype(fields.dtype) for z in distances]
         rows, columns = self._shape
 
-        def amplitudes(n):
-            spectrum = scipy.fft.fft2(fields[n], self._padded)
+        def amplitudes(frame):
+            spectrum = scipy.fft.fft2(fields[frame], self._padded)
             return [np.abs(scipy.fft.ifft2(spectrum * t)[:rows, :columns]) for t in self._transfers]
 
         self._amplitudes = threads.each(amplitudes, len(fields))
@@ -134,20 +134,20 @@ class AmplitudeTarget:
         gain, rows, columns = self.gain, *self._shape
         errors, matches, energies = np.zeros((3, len(light)))
 
-        def compare(n):
-            spectrum, back = scipy.fft.fft2(light[n], self._padded), 0
-            for transfer, amplitude in zip(self._transfers, self._amplitudes[n], strict=True):
+        def compare(frame):
+            spectrum, back = scipy.fft.fft2(light[frame], self._padded), 0
+            for transfer, amplitude in zip(self._transfers, self._amplitudes[frame], strict=True):
                 wave = scipy.fft.ifft2(spectrum * transfer, overwrite_x=True)
                 seen = wave[:rows, :columns]
                 size = np.abs(seen)
                 error = gain * size - amplitude
-                errors[n] += float(np.vdot(error, error))
-                matches[n] += float(np.vdot(size, amplitude))
-                energies[n] += float(np.vdot(size, size))
+                errors[frame] += float(np.vdot(error, error))
+                matches[frame] += float(np.vdot(size, amplitude))
+                energies[frame] += float(np.vdot(size, size))
                 seen *= gain * error / np.maximum(size, 1e-20)
                 wave[rows:], wave[:rows, columns:] = 0, 0
                 back = back + np.conj(transfer) * scipy.fft.fft2(wave, overwrite_x=True)
-            self._waves[n] = scipy.fft.ifft2(back, overwrite_x=True)[:rows, :columns]
+            self._waves[frame] = scipy.fft.ifft2(back, overwrite_x=True)[:rows, :columns]
 
         self._threads.each(compare, len(light))
         self.gain = matches.sum() / energies.sum()

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.fft
 
 from .phase_fields import SETS, designed_phasors
-from .pictures import Pictures, spread_looks
+from .pictures import Pictures, spread_vantages
 from .supervision import Adam, Frames, supervise
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ def batch_phasors(number: int) -> np.ndarray:
 def targets(
     shape: tuple[int, int], pitch: float, wavelength: float, low: float, high: float, seed: int
 ) -> Pictures:
-    """Pictures of one wavelength, at depths from `low` to `high` beyond the fields' plane, see `spread_looks`."""
-    return Pictures(shape, pitch, wavelength, spread_looks(pitch, wavelength, low, high, seed))
+    """Pictures of one wavelength, at depths from `low` to `high` beyond the fields' plane, see `spread_vantages`."""
+    return Pictures(shape, pitch, wavelength, spread_vantages(pitch, wavelength, low, high, seed))
 
 
 def despeckle(
@@ -64,11 +64,11 @@ def despeckle(
     with Frames() as threads:
         for step in range(steps):
             spectra = targets.spectra(fields, threads)
-            views = [targets.view(v) for v in rng.choice(len(targets), VIEWS, replace=False)]
-            _, gradient = supervise(spectra, views, energy, {len(fields): 1.0}, threads)
+            chosen = [targets.target(number) for number in rng.choice(len(targets), VIEWS, replace=False)]
+            _, gradient = supervise(spectra, chosen, energy, {len(fields): 1.0}, threads)
 
-            def slope(n, gradient=gradient):
-                part = scipy.fft.ifft2(gradient[n], norm="forward")[:rows, :columns]
+            def slope(frame, gradient=gradient):
+                part = scipy.fft.ifft2(gradient[frame], norm="forward")[:rows, :columns]
                 return 2 * np.ascontiguousarray(part).view(np.float32)
 
             slopes = threads.each(slope, len(fields))

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.fft
 
 from .propagation import FreeSpace, padded_shape
-from .supervision import Frames, View, relative
+from .supervision import Frames, TargetPicture, relative
 
 PARTS = 2  # of the pupil looked through at each depth, besides the whole
 PART = 0.5  # radius of a part, of the pupil's
@@ -18,7 +18,7 @@ MOST_BYTES = 1 << 30  # of transfer functions that are kept
 
 
 @dataclass(frozen=True)
-class Look:
+class Vantage:
     """Where a picture is focused, and through which part of the pupil.
 
     Attributes
@@ -41,8 +41,8 @@ class Look:
         return np.hypot(fx[None, :] - x, fy[:, None] - y) <= radius
 
 
-def spread_looks(pitch: float, wavelength: float, low: float, high: float, seed: int) -> list[Look]:
-    """Looks all over a volume: depths a depth of focus apart, at each the whole pupil and random halves of it.
+def spread_vantages(pitch: float, wavelength: float, low: float, high: float, seed: int) -> list[Vantage]:
+    """Vantages all over a volume: depths a depth of focus apart, at each the whole pupil and random halves of it.
 
     Parameters
     ----------
@@ -54,25 +54,25 @@ def spread_looks(pitch: float, wavelength: float, low: float, high: float, seed:
 
     Returns
     -------
-    list of Look
+    list of Vantage
     """
     slope = math.tan(math.asin(wavelength / (2 * pitch)))
     rng = np.random.default_rng(seed)
-    looks = []
+    vantages = []
     depths = min(MOST_DEPTHS, 2 + math.ceil((high - low) * slope**2 / wavelength))
     for distance in np.linspace(low, high, depths):
-        looks.append(Look(float(distance)))
+        vantages.append(Vantage(float(distance)))
         for _ in range(PARTS):
             aside = 0.5 * (1 - PART) * math.sqrt(rng.random())
             angle = 2 * math.pi * rng.random()
-            looks.append(
-                Look(float(distance), (aside * math.cos(angle), aside * math.sin(angle), 0.5 * PART))
+            vantages.append(
+                Vantage(float(distance), (aside * math.cos(angle), aside * math.sin(angle), 0.5 * PART))
             )
-    return looks
+    return vantages
 
 
 class Pictures:
-    """What is wanted at several looks, in one wavelength.
+    """What is wanted at several vantages, in one wavelength.
 
     Parameters
     ----------
@@ -80,35 +80,37 @@ class Pictures:
         Rows and columns of the fields.
     pitch, wavelength : float
         Metres.
-    looks : list of Look
+    vantages : list of Vantage
 
     Attributes
     ----------
-    wanted : numpy.ndarray, float32, shape (look, y, x)
+    wanted : numpy.ndarray, float32, shape (vantage, y, x)
         Frame-mean intensities.
     energy : float
         Sum over pixels of the intensity of a frame whose pictures these are.
     """
 
-    def __init__(self, shape: tuple[int, int], pitch: float, wavelength: float, looks: list[Look]) -> None:
-        self.shape, self.looks = shape, list(looks)
-        farthest = max(abs(look.distance) for look in looks)
+    def __init__(
+        self, shape: tuple[int, int], pitch: float, wavelength: float, vantages: list[Vantage]
+    ) -> None:
+        self.shape, self.vantages = shape, list(vantages)
+        farthest = max(abs(vantage.distance) for vantage in vantages)
         self.padded = padded_shape(shape, pitch, wavelength, farthest)
         self.space = FreeSpace(self.padded, pitch, wavelength)
-        self.wanted = np.zeros((len(self.looks), *shape), np.float32)
+        self.wanted = np.zeros((len(self.vantages), *shape), np.float32)
         self.energy, self._frames = 0.0, 0
         self._transfers = {}
 
     def __len__(self) -> int:
-        return len(self.looks)
+        return len(self.vantages)
 
     def transfer(self, number: int) -> np.ndarray:
         """From the fields' spectra to the spectrum of a picture, complex64; not to be changed."""
         kept = self._transfers.get(number)
         if kept is not None:
             return kept
-        look = self.looks[number]
-        transfer, passes = self.space(look.distance), look.passes(self.padded)
+        vantage = self.vantages[number]
+        transfer, passes = self.space(vantage.distance), vantage.passes(self.padded)
         if passes is not None:
             transfer *= passes
         if (len(self._transfers) + 1) * transfer.nbytes <= MOST_BYTES:
@@ -116,8 +118,8 @@ class Pictures:
         return transfer
 
     def share(self, number: int) -> float:
-        """Part of the light in the band that a look lets through."""
-        passes = self.looks[number].passes(self.padded)
+        """Part of the light in the band that a vantage lets through."""
+        passes = self.vantages[number].passes(self.padded)
         return 1.0 if passes is None else float((passes & self.space.band).sum() / self.space.band.sum())
 
     def spectra(self, fields: np.ndarray, threads: Frames) -> list[np.ndarray]:
@@ -146,10 +148,10 @@ class Pictures:
         """Of the squared error of each pixel of a picture."""
         return relative(self.wanted[number])
 
-    def view(self, number: int) -> View:
+    def target(self, number: int) -> TargetPicture:
         """A picture as `supervise` takes it; what lies outside the fields does not count."""
         rows, columns = self.shape
         target, weight = np.zeros((2, *self.padded), np.float32)
         target[:rows, :columns] = self.wanted[number]
         weight[:rows, :columns] = self.weight(number)
-        return View(self.transfer(number), target, weight)
+        return TargetPicture(self.transfer(number), target, weight)

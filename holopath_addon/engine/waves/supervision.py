@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
 
-BRIGHTNESS = 10.0  # a view 10 % too bright counts as much as a speckle contrast of 0.3
+BRIGHTNESS = 10.0  # a picture 10 % too bright counts as much as a speckle contrast of 0.3
 DARK = 0.05  # of the mean intensity, added where errors are divided by the intensity
 
 
 @dataclass(frozen=True)
-class View:
+class TargetPicture:
     """One picture that the fields are judged by.
 
     Attributes
@@ -81,14 +81,14 @@ def relative(target: np.ndarray) -> np.ndarray:
 
 def supervise(
     spectra: Sequence[np.ndarray],
-    views: Sequence[View],
+    pictures: Sequence[TargetPicture],
     energy: float,
     stages: dict[int, float],
     threads: Frames,
 ) -> tuple[dict[int, float], np.ndarray]:
-    """Loss of the frame mean over views, and its gradient with respect to the spectra.
+    """Loss of the frame mean over pictures, and its gradient with respect to the spectra.
 
-    L = sum over views and m of stages[m] (sum over pixels of weight (I / b - target)^2 + BRIGHTNESS (b / c - 1)^2),
+    L = sum over pictures and m of stages[m] (sum over pixels of weight (I / b - target)^2 + BRIGHTNESS (b / c - 1)^2),
     where I is the mean of |ifft(transfer U_n)|^2 over the first m frames, b = sum I / sum target over the pixels that
     have weight, and c the mean of the frames' energies over `energy`. Speckle and brightness are judged apart, since
     the squared error of a picture with speckle is least when it is too dark.
@@ -97,7 +97,7 @@ def supervise(
     ----------
     spectra : sequence of numpy.ndarray, complex64, shape (y, x)
         U_n = FFT of each frame's field, cut to the recordable band.
-    views : sequence of View
+    pictures : sequence of TargetPicture
     energy : float
         Sum over pixels of the intensity of a field whose pictures are the targets.
     stages : dict of int to float
@@ -112,54 +112,55 @@ def supervise(
         G_n with dL = 2 Re sum conj(G_n) dU_n.
     """
     frames, shape, pixels = len(spectra), spectra[0].shape, spectra[0].size
-    energies = threads.each(lambda n: float(np.vdot(spectra[n], spectra[n]).real) / pixels, frames)
+    energies = threads.each(
+        lambda frame: float(np.vdot(spectra[frame], spectra[frame]).real) / pixels, frames
+    )
     scales = np.cumsum(energies) / energy  # m c
     losses = dict.fromkeys(stages, 0.0)
     drift = np.zeros(frames)
     waves, gradient = np.empty((2, frames, *shape), np.complex64)
-    for number, view in enumerate(views):
-        _look(waves, spectra, view.transfer, threads)
-        means = _sums(waves, stages, threads)
+    for number, picture in enumerate(pictures):
+        _look(waves, spectra, picture.transfer, threads)
         slopes: list = [None] * frames
-        seen = (view.weight > 0).astype(np.float32)
-        wanted = float((view.target * seen).sum(dtype=np.float64))
-        for m, total in means.items():
-            n = m - 1
-            bright = float((total * seen).sum(dtype=np.float64)) / wanted  # m b
-            image = total / np.float32(bright)
-            error = image - view.target
-            weighted = error * view.weight
-            losses[m] += float((error * weighted).sum(dtype=np.float64))
-            excess = bright / scales[n] - 1
-            even = BRIGHTNESS * excess / scales[n]
-            even -= float((image * weighted).sum(dtype=np.float64)) / bright
-            slopes[n] = np.float32(2 * stages[m] / bright) * weighted
-            slopes[n] += np.float32(2 * stages[m] * even / wanted) * seen
-            drift[n] += 2 * stages[m] * BRIGHTNESS * excess * bright / scales[n] ** 2 / energy
+        seen = (picture.weight > 0).astype(np.float32)
+        wanted = float((picture.target * seen).sum(dtype=np.float64))
+        for count, total in _sums(waves, stages, threads).items():
+            last, stage = count - 1, stages[count]
+            brightness = float((total * seen).sum(dtype=np.float64)) / wanted  # m b
+            image = total / np.float32(brightness)
+            error = image - picture.target
+            weighted = error * picture.weight
+            losses[count] += float((error * weighted).sum(dtype=np.float64))
+            excess = brightness / scales[last] - 1
+            even = BRIGHTNESS * excess / scales[last]
+            even -= float((image * weighted).sum(dtype=np.float64)) / brightness
+            slopes[last] = np.float32(2 * stage / brightness) * weighted
+            slopes[last] += np.float32(2 * stage * even / wanted) * seen
+            drift[last] += 2 * stage * BRIGHTNESS * excess * brightness / scales[last] ** 2 / energy
         # a frame shows in every mean that includes it
         slope, factor = None, np.complex64(0)
-        for n in range(frames - 1, -1, -1):
-            if slopes[n] is not None:
-                slope = slopes[n] if slope is None else slope + slopes[n]
+        for frame in reversed(range(frames)):
+            if slopes[frame] is not None:
+                slope = slopes[frame] if slope is None else slope + slopes[frame]
                 factor = slope.astype(np.complex64)  # a product of unlike numbers is slower
-            slopes[n] = factor
-        adjoint = np.conj(view.transfer)
+            slopes[frame] = factor
+        adjoint = np.conj(picture.transfer)
 
-        def back(n, first=number == 0, slopes=slopes, adjoint=adjoint):
-            waves[n] *= slopes[n]
-            part = scipy.fft.fft2(waves[n], overwrite_x=True)
+        def back(frame, first=number == 0, slopes=slopes, adjoint=adjoint):
+            waves[frame] *= slopes[frame]
+            part = scipy.fft.fft2(waves[frame], overwrite_x=True)
             if first:
-                np.multiply(part, adjoint, out=gradient[n])
+                np.multiply(part, adjoint, out=gradient[frame])
             else:
                 part *= adjoint
-                gradient[n] += part
+                gradient[frame] += part
 
         threads.each(back, frames)
     drift = np.cumsum(drift[::-1])[::-1]
 
-    def scale(n):
-        gradient[n] -= np.float32(drift[n]) * spectra[n]
-        gradient[n] *= np.float32(1 / pixels)
+    def scale(frame):
+        gradient[frame] -= np.float32(drift[frame]) * spectra[frame]
+        gradient[frame] *= np.float32(1 / pixels)
 
     threads.each(scale, frames)
     return losses, gradient
@@ -168,26 +169,26 @@ def supervise(
 def _look(waves, spectra, transfer, threads):
     """Each frame's wave in a picture's plane, into `waves`."""
 
-    def look(n):
-        np.multiply(spectra[n], transfer, out=waves[n])
-        waves[n] = scipy.fft.ifft2(waves[n], overwrite_x=True)
+    def look(frame):
+        np.multiply(spectra[frame], transfer, out=waves[frame])
+        waves[frame] = scipy.fft.ifft2(waves[frame], overwrite_x=True)
 
     threads.each(look, len(waves))
 
 
 def _sums(waves, stages, threads):
-    """Intensities of the first m frames, summed, by the numbers m in `stages`."""
-    sums = {m: np.empty(waves.shape[1:], np.float32) for m in sorted(stages)}
+    """Intensities of the first frames, summed, by how many: the numbers in `stages`."""
+    sums = {count: np.empty(waves.shape[1:], np.float32) for count in sorted(stages)}
     parts = blocks(waves.shape[1:])
 
     def add(part):
         rows = parts[part]
         total = np.zeros((rows.stop - rows.start, waves.shape[2]), np.float32)
-        for n, wave in enumerate(waves[:, rows]):
+        for count, wave in enumerate(waves[:, rows], 1):
             total += wave.real**2
             total += wave.imag**2
-            if n + 1 in sums:
-                sums[n + 1][rows] = total
+            if count in sums:
+                sums[count][rows] = total
 
     threads.each(add, len(parts))
     return sums
@@ -222,10 +223,10 @@ class Adam:
         length = np.float32(rate / (1 - first**self.count))
         spread = np.float32(1 / (1 - second**self.count))
 
-        def move(n):
-            mean, square, slope = self.mean[n], self.square[n], gradient[n]
+        def move(frame):
+            mean, square, slope = self.mean[frame], self.square[frame], gradient[frame]
             mean += np.float32(1 - first) * (slope - mean)
             square += np.float32(1 - second) * (slope * slope - square)
-            values[n] -= length * mean / (np.sqrt(square * spread) + np.float32(1e-12))
+            values[frame] -= length * mean / (np.sqrt(square * spread) + np.float32(1e-12))
 
         threads.each(move, len(values))

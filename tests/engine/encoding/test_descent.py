@@ -11,7 +11,7 @@ from holopath_addon.engine.encoding import encoder
 from holopath_addon.engine.encoding.frame_mean import FrameMean, carried
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
-from holopath_addon.engine.waves.pictures import Look, Pictures
+from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
 
@@ -55,8 +55,8 @@ def test_gradient_against_finite_differences(kind, threads):
     fields = band_limited((27, 40), frames=3)[:, 0]
     start = rng.uniform(0, 2 * np.pi, fields.shape)
     if kind == "frame mean":
-        looks = [Look(2e-3), Look(-1e-3, (0.1, -0.05, 0.2))]
-        pictures = Pictures(fields.shape[-2:], PITCH, GREEN, looks)
+        vantages = [Vantage(2e-3), Vantage(-1e-3, (0.1, -0.05, 0.2))]
+        pictures = Pictures(fields.shape[-2:], PITCH, GREEN, vantages)
         pictures.add(fields)
         mean = FrameMean(pictures, 1.3, threads)
 
@@ -307,7 +307,7 @@ def test_frames_that_do_not_fit_into_memory(monkeypatch):
     """Done in groups: better than one by one, if not as all together."""
     field = wave_field(band_limited((64, 64), frames=6))
     whole = engine.encode(field, "joint", most_steps=60)
-    padded = Pictures((64, 64), PITCH, GREEN, [Look(2e-3)]).padded
+    padded = Pictures((64, 64), PITCH, GREEN, [Vantage(2e-3)]).padded
     monkeypatch.setattr(encoder, "MOST_BYTES", 3 * padded[0] * padded[1] * encoder.BYTES["joint"])
     parts = engine.encode(field, "joint", most_steps=60)
     stages = [stage["stage"] for stage in parts.report["stages"]]
@@ -387,8 +387,8 @@ def test_references_are_better_than_the_field(build, camera, small):
 def test_pictures_count_frames_as_they_come():
     """One by one or together, and as `reconstruct` shows them."""
     field = wave_field(band_limited((40, 56), frames=3))
-    looks = [Look(1e-3), Look(2e-3, (0.1, 0.05, 0.2))]
-    together, single = (Pictures((40, 56), PITCH, GREEN, looks) for _ in range(2))
+    vantages = [Vantage(1e-3), Vantage(2e-3, (0.1, 0.05, 0.2))]
+    together, single = (Pictures((40, 56), PITCH, GREEN, vantages) for _ in range(2))
     together.add(field.data[:, 0])
     for m in range(3):
         single.add(field.data[m : m + 1, 0])

@@ -406,7 +406,7 @@ def rough(alpha, **colours):
 
 
 def seen_on_axis(build, scene, virtual_image="curvature", splits=0, branch=0, pupil=0.016):
-    """The `View` of a ray near the axis."""
+    """The `ImagePoint` of a ray near the axis."""
     import drjit as dr
 
     from holopath_addon.engine.scene.specular_chains import SpecularChains

@@ -29,7 +29,7 @@ def test_slopes_against_finite_differences():
         weight = rng.random((n, n), dtype=np.float32) / n**2
         weight[-5:] = 0
         transfer = (gain * band * np.exp(2j * math.pi * rng.random((n, n)))).astype(np.complex64)
-        views.append(supervision.View(transfer, rng.random((n, n), dtype=np.float32) + 0.1, weight))
+        views.append(supervision.TargetPicture(transfer, rng.random((n, n), dtype=np.float32) + 0.1, weight))
 
     def loss(spectra):
         value = 0.0

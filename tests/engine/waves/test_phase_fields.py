@@ -18,7 +18,7 @@ from holopath_addon.engine.waves.phase_fields import (
     recordable_fraction,
     speckle_contrast,
 )
-from holopath_addon.engine.waves.phase_fields.design import Design, Layer, Picture, Recipe, invent
+from holopath_addon.engine.waves.phase_fields.design import DefocusedView, Design, Layer, Recipe, invent
 from holopath_addon.engine.waves.supervision import Frames
 
 PITCH = 8e-6
@@ -146,7 +146,7 @@ def test_independent_frames_have_the_loss_of_one():
     recipe = Recipe(8, 128)
     design = Design(recipe, np.angle(random_phasors(8, 128, 128, 1)))
     with Frames() as threads:
-        losses, _ = design.slopes([Layer(np.ones((128, 128), np.float32))], [Picture(30.0)], threads)
+        losses, _ = design.slopes([Layer(np.ones((128, 128), np.float32))], [DefocusedView(30.0)], threads)
     for m, loss in losses.items():
         assert loss * m == pytest.approx(1, abs=0.12), m
 
@@ -173,7 +173,7 @@ def test_slopes_of_the_design_against_finite_differences(seed):
 
 def total(design, tasks, threads):
     """The whole loss of a design, brightness included, from its definition."""
-    from holopath_addon.engine.waves.phase_fields.design import incoherent_view
+    from holopath_addon.engine.waves.phase_fields.design import incoherent_target
     from holopath_addon.engine.waves.supervision import BRIGHTNESS
 
     layers, pictures = tasks
@@ -188,7 +188,7 @@ def total(design, tasks, threads):
         ]
         spectra.append(sum(parts))
     for picture in pictures:
-        view = incoherent_view(optics, layers, picture)
+        view = incoherent_target(optics, layers, picture)
         for m, stage in design.recipe.stages.items():
             image = np.mean([np.abs(np.fft.ifft2(s * view.transfer)) ** 2 for s in spectra[:m]], axis=0)
             bright = image.sum() / view.target.sum()

@@ -21,7 +21,7 @@ import scipy.fft
 
 from ...errors import InvalidInput
 from ..propagation import circular_band
-from ..supervision import Adam, Frames, View, relative, supervise
+from ..supervision import Adam, Frames, TargetPicture, relative, supervise
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,8 +82,10 @@ class Recipe:
     @property
     def stages(self) -> dict[int, float]:
         """Weights for `supervise`: the mean of m independent frames has the squared error 1/m."""
-        before = [m for m in STOPS if m < self.frames]
-        return {m: self.prefixes / len(before) * m for m in before} | {self.frames: float(self.frames)}
+        before = [count for count in STOPS if count < self.frames]
+        return {count: self.prefixes / len(before) * count for count in before} | {
+            self.frames: float(self.frames)
+        }
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class Layer:
 
 
 @dataclass(frozen=True)
-class Picture:
+class DefocusedView:
     """How a scene is looked at: focus beyond the first layer, part of the pupil, and how much speckle counts."""
 
     defocus: float
@@ -153,7 +155,7 @@ def invent(
     """
     layers, pictures = _invented(rng, size, reach, plane)
     if narrow:
-        pictures.append(Picture(float(rng.uniform(-reach, reach)), _part(rng, *NARROW), narrow))
+        pictures.append(DefocusedView(float(rng.uniform(-reach, reach)), _part(rng, *NARROW), narrow))
     return layers, pictures
 
 
@@ -175,9 +177,9 @@ def _invented(rng, size, reach, plane):
 
     if rng.random() < plane:
         places = (np.arange(PLANE_VIEWS) + rng.random(PLANE_VIEWS)) / PLANE_VIEWS
-        pictures = [Picture(0.0)] + [Picture(reach * (2 * place - 1)) for place in places]
+        pictures = [DefocusedView(0.0)] + [DefocusedView(reach * (2 * place - 1)) for place in places]
         # the light must fill the pupil evenly
-        pictures.append(Picture(focus(), part(), 1e-4))
+        pictures.append(DefocusedView(focus(), part(), 1e-4))
         return [Layer(np.ones((size, size), np.float32))], pictures
     layers = [Layer(texture(rng, size))]
     if rng.random() < LAYERS:
@@ -196,11 +198,11 @@ def _invented(rng, size, reach, plane):
     pictures = []
     for _ in range(VIEWS):
         defocus = 0.0 if rng.random() < IN_FOCUS else focus()
-        pictures.append(Picture(defocus, part() if rng.random() < PUPILS else None))
+        pictures.append(DefocusedView(defocus, part() if rng.random() < PUPILS else None))
     return layers, pictures
 
 
-def incoherent_view(optics: Optics, layers: list, picture: Picture) -> View:
+def incoherent_target(optics: Optics, layers: list, picture: DefocusedView) -> TargetPicture:
     """The picture of layers in incoherent light: each one's intensity, blurred by the intensity of its kernel.
 
     Errors are divided by the intensity, as in the variance of a root, so that independent frames have the loss 1/m.
@@ -212,7 +214,7 @@ def incoherent_view(optics: Optics, layers: list, picture: Picture) -> View:
         target = target + scipy.fft.ifft2(scipy.fft.fft2(layer.amplitude**2) * blur).real
     target = np.maximum(target, 0)
     transfer = optics.transfer(picture.defocus, picture.pupil)
-    return View(transfer, target, picture.speckle * relative(target))
+    return TargetPicture(transfer, target, picture.speckle * relative(target))
 
 
 class Design:
@@ -239,30 +241,28 @@ class Design:
         moved = [None if not layer.defocus else optics.transfer(layer.defocus) for layer in layers]
         phasors = np.empty(self.phases.shape, np.complex64)
 
-        def spectrum(n):
-            phasors[n].real, phasors[n].imag = np.cos(self.phases[n]), np.sin(self.phases[n])
-            total = 0
+        def spectrum(frame):
+            phasor, total = phasors[frame], 0
+            phasor.real, phasor.imag = np.cos(self.phases[frame]), np.sin(self.phases[frame])
             for layer, transfer in zip(layers, moved, strict=True):
-                seen = (
-                    np.roll(phasors[n], [-s for s in layer.shift], (0, 1)) if any(layer.shift) else phasors[n]
-                )
+                seen = np.roll(phasor, [-s for s in layer.shift], (0, 1)) if any(layer.shift) else phasor
                 part = scipy.fft.fft2(layer.amplitude * seen)
                 total = total + (part if transfer is None else part * transfer)
             return total * optics.band
 
         spectra = threads.each(spectrum, frames)
-        views = [incoherent_view(optics, layers, picture) for picture in pictures]
+        targets = [incoherent_target(optics, layers, picture) for picture in pictures]
         energy = sum(float((layer.amplitude**2).sum()) for layer in layers) * optics.band.mean()
-        losses, gradient = supervise(spectra, views, energy, self.recipe.stages, threads)
+        losses, gradient = supervise(spectra, targets, energy, self.recipe.stages, threads)
 
-        def slope(n):
+        def slope(frame):
             total = 0
             for layer, transfer in zip(layers, moved, strict=True):
-                part = gradient[n] if transfer is None else gradient[n] * np.conj(transfer)
+                part = gradient[frame] if transfer is None else gradient[frame] * np.conj(transfer)
                 # the adjoint of the FFT
                 part = scipy.fft.ifft2(part, norm="forward") * layer.amplitude
                 total = total + (np.roll(part, layer.shift, (0, 1)) if any(layer.shift) else part)
-            return 2 * (total.imag * phasors[n].real - total.real * phasors[n].imag)
+            return 2 * (total.imag * phasors[frame].real - total.real * phasors[frame].imag)
 
         return losses, threads.each(slope, frames)
 
@@ -276,7 +276,7 @@ class Design:
         self.adam.step(self.phases, slopes, rate, threads)
         self.done += 1
         count = sum(picture.speckle for picture in pictures)
-        return {m: loss * m / count for m, loss in losses.items()}
+        return {frames: loss * frames / count for frames, loss in losses.items()}
 
     def save(self, path: Path | str) -> None:
         """Everything that `load` needs to go on, written beside and renamed."""
@@ -362,7 +362,10 @@ def run(
         while design.done < design.recipe.steps and not stop():
             losses.append(design.step(threads))
             if design.done % every == 0 or design.done == design.recipe.steps:
-                report(design.done, {m: float(np.mean([loss[m] for loss in losses])) for m in losses[0]})
+                report(
+                    design.done,
+                    {count: float(np.mean([loss[count] for loss in losses])) for count in losses[0]},
+                )
                 losses = []
                 design.save(state)
     design.save(state)
