@@ -391,17 +391,17 @@ DEPTH = 32  # vertices: light that meets traced surfaces is followed further tha
 
 def texels(factor):
     """Texels of a closed box, over those of a pixel, by which light is baked: against the thin lens."""
-    from holopath_addon.engine.light import radiance_cache  # needs a backend
+    from holopath_addon.engine.light import camera_view  # needs a backend
 
     build()
     hologram, fov = display(64, far=0.2e-3, near=1.2e-3), math.radians(36)
-    reach = radiance_cache.View.reach
+    reach = camera_view.CameraView.reach
 
     def scaled(view, triangles):
         texel, sides = reach(view, triangles)
         return factor * texel, sides
 
-    with mock.patch.object(radiance_cache.View, "reach", scaled):
+    with mock.patch.object(camera_view.CameraView, "reach", scaled):
         settings = replace(SETTINGS, frames=24, method="fast", max_depth=DEPTH)
         # all that is in view has a share of the noise of light that goes from wall to wall: 2 % by one seed
         fields = [

@@ -97,8 +97,8 @@ def render(
                 plan,
                 optics_of(scene, camera, plan),
                 settings,
-                store,
-                lambda done, message: progress(0.04 + 0.46 * done, message),
+                store=store,
+                progress=lambda done, message: progress(0.04 + 0.46 * done, message),
             )
         start = 0.5
     groups = (
@@ -299,7 +299,9 @@ def baked_picture(
     settings = replace(settings, method="fast")
     planned = planner.plan(scene, camera, hologram, settings, store)
     optics = optics_of(scene, camera, planned)
-    cache, done = bake(scene, camera, hologram, planned, optics, settings, store, progress, anew)
+    cache, done = bake(
+        scene, camera, hologram, planned, optics, settings, store=store, progress=progress, anew=anew
+    )
     return cache.picture(most), done
 
 

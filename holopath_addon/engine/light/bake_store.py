@@ -6,7 +6,7 @@ import math
 import os
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,12 +15,58 @@ import numpy as np
 from ..errors import InvalidInput
 
 if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from ..camera import Camera
+    from ..hologram import Hologram
+    from ..scene.specular_chains import FirstHits, SpecularChains
+    from ..settings import Settings
     from .atlas import Layout, Triangles
-    from .radiance_cache import RadianceCache, View
+    from .camera_view import CameraView
+    from .radiance_cache import RadianceCache
 
 VERSION = 4  # of the format, and of the light: another one is baked again
 SUFFIX = ".holobake.npz"
 MOST_BYTES = 2 << 30  # of all files; the oldest go first
+
+
+@dataclass(frozen=True)
+class Request:
+    """Which light is wanted.
+
+    Attributes
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    near : float
+        World depth of the volume's near end, metres.
+    optics : FirstHits or SpecularChains
+    settings : Settings
+    noise : float
+        Relative standard error of texels.
+    most : int
+        Samples of a texel at most.
+    """
+
+    scene: mi.Scene
+    camera: Camera
+    hologram: Hologram
+    near: float
+    optics: FirstHits | SpecularChains
+    settings: Settings
+    noise: float
+    most: int
+
+    def same(self, other: Request) -> bool:
+        """Whether it is for the very same scene, camera and hologram, and equal numbers."""
+        return (
+            self.scene is other.scene
+            and self.camera is other.camera
+            and self.hologram is other.hologram
+            and (self.near, self.settings, self.noise, self.most)
+            == (other.near, other.settings, other.noise, other.most)
+        )
 
 
 @dataclass(frozen=True)
@@ -50,7 +96,7 @@ class Stored:
     texel, corners, copies, size, coarser, dense, laid
         As in `atlas.Layout`.
     pool, starts, counts : numpy.ndarray
-        Of the groups that are baked, see `radiance_cache.Groups`.
+        Of the groups that are baked, see `groups.Groups`.
     fine, source : numpy.ndarray
         As in `RadianceCache`.
     """
@@ -75,20 +121,18 @@ class Stored:
     @classmethod
     def of(cls, cache: RadianceCache, digest: str, noise: float, most: int) -> Stored:
         """What a cache holds."""
-        groups, layout = cache.groups, cache.atlas.layout
-        pool, counts = (_joined([getattr(g, name) for g in groups]) for name in ("pool", "counts"))
-        starts = (np.cumsum(counts) - counts).astype(np.uint32)
-        light = (np.array(values) for values in (cache.fine, cache.source))
+        pool, counts = (_joined([getattr(g, name) for g in cache.groups]) for name in ("pool", "counts"))
         return cls(
-            digest,
-            noise,
-            most,
-            cache.coarse.digest(),
-            **vars(layout),
+            digest=digest,
+            noise=noise,
+            most=most,
+            coarse=cache.coarse.digest(),
+            **vars(cache.atlas.layout),
             pool=pool,
-            starts=starts,
+            starts=(np.cumsum(counts) - counts).astype(np.uint32),
             counts=counts,
-            **dict(zip(("fine", "source"), light, strict=True)),
+            fine=np.array(cache.fine),
+            source=np.array(cache.source),
         )
 
     @property
@@ -96,7 +140,7 @@ class Stored:
         """The `Layout`."""
         from .atlas import Layout
 
-        return Layout(self.texel, self.corners, self.copies, self.size, self.coarser, self.dense, self.laid)
+        return Layout(**{field.name: getattr(self, field.name) for field in fields(Layout)})
 
     def cache(self, triangles: Triangles, complete: bool, translucent: bool) -> RadianceCache | None:
         """The `RadianceCache` of these triangles, None where it groups texels otherwise."""
@@ -105,7 +149,8 @@ class Stored:
 
         from ..scene.buffers import loaded
         from .atlas import Atlas
-        from .radiance_cache import Groups, RadianceCache
+        from .groups import Groups
+        from .radiance_cache import RadianceCache
 
         cache = RadianceCache(Atlas(triangles, self.layout), complete, translucent)
         if cache.coarse.digest() != self.coarse or dr.width(cache.source) != len(self.source):
@@ -160,9 +205,11 @@ class Found:
 
     Attributes
     ----------
+    request : Request
+        With the noise and samples that are asked for or that the stored light has.
     triangles : Triangles
         Those whose light is cached.
-    view, seen : View
+    view, seen : CameraView
         What is baked, a little beyond what is seen, and what is seen.
     translucent : bool
         As of `RadianceCache`.
@@ -172,22 +219,21 @@ class Found:
         With the stored light; None where it does not serve.
     missing : float
         Share of the view that has to be baked.
-    digest, noise, most : str, float, int
-        Of the scene, and the noise and samples that are asked for or that the stored light has.
+    digest : str
+        Of the scene.
     note : str
         What was wrong with what is stored, if something was.
     """
 
+    request: Request
     triangles: Triangles
-    view: View
-    seen: View
+    view: CameraView
+    seen: CameraView
     translucent: bool
     stored: Stored | None
     cache: RadianceCache | None
     missing: float
     digest: str
-    noise: float
-    most: int
     note: str
 
 
@@ -198,11 +244,16 @@ class BakeStore:
     ----------
     folder : path
         Made when something is saved.
+
+    Attributes
+    ----------
+    kept : (Request, Found) or None
+        What planning found, for the baking that follows.
     """
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
-        self._kept: tuple[tuple, Found | None] = (), None
+        self.kept: tuple[Request, Found] | None = None
 
     @classmethod
     def default(cls) -> BakeStore:
@@ -284,16 +335,10 @@ class BakeStore:
                 return Head(str(arrays["digest"]), float(arrays["noise"]), int(arrays["most"]), texels)
         return None
 
-    def keep(self, key: tuple, found: Found | None) -> None:
-        """Hold on to what planning found, for the baking that follows; None lets go of it."""
-        self._kept = key, found
-
-    def take(self, key: tuple) -> Found | None:
-        """What was kept for the very same scene, camera and hologram, and equal numbers; only once."""
-        (kept, found), self._kept = self._kept, ((), None)
-        if len(kept) != len(key) or any(a is not b for a, b in zip(key[:3], kept[:3], strict=True)):
-            return None
-        return found if key[3:] == kept[3:] else None
+    def take(self, request: Request) -> Found | None:
+        """What was kept for the same request; only once."""
+        kept, self.kept = self.kept, None
+        return kept[1] if kept and kept[0].same(request) else None
 
     def save(self, triangles: Triangles, stored: Stored) -> None:
         """Keep baked light, whole or not at all; what was stored for the same triangles goes.

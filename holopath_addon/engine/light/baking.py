@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
 from ..scene.fingerprint import scene_digest
 from ..scene.lobes import DIFFUSE, TRANSLUCENT, surfaces_of
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
-from .bake_store import Found, Stored
-from .gathering import gather, solve
-from .radiance_cache import Groups, RadianceCache, View, inseparable
+from .bake_store import Found, Request, Stored
+from .camera_view import CameraView
+from .gathering import Gathered, gather, solve
+from .groups import Groups
+from .radiance_cache import RadianceCache, inseparable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,31 +78,12 @@ class Bake:
     note: str
 
 
-def find(
-    scene: mi.Scene,
-    camera: Camera,
-    hologram: Hologram,
-    near: float,
-    optics: FirstHits | SpecularChains,
-    settings: Settings,
-    noise: float,
-    most: int,
-    store: BakeStore | None,
-    triangles: Triangles | None = None,
-) -> Found:
+def find(request: Request, store: BakeStore | None, triangles: Triangles | None = None) -> Found:
     """Look for light in a store, as good as asked for.
 
     Parameters
     ----------
-    scene : mitsuba.Scene
-    camera : Camera
-    hologram : Hologram
-    near : float
-        World depth of the volume's near end, metres.
-    optics : FirstHits or SpecularChains
-    settings : Settings
-    noise, most : float, int
-        Relative standard error of texels that is wanted, and most samples of one.
+    request : Request
     store : BakeStore or None
     triangles : Triangles, optional
         Of the scene.
@@ -109,57 +92,60 @@ def find(
     -------
     Found
     """
-    triangles, digest = triangles or _triangles(scene), _digest(scene, settings)
+    triangles, digest = triangles or _triangles(request.scene), _digest(request)
     triangles.leave_out(inseparable(triangles))
-    view = View(scene, camera, hologram, near, optics, settings.seed)
-    seen = View(scene, camera, hologram, near, optics, settings.seed, margin=1.0)
-    surfaces = surfaces_of(scene)
+    view, seen = CameraView(request), CameraView(request, margin=1.0)
+    surfaces = surfaces_of(request.scene)
     translucent = any(surface.bsdf().flags() & TRANSLUCENT for surface in surfaces)
     cache, missing = None, 1.0
     stored, note = store.load(triangles) if store else (None, "")
-    if stored is not None and _serves(stored, digest, noise, most):
-        noise, most = min(noise, stored.noise), max(most, stored.most)
+    if stored is not None and _serves(stored, digest, request):
+        request = replace(
+            request, noise=min(request.noise, stored.noise), most=max(request.most, stored.most)
+        )
         triangles.leave_out({mesh.shape for mesh in triangles.meshes if mesh.first not in stored.laid})
         cache = stored.cache(triangles, len(triangles.meshes) == len(surfaces), translucent)
         if cache is not None:
             missing, lacking = _coverage(seen, cache)
             if lacking > COARSE:
                 cache, missing = None, 1.0
-    return Found(triangles, view, seen, translucent, stored, cache, missing, digest, noise, most, note)
+    return Found(
+        request=request,
+        triangles=triangles,
+        view=view,
+        seen=seen,
+        translucent=translucent,
+        stored=stored,
+        cache=cache,
+        missing=missing,
+        digest=digest,
+        note=note,
+    )
 
 
-def found_in(
-    store: BakeStore,
-    worth: Callable[[int], bool],
-    scene: mi.Scene,
-    camera: Camera,
-    hologram: Hologram,
-    near: float,
-    optics: FirstHits | SpecularChains,
-    settings: Settings,
-    noise: float,
-    most: int,
-) -> float | None:
+def found_in(store: BakeStore, request: Request, worth: Callable[[int], bool]) -> float | None:
     """Share of a view whose light a store has, as good as asked for, None where it has none of the scene.
 
-    What was found is kept for the baking that may follow. Arguments are those of `find`, and:
+    What was found is kept for the baking that may follow.
 
     Parameters
     ----------
+    store : BakeStore
+    request : Request
     worth : callable
         ``worth(texels)``: whether to load so many, which may take a second or two. Else the share is taken for 1.
     """
-    store.keep((), None)  # what an earlier plan found may be of other light
+    store.kept = None  # what an earlier plan found may be of other light
     if not store.files():  # to sort a million triangles takes a second
         return None
-    triangles = _triangles(scene)
+    triangles = _triangles(request.scene)
     head = store.head(triangles)
-    if head is None or not _serves(head, _digest(scene, settings), noise, most):
+    if head is None or not _serves(head, _digest(request), request):
         return None
     if not worth(head.texels):
         return 1.0
-    found = find(scene, camera, hologram, near, optics, settings, noise, most, store, triangles)
-    store.keep((scene, camera, hologram, near, settings, noise, most), found)
+    found = find(request, store, triangles)
+    store.kept = request, found
     if found.cache is None:
         return None
     return 1.0 if found.missing <= MISSING else 1 - found.missing
@@ -172,16 +158,16 @@ def _coverage(seen, cache):
     return missing, lost + coarse
 
 
-def _serves(stored, digest, noise, most):
-    return stored.digest == digest and stored.noise <= NOISIER * noise and stored.most >= most
+def _serves(stored, digest, request):
+    return stored.digest == digest and stored.noise <= NOISIER * request.noise and stored.most >= request.most
 
 
 def _triangles(scene):
     return Triangles(scene, lambda shape: bool(shape.bsdf().flags() & DIFFUSE))
 
 
-def _digest(scene, settings):
-    return f"{scene_digest(scene)} {settings.max_depth}"
+def _digest(request):
+    return f"{scene_digest(request.scene)} {request.settings.max_depth}"
 
 
 def bake(
@@ -191,6 +177,7 @@ def bake(
     plan: Plan,
     optics: FirstHits | SpecularChains,
     settings: Settings,
+    *,
     store: BakeStore | None = None,
     progress: Progress | None = None,
     anew: bool = False,
@@ -218,79 +205,71 @@ def bake(
     progress = progress or (lambda done, message: None)
     clock = _Clock()
     progress(0.0, "Looking for baked light")
-    wanted = plan.texel_noise, plan.texel_samples
-    found = (
-        store.take((scene, camera, hologram, plan.near, settings, *wanted)) if store and not anew else None
+    request = Request(
+        scene, camera, hologram, plan.near, optics, settings, plan.texel_noise, plan.texel_samples
     )
-    if found is None:
-        used = None if anew else store
-        found = find(scene, camera, hologram, plan.near, optics, settings, *wanted, used)
-    triangles, view, cache, missing = found.triangles, found.view, found.cache, found.missing
-    noise, most, stored, note, charted = found.noise, found.most, found.stored, found.note, False
-    fresh, surfaces = cache is None, surfaces_of(scene)
+    found = store.take(request) if store and not anew else None
+    found = found or find(request, None if anew else store)
+    request, triangles, cache, missing = found.request, found.triangles, found.cache, found.missing
+    fresh, charted, gathered = cache is None, False, Gathered(0, None, None)
     clock("look")
     if cache is None:
-        texel, sides = view.reach(triangles)
-        triangles.leave_out(unfit(triangles, texel, sides))
-        charted = stored is not None and stored.layout.serves(triangles, texel, sides)
-        if charted:
-            layout = stored.layout
-        else:
-            layout = lay_out(triangles, texel, sides, lambda done: progress(0.1 * done, "Unwrapping"))
-        complete = len(triangles.meshes) == len(surfaces)
-        cache = RadianceCache(Atlas(triangles, layout), complete, found.translucent)
+        cache, charted = _laid_out(found, lambda done: progress(0.1 * done, "Unwrapping"))
         missing, _ = _coverage(found.seen, cache)
         clock("unwrap")
-        solve(
-            scene,
-            cache,
-            settings.max_depth,
-            settings.seed,
-            lambda done: progress(0.1 + 0.3 * done, "Baking light between surfaces"),
-        )
+        solve(request, cache, lambda done: progress(0.1 + 0.3 * done, "Baking light between surfaces"))
         clock("solve")
-    texels, side = view.seen(cache.atlas)
-    samples, reached, error = 0, None, None
+    texels, side = found.view.seen(cache.atlas)
     new = ~cache.baked(texels)
     if (fresh or missing > MISSING) and new.any():
-        samples, reached, error = gather(
-            scene,
+        gathered = gather(
+            request,
             cache,
             Groups.of(cache.atlas, texels[new], side[new]),
-            settings.max_depth,
             plan.radiance_limit or math.inf,  # a view in the dark says nothing of others
-            noise,
-            most,
-            settings.seed,
             lambda done: progress(0.4 + 0.6 * done, "Baking light in view"),
         )
     progress(1.0, "Baking light in view")
     clock("gather")
-    size = 0
+    size, note = 0, found.note
     if store:
-        if fresh or samples:
+        if fresh or gathered.samples:
             try:
-                store.save(triangles, Stored.of(cache, found.digest, noise, most))
+                store.save(triangles, Stored.of(cache, found.digest, request.noise, request.most))
             except InvalidInput as fault:  # the light is good all the same
                 note = str(fault)
         size = store.size(triangles)
     clock("store")
-    cached = {mesh.shape for mesh in triangles.meshes}
-    names = [s.id() for s in surfaces if s.bsdf().flags() & DIFFUSE and number_of(s) not in cached]
     return cache, Bake(
-        ("charts" if charted else "nothing") if fresh else "part" if samples else "all",
-        len(texels),
-        sum(map(len, cache.groups)),
-        samples,
-        reached,
-        error,
-        cache.atlas.layout.coarser,
-        cache.atlas.layout.dense,
-        tuple(sorted(names)),
-        size,
-        clock.seconds,
-        note,
+        reused=("charts" if charted else "nothing") if fresh else "part" if gathered.samples else "all",
+        texels=len(texels),
+        groups=sum(map(len, cache.groups)),
+        **gathered._asdict(),
+        coarser=cache.atlas.layout.coarser,
+        dense=cache.atlas.layout.dense,
+        traced=_traced(scene, triangles),
+        bytes=size,
+        seconds=clock.seconds,
+        note=note,
     )
+
+
+def _laid_out(found, progress):
+    """A cache of no light yet, and whether the stored charts serve it."""
+    triangles, stored = found.triangles, found.stored
+    texel, sides = found.view.reach(triangles)
+    triangles.leave_out(unfit(triangles, texel, sides))
+    charted = stored is not None and stored.layout.serves(triangles, texel, sides)
+    layout = stored.layout if charted else lay_out(triangles, texel, sides, progress)
+    complete = len(triangles.meshes) == len(surfaces_of(found.request.scene))
+    return RadianceCache(Atlas(triangles, layout), complete, found.translucent), charted
+
+
+def _traced(scene, triangles):
+    """Names of the shapes whose diffuse light is not cached."""
+    cached = {mesh.shape for mesh in triangles.meshes}
+    shapes = (s for s in surfaces_of(scene) if s.bsdf().flags() & DIFFUSE and number_of(s) not in cached)
+    return tuple(sorted(shape.id() for shape in shapes))
 
 
 class _Clock:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -13,11 +13,13 @@ from scipy import ndimage
 from ..scene.buffers import loaded
 from .atlas import BLOCK
 from .path_tracer import PathTracer
-from .radiance_cache import SUMS, zeros
+from .radiance_cache import NUMBERS, SUMS, zeros
 
 if TYPE_CHECKING:
     from ..progress import PartProgress
-    from .radiance_cache import Groups, RadianceCache
+    from .bake_store import Request
+    from .groups import Groups
+    from .radiance_cache import RadianceCache
 
 SOURCE_SAMPLES = 4  # of each group, for each bounce
 REST = 0.03  # of the texels may stay noisier than wished
@@ -27,36 +29,46 @@ SMOOTH_OVER = 0.15  # of the harmonic mean distance to other surfaces: light fro
 STRIDES = (1, 2, 4, 8, 16)  # groups of texels
 
 
-def solve(scene: mi.Scene, cache: RadianceCache, max_depth: int, seed: int, progress: PartProgress) -> None:
+class Gathered(NamedTuple):
+    """What final gathering did.
+
+    Attributes
+    ----------
+    samples : int
+        Taken in all.
+    noise, error : float or None
+        Standard error reached by all but a share REST of the groups, and its root mean square over the light.
+    """
+
+    samples: int
+    noise: float | None
+    error: float | None
+
+
+def solve(request: Request, cache: RadianceCache, progress: PartProgress) -> None:
     """Light on groups of texels, one bounce more at a time: the source that final gathering looks up.
 
     Parameters
     ----------
-    scene : mitsuba.Scene
+    request : Request
     cache : RadianceCache
-    max_depth : int
-        Vertices of a path.
-    seed : int
     progress : callable
         ``progress(done)``, may raise.
     """
-    groups = cache.coarse
-    tracer = PathTracer(max_depth, cache=cache)
+    groups, max_depth = cache.coarse, request.settings.max_depth
+    sampling = _Sampling(request, cache, groups)
     # one for the view alone, whose rays now and then meet what no probe met
     bounces, before = max(max_depth - 2, 1) if len(groups) and max_depth > 1 else 0, 0.0
     for bounce in range(bounces):
-        sums = _sums(
-            scene,
-            cache,
-            tracer,
-            groups,
+        sums = sampling.sums(
             np.arange(len(groups)),
             SOURCE_SAMPLES,
             np.zeros(len(groups)),
-            seed + bounce,
+            request.settings.seed + bounce,
             lambda done, bounce=bounce: progress((bounce + done) / bounces),
         )
-        source = np.concatenate([sums[:, :3] + sums[:, 3:6], sums[:, 6:7]], axis=1)
+        named = by_name(sums)
+        source = np.column_stack([named["direct"] + named["indirect"], named["count"]])
         cache.source = loaded(mi.Float, source.ravel())
         total = source[:, :3].sum(dtype=float)
         if abs(total - before) <= SETTLED * total:
@@ -65,103 +77,96 @@ def solve(scene: mi.Scene, cache: RadianceCache, max_depth: int, seed: int, prog
     progress(1.0)
 
 
-def _sums(scene, cache, tracer, groups, which, samples, done, seed, progress):
-    """Sums over samples of some of the groups, [group, SUMS]; see `RadianceCache.sample`.
+class _Sampling:
+    """Takes samples of groups of texels, of paths with an optional `limit`, see `PathTracer`."""
 
-    `done`, a number each, tells how many they have had before.
-    """
-    pool = loaded(mi.UInt32, groups.pool)
-    sums = np.empty((len(which), len(SUMS)), np.float32)
-    size = cache.lanes
-    for first in range(0, len(which), size):
-        part = slice(first, first + size)
-        lanes = (groups.starts[which[part]], groups.counts[which[part]], done[part])
-        starts, counts, before = (loaded(mi.UInt32, np.resize(values, size)) for values in lanes)
-        found = cache.sample(scene, tracer, pool, starts, counts, samples, before, seed * 9973 + first)
-        dr.eval(found)
-        for k, values in enumerate(found):
-            sums[part, k] = np.array(values)[: len(sums[part])]
-        progress(min(1.0, (first + size) / len(which)))
-    return sums
+    def __init__(self, request, cache, groups, limit=math.inf):
+        self._scene, self._cache, self._groups = request.scene, cache, groups
+        self._tracer = PathTracer(request.settings.max_depth, limit, cache)
+        self._pool = loaded(mi.UInt32, groups.pool)
+
+    def sums(self, which, samples, done, seed, progress):
+        """Sums over samples of some of the groups, [group, NUMBERS]; see `RadianceCache.sample`.
+
+        `done`, a number each, tells how many they have had before.
+        """
+        sums, groups = np.empty((len(which), NUMBERS), np.float32), self._groups
+        size = self._cache.lanes
+        for first in range(0, len(which), size):
+            part = slice(first, first + size)
+            lanes = (groups.starts[which[part]], groups.counts[which[part]], done[part])
+            starts, counts, before = (loaded(mi.UInt32, np.resize(values, size)) for values in lanes)
+            found = self._cache.sample(
+                self._scene, self._tracer, self._pool, starts, counts, samples, before, seed * 9973 + first
+            )
+            dr.eval(found)
+            for k, values in enumerate(found):
+                sums[part, k] = np.array(values)[: len(sums[part])]
+            progress(min(1.0, (first + size) / len(which)))
+        return sums
+
+
+def by_name(sums: np.ndarray) -> np.ndarray:
+    """Sums of groups, [group, NUMBERS], as SUMS names them."""
+    return sums.view(SUMS)[:, 0]
 
 
 def gather(
-    scene: mi.Scene,
-    cache: RadianceCache,
-    groups: Groups,
-    max_depth: int,
-    limit: float,
-    noise: float,
-    most: int,
-    seed: int,
-    progress: PartProgress,
-) -> tuple[int, float, float]:
+    request: Request, cache: RadianceCache, groups: Groups, limit: float, progress: PartProgress
+) -> Gathered:
     """Bake texels until their noise is low: final gathering, which looks up the source.
 
     Parameters
     ----------
-    scene : mitsuba.Scene
+    request : Request
+        Its noise, relative to a group's mean, is aimed at, with no more samples of a group than it allows.
     cache : RadianceCache
     groups : Groups
         Of texels that are not baked yet.
-    max_depth : int
-        Vertices of a path.
     limit : float
         See `PathTracer`.
-    noise : float
-        Standard error of a group to aim at, relative to its mean.
-    most : int
-        Samples of a group.
-    seed : int
     progress : callable
         ``progress(done)``, may raise.
 
     Returns
     -------
-    samples : int
-        Taken in all.
-    noise, error : float
-        Standard error reached by all but a share REST of the groups, and its root mean square over the light.
+    Gathered
     """
     if not len(groups):
-        return 0, 0.0, 0.0
+        return Gathered(0, 0.0, 0.0)
     before = dr.width(cache.fine) // 4
     cache.add(groups, np.zeros((len(groups), 4)))
     fine = cache.fine
     cache.fine = zeros(dr.width(fine))  # rays look up the source alone, whatever is baked already
-    tracer = PathTracer(max_depth, limit, cache)
-    sums = np.zeros((len(groups), len(SUMS)), np.float32)
+    sampling, most = _Sampling(request, cache, groups, limit), request.most
+    sums = np.zeros((len(groups), NUMBERS), np.float32)
     filter = _Filter(cache, groups, before)
     left, taken, done = np.arange(len(groups)), 0, 0
     while True:
         # few groups take several rounds at once
         rounds = int(np.clip(cache.lanes // len(left), 1, max(1, (most - done) // ROUND)))
-        found = _sums(
-            scene,
-            cache,
-            tracer,
-            groups,
+        found = sampling.sums(
             np.tile(left, rounds),
             ROUND,
             np.repeat(done + ROUND * np.arange(rounds), len(left)),
-            seed + 100 + done,
+            request.settings.seed + 100 + done,
             lambda part, done=done, rounds=rounds: progress((done + ROUND * rounds * part) / most),
         )
         sums[left] += found.reshape(rounds, len(left), -1).sum(0)
         taken, done = taken + ROUND * rounds * len(left), done + ROUND * rounds
-        values, variance = filter.smoothed(sums)
+        values, variance = filter.smoothed(by_name(sums))
         reached = _noise(cache.atlas, groups.leaders, values, variance)
-        left = left[reached[left] > noise]
+        left = left[reached[left] > request.noise]
         if len(left) <= REST * len(groups) or done >= most:
             break
-    known = (sums[:, 6] > 0).astype(np.float32)
+    known = (by_name(sums)["count"] > 0).astype(np.float32)
     new = loaded(mi.Float, np.column_stack([values, known]).ravel())
     dr.scatter(fine, new, dr.arange(mi.UInt32, 4 * len(groups)) + 4 * before)
     cache.fine = fine
     light = values.mean(1)
     bright = np.minimum(light, np.percentile(light, 95))  # lamps' surroundings must not hide the rest
     error = math.sqrt((bright * reached**2).sum() / max(bright.sum(), 1e-30))
-    return taken, float(np.quantile(reached, 1 - REST)), error
+    return Gathered(taken, float(np.quantile(reached, 1 - REST)), error)
 
 
 class _Filter:
@@ -192,18 +197,20 @@ class _Filter:
 
     def smoothed(self, sums):
         """Mean R [texel, 3], and variance of its mean channel [texel]."""
-        count = np.maximum(sums[:, 6:7], 1)
-        mean, inverse = sums[:, :6] / count, sums[:, 7] / count[:, 0]
-        of = [mean[:, :3].mean(1), mean[:, 3:].mean(1)]
+        count = np.maximum(sums["count"], 1)
+        direct, indirect = (sums[kind] / count[:, None] for kind in ("direct", "indirect"))
         # samples are spread evenly: the halves differ less than their variance says
-        noise = [(2 * sums[:, 8 + k] / count[:, 0] - m) ** 2 for k, m in enumerate(of)]
-        light = loaded(mi.Float, np.column_stack([mean[:, 3:], noise[1]]).ravel())
-        self._radius = loaded(mi.Float, SMOOTH_OVER / np.maximum(inverse, 1e-9))
-        weight = loaded(mi.Float, sums[:, 6])
+        noise = [
+            (2 * half / count - mean.mean(1)) ** 2
+            for half, mean in zip(sums["halves"].T, (direct, indirect), strict=True)
+        ]
+        light = loaded(mi.Float, np.column_stack([indirect, noise[1]]).ravel())
+        self._radius = loaded(mi.Float, SMOOTH_OVER / np.maximum(sums["inverse"] / count, 1e-9))
+        weight = loaded(mi.Float, sums["count"])
         for stride in STRIDES:
             light = self._step(light, weight, stride)
         light = np.array(light).reshape(-1, 4)
-        return mean[:, :3] + light[:, :3], noise[0] + light[:, 3]
+        return direct + light[:, :3], noise[0] + light[:, 3]
 
     def _step(self, light, weight, stride):
         radius = self._radius

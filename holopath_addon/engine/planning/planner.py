@@ -571,6 +571,7 @@ def _texture(scene, camera, hologram, settings, view, pilot, seen, light, column
         )
         decisions.append(Decision("diffuse light", "paths of this view", reason))
         return None
+    from ..light.bake_store import Request
     from ..light.baking import found_in
     from ..light.path_tracer import PathTracer
     from ..scene.lobes import surfaces_of
@@ -603,7 +604,8 @@ def _texture(scene, camera, hologram, settings, view, pilot, seen, light, column
     if store is not None:
         near, optics = view
         noise, most = texel_noise(settings), PASSES[settings.quality][1]
-        baked = found_in(store, worth, scene, camera, hologram, near, optics, settings, noise, most)
+        request = Request(scene, camera, hologram, near, optics, settings, noise, most)
+        baked = found_in(store, request, worth)
     most = (CLEARLY if baked is None else 1) * paths
     stages = stages_with(baked, math.inf if asked else most)
     seconds = load + sum(stages.values())

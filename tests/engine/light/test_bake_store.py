@@ -24,7 +24,8 @@ def triangles(build):
 def stored(triangles):
     """Two groups, on a rectangle with a front and a back."""
     from holopath_addon.engine.light.atlas import Atlas, lay_out
-    from holopath_addon.engine.light.radiance_cache import Groups, RadianceCache
+    from holopath_addon.engine.light.groups import Groups
+    from holopath_addon.engine.light.radiance_cache import RadianceCache
 
     number = triangles.owners[0].number
     layout = lay_out(triangles, np.full(triangles.parts, 0.05), {(number, 0), (number, 1)}, lambda done: None)

@@ -32,7 +32,7 @@ def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
     assert plan.cached == (settings.max_depth > 1)
     plan = replace(plan, texel_noise=noise, texel_samples=256)
     optics = optics_of(scene, camera, plan)
-    return baking.bake(scene, camera, HOLOGRAM, plan, optics, settings, store, progress)
+    return baking.bake(scene, camera, HOLOGRAM, plan, optics, settings, store=store, progress=progress)
 
 
 def rays(build, camera, each):
@@ -446,13 +446,13 @@ def test_broken_input(build, camera, kind):
 
 def test_surfaces_that_touch(build, camera, monkeypatch):
     """Rays from between them end at once: their inverse distance is bounded all the same."""
-    found, sums = [], gathering._sums
+    found, sums = [], gathering._Sampling.sums
 
     def seen(*arguments):
         found.append(sums(*arguments))
         return found[-1]
 
-    monkeypatch.setattr(gathering, "_sums", seen)
+    monkeypatch.setattr(gathering._Sampling, "sums", seen)
     grey, places = build.diffuse(build.grey(0.6)), ((-0.15, 20), (0.0, 40), (0.15, 65))
     bricks = {
         f"brick_{turn}": build.box([x - 0.05, -0.1, -0.8], [x + 0.05, 0.0, -0.7], grey, turn)
