@@ -1,0 +1,311 @@
+"""Images and procedural textures: how they are read, placed and worn."""
+
+import itertools
+import os
+import tempfile
+
+import bpy
+import numpy as np
+
+from .feature import MIDDLE, Feature
+from .staging import (
+    BLUE,
+    DIFFUSE,
+    GLOSSY,
+    PRINCIPLED,
+    TAN,
+    WHITE,
+    backdrop,
+    ball,
+    cube,
+    grid,
+    lit,
+    node,
+    painted,
+    picture,
+    ramp,
+    shader_of,
+    tiles,
+    tilted,
+)
+
+
+def _with_alpha(stage):
+    """Tiles of several opacities."""
+    image = tiles(stage, "sRGB", False)
+    pixels = np.empty(64 * 64 * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    alpha = np.kron(np.random.default_rng(2).random((4, 4)), np.ones((16, 16)))
+    pixels.reshape(64, 64, 4)[..., 3] = 0.2 + 0.8 * alpha
+    image.pixels.foreach_set(pixels)
+    image.update()
+    image.pack()
+    return image
+
+
+def _mapping(stage, tree, kind):
+    values = dict(Location=(0.3, -0.2, 0), Rotation=(0, 0, 0.5), Scale=(1.7, 2.3, 1))
+    uv = node(tree, "TexCoord").outputs["UV"]
+    return node(tree, "Mapping", vector_type=kind, Vector=uv, **values).outputs[0]
+
+
+def extension(kind):
+    def source(stage, tree):
+        return picture(stage, tree, _mapping(stage, tree, "POINT"), extension=kind).outputs[0]
+
+    return source
+
+
+def _through(make):
+    """An image's colour through another node."""
+    return lambda stage, tree: make(tree, picture(stage, tree).outputs[0])
+
+
+def _curves(tree, colour):
+    made = node(tree, "RGBCurve", Color=colour)
+    made.mapping.curves[3].points[0].location = (0, 0.2)
+    made.mapping.curves[0].points.new(0.5, 0.8)
+    made.mapping.curves[2].points.new(0.5, 0.3)
+    made.mapping.update()
+    return made.outputs[0]
+
+
+def _mix_colour(tree, colour, blend):
+    made = node(tree, "Mix", data_type="RGBA", blend_type=blend, Factor_Float=0.6, A_Color=colour)
+    made.inputs[7].default_value = BLUE
+    return made.outputs[2]
+
+
+def _math(tree, colour):
+    red = node(tree, "SeparateColor", Color=colour).outputs["Red"]
+    squared = node(tree, "Math", operation="MULTIPLY")
+    tree.links.new(red, squared.inputs[0])
+    tree.links.new(red, squared.inputs[1])
+    return squared.outputs[0]
+
+
+def _image(*space, size=64, **settings):
+    def source(stage, tree):
+        return node(tree, "TexImage", image=tiles(stage, *space, size=size), **settings).outputs[0]
+
+    return source
+
+
+PICTURES = {
+    "image, linear": _image(),
+    "image, sRGB": _image("sRGB", False),
+    "image, Non-Color": _image("Non-Color", False),
+    "image, Linear Rec.2020": _image("Linear Rec.2020"),
+    "image, few pixels, linear interpolation": _image(size=4),
+    "image, few pixels, closest": _image(size=4, interpolation="Closest"),
+    "image with alpha, colour": lambda stage, tree: picture(stage, tree, image=_with_alpha(stage)).outputs[0],
+    "image with alpha, alpha": lambda stage, tree: picture(stage, tree, image=_with_alpha(stage)).outputs[1],
+    "extension repeat": extension("REPEAT"),
+    "extension extend": extension("EXTEND"),
+    "extension clip": extension("CLIP"),
+    "extension mirror": extension("MIRROR"),
+    "Mapping, texture": lambda stage, tree: picture(stage, tree, _mapping(stage, tree, "TEXTURE")).outputs[0],
+    "RGB Curves": _through(_curves),
+    "Mix Color, mix": _through(lambda tree, colour: _mix_colour(tree, colour, "MIX")),
+    "Mix Color, multiply": _through(lambda tree, colour: _mix_colour(tree, colour, "MULTIPLY")),
+    "Mix Color, screen": _through(lambda tree, colour: _mix_colour(tree, colour, "SCREEN")),
+    "Math": _through(_math),
+    "ColorRamp": _through(ramp),
+    "Invert Color": _through(lambda tree, colour: node(tree, "Invert", Color=colour).outputs[0]),
+    "Gamma": _through(lambda tree, colour: node(tree, "Gamma", Color=colour, Gamma=2.0).outputs[0]),
+    "Hue/Saturation/Value": _through(
+        lambda tree, colour: node(tree, "HueSaturation", Color=colour, Hue=0.7, Value=0.8).outputs[0]
+    ),
+    "RGB node": lambda stage, tree: _math(
+        tree, node(tree, "Gamma", Color=(0.9, 0.9, 0.9, 1), Gamma=1.5).outputs[0]
+    ),
+}
+
+
+def _uv_map(stage):
+    """The second of two UV maps, by name; the first would show one pixel."""
+
+    def source(stage, tree):
+        return picture(stage, tree, node(tree, "UVMap", uv_map="second").outputs[0]).outputs[0]
+
+    plane = tilted(stage, painted(stage, source))
+    uv = np.array([(0.1, 0), (1.3, 0.2), (1, 1.4), (0, 1)], np.float32)
+    plane.data.uv_layers.new(name="second").uv.foreach_set("vector", uv.ravel())
+    plane.data.uv_layers["UVMap"].uv.foreach_set("vector", np.full(8, 0.25, np.float32))
+
+
+def _two_uv_maps(stage):
+    """Two images on two UV maps, multiplied."""
+
+    def source(stage, tree):
+        first = picture(stage, tree, node(tree, "UVMap", uv_map="UVMap").outputs[0])
+        second = picture(stage, tree, node(tree, "UVMap", uv_map="second").outputs[0])
+        product = node(tree, "Mix", data_type="RGBA", blend_type="MULTIPLY", Factor_Float=1.0)
+        tree.links.new(first.outputs[0], product.inputs[6])
+        tree.links.new(second.outputs[0], product.inputs[7])
+        return product.outputs[2]
+
+    plane = tilted(stage, painted(stage, source))
+    uv = np.array([(0.1, 0), (1.3, 0.2), (1, 1.4), (0, 1)], np.float32)
+    plane.data.uv_layers.new(name="second").uv.foreach_set("vector", uv.ravel())
+
+
+def _vertex_colours(stage, domain, kind, attribute_node):
+    def source(stage, tree):
+        named = {"layer_name": "paint"} if attribute_node == "VertexColor" else {"attribute_name": "paint"}
+        return node(tree, attribute_node, **named).outputs["Color"]
+
+    data = grid(stage, painted(stage, source), 8).data
+    layer = data.color_attributes.new("paint", kind, domain)
+    colours = np.ones((len(layer.data), 4), np.float32)
+    colours[:, :3] = 0.1 + 0.8 * np.random.default_rng(6).random((len(layer.data), 3))
+    layer.data.foreach_set("color", colours.ravel())
+
+
+def _alpha_cut(stage, colour=False):
+    def source(stage, tree):
+        return node(tree, "TexImage", image=_with_alpha(stage)).outputs["Alpha"]
+
+    material = painted(stage, source, "Alpha", PRINCIPLED, Base_Color=TAN, Roughness=1.0)
+    if colour:
+        inputs = shader_of(material.node_tree).inputs
+        texture = inputs["Alpha"].links[0].from_node
+        material.node_tree.links.new(texture.outputs["Color"], inputs["Base Color"])
+    tilted(stage, material)
+    backdrop(stage)
+
+
+def _file_image(stage):
+    """An image from a file, packed."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "tiles.png")
+        image = tiles(stage, "sRGB", False)
+        image.filepath_raw, image.file_format = path, "PNG"
+        image.save()
+        loaded = bpy.data.images.load(path)
+        loaded.pack()
+    return loaded
+
+
+def _packed_image(stage):
+    tilted(stage, painted(stage, lambda s, tree: node(tree, "TexImage", image=_file_image(s)).outputs[0]))
+
+
+def _missing_image(stage, tree):
+    lost = bpy.data.images.new("lost", 4, 4)
+    lost.source, lost.filepath = "FILE", os.path.join(tempfile.gettempdir(), "nowhere", "lost.png")
+    lost.reload()
+    return node(tree, "TexImage", image=lost).outputs[0]
+
+
+def _grey_tiles(stage, tree):
+    """Numbers from 0.15 to 0.95."""
+    return node(tree, "TexImage", image=tiles(stage, "Non-Color")).outputs[0]
+
+
+def _textured(socket, shape=tilted, **values):
+    def make(stage):
+        values_here = {"Base_Color": TAN, "Roughness": 0.5, **values}
+        shape(stage, painted(stage, _grey_tiles, socket, PRINCIPLED, **values_here))
+
+    return make
+
+
+def _height(stage, tree):
+    y, x = np.mgrid[:64, :64] / 64
+    waves = 0.5 + 0.5 * np.sin(2 * np.pi * 3 * x) * np.sin(2 * np.pi * 3 * y)
+    return node(tree, "TexImage", image=stage.float_image(waves)).outputs[0]
+
+
+def _bump(height, **values):
+    def source(stage, tree):
+        return node(tree, "Bump", Height=height(stage, tree), **values).outputs[0]
+
+    return source
+
+
+def _noise_height(stage, tree):
+    return node(tree, "TexNoise", Scale=3.0, Detail=1.0).outputs[0]
+
+
+def _normal_map(space, strength=1.0):
+    def source(stage, tree):
+        y, x = np.mgrid[:64, :64] / 64 * 2 * np.pi * 3
+        normal = np.stack([0.4 * np.sin(x), 0.4 * np.cos(y), np.ones_like(x)], axis=2)
+        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+        image = stage.image(0.5 + 0.5 * normal, "normals", True, "Non-Color")
+        colour = node(tree, "TexImage", image=image).outputs[0]
+        return node(tree, "NormalMap", space=space, Color=colour, Strength=strength).outputs[0]
+
+    return source
+
+
+def _normal_on(source, shape, shader=DIFFUSE, **values):
+    return lambda stage: shape(stage, painted(stage, source, "Normal", shader, Color=TAN, **values))
+
+
+MAPPED = {
+    "UV map by name": _uv_map,
+    "two UV maps in one material": _two_uv_maps,
+    "vertex colours, Color Attribute": lambda s: _vertex_colours(s, "POINT", "FLOAT_COLOR", "VertexColor"),
+    "vertex colours, Attribute, corners": lambda s: _vertex_colours(s, "CORNER", "BYTE_COLOR", "Attribute"),
+    "image alpha on Principled Alpha": _alpha_cut,
+    "image colour and alpha on Principled": lambda stage: _alpha_cut(stage, colour=True),
+    "packed image": _packed_image,
+    "textured Roughness": _textured("Roughness"),
+    "textured Roughness, metal": _textured("Roughness", Metallic=1.0),
+    "textured Metallic": _textured("Metallic", Roughness=0.4),
+    "textured Emission Strength": _textured("Emission Strength", Emission_Color=(0.9, 0.4, 0.2, 1)),
+    "textured Coat Weight": _textured("Coat Weight"),
+    "textured Transmission Weight": lambda stage: (
+        _textured("Transmission Weight", ball, Roughness=0.3)(stage),
+        backdrop(stage),
+    ),
+    "Bump from an image": _normal_on(_bump(_height, Strength=0.7, Distance=0.15), tilted),
+    "Bump from noise": _normal_on(_bump(_noise_height, Strength=0.6, Distance=0.2), ball),
+    "Bump from an image, glossy": _normal_on(
+        _bump(_height, Strength=0.7, Distance=0.1), tilted, GLOSSY, Roughness=0.4
+    ),
+    "Normal Map, tangent space": _normal_on(_normal_map("TANGENT"), tilted),
+    "Normal Map, tangent space, strength 0.5": _normal_on(_normal_map("TANGENT", 0.5), ball),
+    "Normal Map, object space": _normal_on(_normal_map("OBJECT"), tilted),
+}
+
+PROCEDURAL = {
+    "Noise Texture": lambda tree, at: ramp(tree, node(tree, "TexNoise", Vector=at, Scale=4.0).outputs[0]),
+    "Voronoi Texture": lambda tree, at: node(tree, "TexVoronoi", Vector=at, Scale=5.0).outputs["Color"],
+    "Checker Texture": lambda tree, at: node(
+        tree, "TexChecker", Vector=at, Scale=5.0, Color1=BLUE, Color2=WHITE
+    ).outputs[0],
+    "Brick Texture": lambda tree, at: node(
+        tree, "TexBrick", Vector=at, Scale=3.0, Color1=TAN, Color2=BLUE, Mortar=WHITE
+    ).outputs[0],
+    "Wave Texture": lambda tree, at: ramp(
+        tree, node(tree, "TexWave", Vector=at, Scale=2.0, Distortion=3.0).outputs["Factor"]
+    ),
+}
+
+
+def _sheet(source):
+    return lit(lambda stage: tilted(stage, painted(stage, source)))
+
+
+def _placed(kind, space):
+    """A procedural texture by some coordinates."""
+    shape = {"Generated": ball, "Object": cube, "UV": tilted}[space]
+
+    def source(stage, tree):
+        return kind(tree, node(tree, "TexCoord").outputs[space])
+
+    return lit(lambda stage: shape(stage, painted(stage, source)))
+
+
+FEATURES = [
+    *(Feature(name, "textures", _sheet(source), MIDDLE) for name, source in PICTURES.items()),
+    *(Feature(name, "textures", lit(make), MIDDLE) for name, make in MAPPED.items()),
+    *(
+        Feature(f"{name}, {space}", "textures", _placed(kind, space), MIDDLE)
+        for (name, kind), space in itertools.product(PROCEDURAL.items(), ("Generated", "Object", "UV"))
+    ),
+    Feature("missing image", "textures", _sheet(_missing_image), MIDDLE, notes=frozenset({"Image file"})),
+]
