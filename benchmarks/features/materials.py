@@ -262,8 +262,12 @@ def _worn(make):
 
 
 FEATURES = [
-    *(_principled(*row, value) for *row, values in PRINCIPLED_INPUTS for value in values),
-    *(_principled(*row, value, backdrop) for *row, values in PRINCIPLED_CLEAR for value in values),
+    *(_principled(name, common, value) for name, common, values in PRINCIPLED_INPUTS for value in values),
+    *(
+        _principled(name, common, value, backdrop)
+        for name, common, values in PRINCIPLED_CLEAR
+        for value in values
+    ),
     *(
         _principled(name, common, value, None, bound, reason, frozenset({note}))
         for name, common, values, bound, (note, reason) in PRINCIPLED_APPROXIMATE

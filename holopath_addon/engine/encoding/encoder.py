@@ -307,14 +307,14 @@ class _Work:
         with self._stage("references", None) as stage:
             pictures = chosen_pictures(
                 self.field,
-                self.phases,
-                self.gains,
-                self.colours,
-                self._volume(),
-                self._asked.references,
-                self._asked.views,
-                rendered,
-                self._threads,
+                phases=self.phases,
+                gains=self.gains,
+                colours=self.colours,
+                volume=self._volume(),
+                references=self._asked.references,
+                count=self._asked.views,
+                progress=rendered,
+                threads=self._threads,
             )
             stage["views"] = len(pictures[self.colours[0]])
         for number, colour in enumerate(self.colours):

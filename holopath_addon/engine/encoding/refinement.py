@@ -27,6 +27,7 @@ MOST_DEPTHS = 15
 
 def chosen_pictures(
     field: WaveField,
+    *,
     phases: np.ndarray,
     gains: list[float],
     colours: list[int],

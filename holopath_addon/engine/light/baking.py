@@ -210,7 +210,7 @@ def bake(
     )
     found = store.take(request) if store and not anew else None
     found = found or find(request, None if anew else store)
-    request, triangles, cache, missing = found.request, found.triangles, found.cache, found.missing
+    request, cache, missing = found.request, found.cache, found.missing
     fresh, charted, gathered = cache is None, False, Gathered(0, None, None)
     clock("look")
     if cache is None:
@@ -231,14 +231,7 @@ def bake(
         )
     progress(1.0, "Baking light in view")
     clock("gather")
-    size, note = 0, found.note
-    if store:
-        if fresh or gathered.samples:
-            try:
-                store.save(triangles, Stored.of(cache, found.digest, request.noise, request.most))
-            except InvalidInput as fault:  # the light is good all the same
-                note = str(fault)
-        size = store.size(triangles)
+    size, note = _stored(store, found, cache, fresh or gathered.samples) if store else (0, found.note)
     clock("store")
     return cache, Bake(
         reused=("charts" if charted else "nothing") if fresh else "part" if gathered.samples else "all",
@@ -247,7 +240,7 @@ def bake(
         **gathered._asdict(),
         coarser=cache.atlas.layout.coarser,
         dense=cache.atlas.layout.dense,
-        traced=_traced(scene, triangles),
+        traced=_traced(scene, found.triangles),
         bytes=size,
         seconds=clock.seconds,
         note=note,
@@ -263,6 +256,19 @@ def _laid_out(found, progress):
     layout = stored.layout if charted else lay_out(triangles, texel, sides, progress)
     complete = len(triangles.meshes) == len(surfaces_of(found.request.scene))
     return RadianceCache(Atlas(triangles, layout), complete, found.translucent), charted
+
+
+def _stored(store, found, cache, changed):
+    """Bytes of the stored file, and what is wrong; what has `changed` is saved first."""
+    note = found.note
+    if changed:
+        try:
+            store.save(
+                found.triangles, Stored.of(cache, found.digest, found.request.noise, found.request.most)
+            )
+        except InvalidInput as fault:  # the light is good all the same
+            note = str(fault)
+    return store.size(found.triangles), note
 
 
 def _traced(scene, triangles):

@@ -137,17 +137,10 @@ def supervise(
             slopes[last] = np.float32(2 * stage / brightness) * weighted
             slopes[last] += np.float32(2 * stage * even / wanted) * seen
             drift[last] += 2 * stage * BRIGHTNESS * excess * brightness / scales[last] ** 2 / energy
-        # a frame shows in every mean that includes it
-        slope, factor = None, np.complex64(0)
-        for frame in reversed(range(frames)):
-            if slopes[frame] is not None:
-                slope = slopes[frame] if slope is None else slope + slopes[frame]
-                factor = slope.astype(np.complex64)  # a product of unlike numbers is slower
-            slopes[frame] = factor
-        adjoint = np.conj(picture.transfer)
+        factors, adjoint = _of_frames(slopes), np.conj(picture.transfer)
 
-        def back(frame, first=number == 0, slopes=slopes, adjoint=adjoint):
-            waves[frame] *= slopes[frame]
+        def back(frame, first=number == 0, factors=factors, adjoint=adjoint):
+            waves[frame] *= factors[frame]
             part = scipy.fft.fft2(waves[frame], overwrite_x=True)
             if first:
                 np.multiply(part, adjoint, out=gradient[frame])
@@ -174,6 +167,17 @@ def _look(waves, spectra, transfer, threads):
         waves[frame] = scipy.fft.ifft2(waves[frame], overwrite_x=True)
 
     threads.each(look, len(waves))
+
+
+def _of_frames(slopes):
+    """Slopes by frame, of slopes by the last frame of a mean: a frame shows in every mean that includes it."""
+    total, factor, factors = None, np.complex64(0), []
+    for slope in reversed(slopes):
+        if slope is not None:
+            total = slope if total is None else total + slope
+            factor = total.astype(np.complex64)  # a product of unlike numbers is slower
+        factors.append(factor)
+    return factors[::-1]
 
 
 def _sums(waves, stages, threads):
