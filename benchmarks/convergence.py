@@ -29,7 +29,7 @@ METHODS = ("direct", "two-stage, 5 mm plane", "two-stage, chosen plane")
 
 
 @dataclass(frozen=True)
-class Subject:
+class JudgedScene:
     """A scene on a display, and the truth of its inner part."""
 
     scene: object
@@ -81,7 +81,7 @@ def view_of(scene, focus, width=256, depth_far=1e-3, spp=256):
     camera = engine.Camera(np.eye(4), FOV)
     truth = engine.reference(scene, camera, hologram, focus, spp=spp, near=NEAR, max_depth=1)
     inner = slice(border(hologram), -border(hologram))
-    return Subject(scene, hologram, camera, focus, truth[:, inner, inner])
+    return JudgedScene(scene, hologram, camera, focus, truth[:, inner, inner])
 
 
 def nearer(view, depth_far):
