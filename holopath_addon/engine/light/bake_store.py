@@ -15,58 +15,13 @@ import numpy as np
 from ..errors import InvalidInput
 
 if TYPE_CHECKING:
-    import mitsuba as mi
-
-    from ..camera import Camera
-    from ..hologram import Hologram
-    from ..scene.specular_chains import FirstHits, SpecularChains
-    from ..settings import Settings
     from .atlas import Layout, Triangles
-    from .camera_view import CameraView
+    from .camera_view import CameraView, Request
     from .radiance_cache import RadianceCache
 
 VERSION = 4  # of the format, and of the light: another one is baked again
 SUFFIX = ".holobake.npz"
 MOST_BYTES = 2 << 30  # of all files; the oldest go first
-
-
-@dataclass(frozen=True)
-class Request:
-    """Which light is wanted.
-
-    Attributes
-    ----------
-    scene : mitsuba.Scene
-    camera : Camera
-    hologram : Hologram
-    near : float
-        World depth of the volume's near end, metres.
-    optics : FirstHits or SpecularChains
-    settings : Settings
-    noise : float
-        Relative standard error of texels.
-    most : int
-        Samples of a texel at most.
-    """
-
-    scene: mi.Scene
-    camera: Camera
-    hologram: Hologram
-    near: float
-    optics: FirstHits | SpecularChains
-    settings: Settings
-    noise: float
-    most: int
-
-    def same(self, other: Request) -> bool:
-        """Whether it is for the very same scene, camera and hologram, and equal numbers."""
-        return (
-            self.scene is other.scene
-            and self.camera is other.camera
-            and self.hologram is other.hologram
-            and (self.near, self.settings, self.noise, self.most)
-            == (other.near, other.settings, other.noise, other.most)
-        )
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from ..errors import InvalidInput
 from ..scene.fingerprint import scene_digest
 from ..scene.lobes import DIFFUSE, TRANSLUCENT, surfaces_of
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
-from .bake_store import Found, Request, Stored
-from .camera_view import CameraView
+from .bake_store import Found, Stored
+from .camera_view import CameraView, Request
 from .gathering import Gathered, gather, solve
 from .groups import Groups
 from .radiance_cache import RadianceCache, inseparable

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -17,8 +17,11 @@ from ..scene.rays import Rays
 from .atlas import BLOCK, NONE
 
 if TYPE_CHECKING:
+    from ..camera import Camera
+    from ..hologram import Hologram
+    from ..scene.specular_chains import FirstHits, SpecularChains
+    from ..settings import Settings
     from .atlas import Atlas, Triangles
-    from .bake_store import Request
     from .radiance_cache import RadianceCache
 
 PROBE_RAYS = 1 << 18
@@ -27,6 +30,45 @@ UNSEEN_TEXELS = 1 << 18  # about how many show what is only seen by way of other
 LEAST_TEXELS = 8  # across a part that no probe met
 MARGIN = 1.15  # of the view's width: after small moves of the camera its texels are baked
 GRAZING = 0.05  # least cosine that texels are stretched for
+
+
+@dataclass(frozen=True)
+class Request:
+    """Which light is wanted.
+
+    Attributes
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    near : float
+        World depth of the volume's near end, metres.
+    optics : FirstHits or SpecularChains
+    settings : Settings
+    noise : float
+        Relative standard error of texels.
+    most : int
+        Samples of a texel at most.
+    """
+
+    scene: mi.Scene
+    camera: Camera
+    hologram: Hologram
+    near: float
+    optics: FirstHits | SpecularChains
+    settings: Settings
+    noise: float
+    most: int
+
+    def same(self, other: Request) -> bool:
+        """Whether it is for the very same scene, camera and hologram, and equal numbers."""
+        return (
+            self.scene is other.scene
+            and self.camera is other.camera
+            and self.hologram is other.hologram
+            and (self.near, self.settings, self.noise, self.most)
+            == (other.near, other.settings, other.noise, other.most)
+        )
 
 
 class CameraView:

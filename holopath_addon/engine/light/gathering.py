@@ -17,7 +17,7 @@ from .radiance_cache import NUMBERS, SUMS, zeros
 
 if TYPE_CHECKING:
     from ..progress import PartProgress
-    from .bake_store import Request
+    from .camera_view import Request
     from .groups import Groups
     from .radiance_cache import RadianceCache
 

@@ -571,8 +571,8 @@ def _texture(scene, camera, hologram, settings, view, pilot, seen, light, column
         )
         decisions.append(Decision("diffuse light", "paths of this view", reason))
         return None
-    from ..light.bake_store import Request
     from ..light.baking import found_in
+    from ..light.camera_view import Request
     from ..light.path_tracer import PathTracer
     from ..scene.lobes import surfaces_of
 
