@@ -74,7 +74,9 @@ def run(size=512, repeats=5):
     depths = (plan.z_low, plan.z_high)
     grid = GrainGrid(size, size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
     optics, tracer = FirstHits(plan.coherent), PathTracer(8)
-    radiance = measure_grains(scene, rays, optics, tracer, grid, (GREEN,), plan.passes, 0, lambda done: None)
+    radiance = measure_grains(
+        scene, rays, optics, tracer, grid, plan, wavelengths=(GREEN,), seed=0, progress=lambda done: None
+    )
     phasors = random_phasors(max(FRAMES), size, size)
     part = Part(np.arange(size * size, dtype=np.uint32), rays, estimator, optics)
 

@@ -18,6 +18,7 @@ from .command_line import options, slm_commands, sources
 from .command_line.console import Progress, close_line
 from .command_line.options import argument, renamed
 from .engine import displays, encoding
+from .engine.progress import stage
 from .engine.settings import DEPTH_MAPPINGS, ENCODINGS
 
 
@@ -379,7 +380,7 @@ def _render(args):
         progress(0.03, "Exporting the scene")
         still = _still(args, source, pupil)
         spent = time.perf_counter() - start
-        _, report = stills.write(folder, still, pipeline.stage(progress, 0.05, 1.0), spent)
+        _, report = stills.write(folder, still, stage(progress, 0.05, 1.0), spent)
     if report.get("encoding", {}).get("stopped"):
         raise engine.Cancelled(
             f"Cancelled while encoding: {args.out} holds the render, and the phases as they were then."
@@ -412,7 +413,7 @@ def _animate(args, pupil, progress):
                 result, report = stills.update(
                     folder,
                     still,
-                    pipeline.stage(at, 0.05, 1.0),
+                    stage(at, 0.05, 1.0),
                     spent,
                     lambda text, name=folder.name: progress.say(f"{name}: {text}"),
                 )
@@ -434,7 +435,7 @@ def _animate(args, pupil, progress):
 
 def _frame_progress(progress, index, number, numbers):
     """Progress of one of the frames."""
-    part = pipeline.stage(progress, index / len(numbers), (index + 1) / len(numbers))
+    part = stage(progress, index / len(numbers), (index + 1) / len(numbers))
     return lambda done, message: part(min(done, 0.999), f"Frame {number}: {message}")
 
 
@@ -520,7 +521,7 @@ def _reconstruct(args):
     focus = args.focus or [float(f) for f in report.get("focus_m", [])]
     if not focus:
         raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
-    images = engine.reconstruct(field, focus, _pupil_of(args), progress=pipeline.stage(progress, 0.0, 0.97))
+    images = engine.reconstruct(field, focus, _pupil_of(args), progress=stage(progress, 0.0, 0.97))
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
     white = report.get("exposure_white") or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
@@ -543,7 +544,7 @@ def _encode(args):
         phase = engine.encode(
             _stored_field(folder),
             args.method,
-            pipeline.stage(progress, 0.0, 0.9),
+            stage(progress, 0.0, 0.9),
             bits=args.bits,
             supervision=args.supervision,
             planes=args.compared_planes,
@@ -556,7 +557,7 @@ def _encode(args):
         if error.kept is None:
             raise
         phase, stopped = error.kept, error
-    phase.save(target, pipeline.stage(progress, 0.9, 0.99))
+    phase.save(target, stage(progress, 0.9, 0.99))
     if stopped is not None:
         raise engine.Cancelled(f"Cancelled: the phases as they were then are in {target}.") from stopped
     progress(1.0, f"Done: {target}")

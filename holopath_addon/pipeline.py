@@ -11,7 +11,7 @@ from . import engine
 from .engine.hologram import channel
 from .engine.mapping import DepthMapping
 from .engine.planning.planner import resolved
-from .engine.progress import Clock, Compiling
+from .engine.progress import Clock, Compiling, stage
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
@@ -141,11 +141,6 @@ def bake_notes(bake):
         things = "1 shape's" if count == 1 else f"{count} shapes'"
         notes.append(f"{things} diffuse light is traced, not baked: {names}.")
     return notes
-
-
-def stage(progress, start, end):
-    """Progress callback of a part of the work that runs from `start` to `end` of the whole (0..1)."""
-    return lambda done, message: progress(start + (end - start) * min(max(done, 0.0), 1.0), message)
 
 
 def _check_view(plan, camera, hologram, focus, pupil):

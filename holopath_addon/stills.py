@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import engine, output, pipeline
-from .engine.progress import Clock
+from .engine.progress import Clock, stage
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -141,7 +141,7 @@ def write(
     encodes = still.encode not in ("none", "dpac")
     rendered_at = 0.4 if encodes else 0.7 if still.compare else 0.95
     end = 0.7 if still.compare else 0.95
-    result = still.compute(pipeline.stage(progress, 0.0, rendered_at), rendered)
+    result = still.compute(stage(progress, 0.0, rendered_at), rendered)
     wavelengths = still.hologram.wavelengths
     rgb = engine.to_rgb(result.images, wavelengths)
     white = output.exposure(rgb)
@@ -151,7 +151,7 @@ def write(
         output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
     phase, stopped = encoded, []
     if phase is None and still.encode != "none":
-        at = pipeline.stage(progress, rendered_at, end)
+        at = stage(progress, rendered_at, end)
         with clock("encoding"):
             phase, stopped = _encode(still, result.field, at, stoppable)
     if phase is not None:
@@ -176,7 +176,7 @@ def write(
         report["encoding"] = {"method": phase.method, **phase.report}
     if still.compare and not stopped:
         with clock("reference"):
-            rows = _compare(folder, still, result, pipeline.stage(progress, end, 0.97))
+            rows = _compare(folder, still, result, stage(progress, end, 0.97))
         report |= {"comparison": rows, "warnings": [*notes, *_noise_notes(rows)]}
     report["seconds"] = {
         **result.seconds,

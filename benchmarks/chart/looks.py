@@ -10,7 +10,6 @@ import numpy as np
 
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
-from holopath_addon.engine.planning.pilot import near_end
 
 VIEW = math.tan(math.radians(0.5))  # slope of the views to the side
 OUT_OF_FOCUS = 2.0  # radius of a point's blur, pixels, from which a pixel counts as out of focus
@@ -113,6 +112,8 @@ def truth_of(scene, camera, hologram, foci, spp, progress=None):
         ``pictures`` [look, half, y, x, wavelength], ``ceiling`` [look], PSNR in dB that their noise allows, ``blurred``
         [3, y, x], what is out of focus in front, middle and back, and ``near``, metres.
     """
+    from holopath_addon.engine.planning.pilot import near_end
+
     progress = progress or (lambda done, message: None)
     near = near_end(scene, camera, hologram)
     mapping = DepthMapping.of(hologram, camera, near)

@@ -8,7 +8,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from .. import engine, output, pipeline, slm
+from .. import engine, output, slm
+from ..engine.progress import stage
 from ..engine.scene import variants
 from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
@@ -229,7 +230,7 @@ def _captured(args, sequence, driver, controller, trigger, progress, tell):
     hologram = sequence.holograms[0].hologram
     planes, folder = _planes(args, hologram), Path(args.captures)
     names = [f"plane_{n}_{p.distance * 1e3:.4g}mm" for n, p in enumerate(planes.planes)]
-    told = pipeline.stage(progress, 0.1, 0.99)
+    told = stage(progress, 0.1, 0.99)
     if args.driver == "virtual":
         counts = slm.stream(sequence, driver, args.rate, args.loops or 1, None, trigger)
         pictures = {}

@@ -10,7 +10,8 @@ from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram
 from .light.bake_store import BakeStore
 from .plan import Decision, Plan
-from .planning.planner import FIXABLE, parse_fixed, plan
+from .planning.fixable import FIXABLE, parse_fixed
+from .planning.planner import plan
 from .pupil import Pupil
 from .rendering import render
 from .settings import Settings

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from typing import Generic, TypeVar
 
 from .slabs import Slab
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,15 @@ class Decision:
 
     def __str__(self) -> str:
         return f"{self.name}: {self.value} ({self.why})"
+
+
+@dataclass(frozen=True)
+class Choice(Generic[T]):
+    """What was chosen, the decisions that say so, and what to warn of."""
+
+    value: T
+    decisions: tuple[Decision, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

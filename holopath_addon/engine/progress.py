@@ -6,11 +6,51 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 
 # ``progress(done, message)``, done in 0..1; it may raise `Cancelled`, which stops the work.
 Progress = Callable[[float, str], None]
 # ``progress(done)`` of work whose caller knows what to call it.
 PartProgress = Callable[[float], None]
+
+
+def stage(progress: Progress, start: float, end: float) -> Progress:
+    """Progress callback of a part of the work that runs from `start` to `end` of the whole (0..1)."""
+
+    def told(done, message):
+        done = min(max(done, 0.0), 1.0)
+        progress(start * (1 - done) + end * done, message)  # exact at both ends, where the next stage begins
+
+    return told
+
+
+def parts(progress: Progress, count: int) -> list[Progress]:
+    """Progress callbacks of so many equal parts of the work, one after another."""
+    return [stage(progress, number / count, (number + 1) / count) for number in range(count)]
+
+
+def named(progress: Progress, message: str) -> PartProgress:
+    """Progress callback of work that does not know what it is called."""
+    return lambda done: progress(done, message)
+
+
+class Stages:
+    """Progress callbacks of the stages of some work, by name: each tells of itself, from 0 to 1.
+
+    Parameters
+    ----------
+    progress : callable
+        ``progress(done, message)`` of the whole.
+    ends : dict of str to float
+        How much of the whole is done when each stage ends, in order: shares of the time, roughly.
+    """
+
+    def __init__(self, progress: Progress, ends: dict[str, float]) -> None:
+        bounds = pairwise([0.0, *ends.values()])
+        self._told = {name: stage(progress, *each) for name, each in zip(ends, bounds, strict=True)}
+
+    def __getitem__(self, name: str) -> Progress:
+        return self._told[name]
 
 
 class Clock:

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import baselines
 from .planning import planner
-from .progress import Clock
+from .progress import Clock, Stages, named, parts
 from .scene import variants
 from .settings import BASELINES, Settings
 from .wavefield import WaveField
@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     from .light.baking import Bake
     from .plan import Plan
     from .progress import Progress
+
+# How much of a render is done when each stage ends: of the whole with baked light and without, and of the waves with
+# steps against speckle and without.
+BAKED = {"planning": 0.02, "phase fields": 0.04, "baking": 0.5, "waves": 1.0}
+TRACED = {"planning": 0.02, "phase fields": 0.04, "waves": 1.0}
+DESPECKLED = {"radiance": 0.2, "tracing": 0.4, "despeckling": 0.97, "to the SLM": 1.0}
+PLAIN = {"radiance": 0.5, "tracing": 0.97, "to the SLM": 1.0}
+DESPECKLING = {"frames": 0.5, "steps": 1.0}
 
 
 def render(
@@ -79,45 +87,34 @@ def render(
             field = baselines.field(job, progress)
         report = {"seconds": clock.seconds, "frames": settings.frames}
         return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
-    progress(0.02, "Phase fields")
+    stages = Stages(progress, BAKED if plan.cached else TRACED)
+    stages["phase fields"](0.0, "Phase fields")
     with clock("phase fields"):
         phasors = phasors_of(
             settings.phase_field, settings.frames, hologram.height, hologram.width, settings.seed
         )
-
-    cache, baked, start = None, None, 0.04
+    cache, baked = None, None
     if plan.cached:
         from .light.baking import bake
 
         with clock("bake"):
+            optics = optics_of(scene, camera, plan)
             cache, baked = bake(
-                scene,
-                camera,
-                hologram,
-                plan,
-                optics_of(scene, camera, plan),
-                settings,
-                store=store,
-                progress=lambda done, message: progress(0.04 + 0.46 * done, message),
+                scene, camera, hologram, plan, optics, settings, store=store, progress=stages["baking"]
             )
-        start = 0.5
     groups = (
         (hologram.wavelengths,) if plan.traversals == 1 else wavelength_groups(scene, hologram.wavelengths)
     )
     fields, errors, passes, rays_traced = [], [], None, {}
-    for number, group in enumerate(groups):
+    for group, at in zip(groups, parts(stages["waves"], len(groups)), strict=True):
         part = replace(hologram, wavelengths=group)
-
-        def at(done, message, number=number):
-            progress(start + (1 - start) * (number + done) / len(groups), message)
-
         with tuned(scene, group):
             baked_plan = plan
             if cache is not None:
                 with clock("radiance"):
                     baked_plan = planner.once_baked(plan, scene, camera, part, settings, cache)
             with clock("optics"):
-                recording = Recording(scene, camera, part, settings, baked_plan, clock, cache)
+                recording = Recording(scene, camera, part, settings, baked_plan, clock, cache=cache)
             fields.append(_field_at_slm(recording, phasors, at))
             errors.append(recording.error)
             passes = recording.passes
@@ -158,22 +155,18 @@ def _field_at_slm(recording, phasors, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
     hologram = recording.hologram
     steps = recording.settings.despeckle
-    # shares of the time, roughly
-    lit, traced, moved = (0.2, 0.4, 0.97) if steps else (0.5, 0.97, 0.97)
-    progress(0.0, "Radiance")
-    radiance = recording.radiance(lambda done: progress(lit * done, "Radiance"))
-    field = _field_in_scene(
-        recording, radiance, phasors, lambda done, what: progress(lit + (traced - lit) * done, what)
-    )
+    stages = Stages(progress, DESPECKLED if steps else PLAIN)
+    lighting = named(stages["radiance"], "Radiance")
+    lighting(0.0)
+    radiance = recording.radiance(lighting)
+    field = _field_in_scene(recording, radiance, phasors, stages["tracing"])
     if steps:
-        _despeckle(
-            recording, radiance, field, lambda done, what: progress(traced + (moved - traced) * done, what)
-        )
+        _despeckle(recording, radiance, field, stages["despeckling"])
     with recording.clock("propagation"):
         for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered):
             field[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
-            progress(moved + (1 - moved) * step, "To the SLM")
+            stages["to the SLM"](step, "To the SLM")
     beyond = recording.beyond
     return field[..., beyond : beyond + hologram.height, beyond : beyond + hologram.width]
 
@@ -186,26 +179,16 @@ def _field_in_scene(recording, radiance, phasors, progress):
     """
     hologram, planes = recording.hologram, recording.plan.planes
     shape = len(phasors), len(hologram.wavelengths), *recording.canvas
-    field, z, share = np.zeros(shape, np.complex64), planes[0].z, 1 / len(planes)
-
-    def moved(waves, distance, number):
-        for k, m, wave in _moved(waves, hologram, distance, carried=False):
-            progress(share * number, "Between planes")
-            yield m, k, wave
-
-    def record(plane, number, out):
-        def told(part):
-            progress(share * (number + part), "Wave tracing")
-
-        recording.record(plane, radiance, phasors, told, out)
-        return out
-
-    for number, plane in enumerate(planes):
+    field, z = np.zeros(shape, np.complex64), planes[0].z
+    for number, (plane, told) in enumerate(zip(planes, parts(progress, len(planes)), strict=True)):
+        tracing, moving = named(told, "Wave tracing"), named(told, "Between planes")
         if plane.sees == "images":
             # straight rays tell which of them are seen
-            images = record(plane, number, np.zeros_like(field))
+            images = np.zeros_like(field)
+            recording.record(plane, radiance, phasors, tracing, images)
             with recording.clock("propagation"):
-                for m, k, wave in moved(images, z - plane.z, number + 1):
+                for k, m, wave in _moved(images, hologram, z - plane.z, carried=False):
+                    moving(1.0)
                     field[m, k] += wave
             continue
         if number:
@@ -213,12 +196,14 @@ def _field_in_scene(recording, radiance, phasors, progress):
             with recording.clock("silhouettes"):
                 clear = np.sqrt(1 - recording.silhouette(plane))
             with recording.clock("propagation"):
-                for m, k, wave in moved(field, plane.low - z, number):
+                for k, m, wave in _moved(field, hologram, plane.low - z, carried=False):
+                    moving(0.0)
                     field[m, k] = wave * clear
-                for m, k, wave in moved(field, plane.z - plane.low, number):
+                for k, m, wave in _moved(field, hologram, plane.z - plane.low, carried=False):
+                    moving(0.0)
                     field[m, k] = wave
         z = plane.z
-        record(plane, number, field)
+        recording.record(plane, radiance, phasors, tracing, field)
     with recording.clock("phase fields"):
         recordable = recordable_fraction(phasors)
     if recording.settings.estimator == "paper":
@@ -235,24 +220,16 @@ def _despeckle(recording, radiance, field, progress):
         despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed)
         for wavelength in hologram.wavelengths
     ]
-    for number in range(despeckle.BATCHES):
-        many = _field_in_scene(
-            recording,
-            radiance,
-            despeckle.batch_phasors(number),
-            lambda done, what, number=number: progress(0.5 * (number + done) / despeckle.BATCHES, what),
-        )
+    stages = Stages(progress, DESPECKLING)
+    for number, told in enumerate(parts(stages["frames"], despeckle.BATCHES)):
+        many = _field_in_scene(recording, radiance, despeckle.batch_phasors(number), told)
         with recording.clock("despeckle"):
             for k, target in enumerate(targets):
                 target.add(many[:, k])
     with recording.clock("despeckle"):
-        for k, target in enumerate(targets):
+        for k, (target, told) in enumerate(zip(targets, parts(stages["steps"], len(targets)), strict=True)):
             field[:, k] = despeckle.despeckle(
-                field[:, k],
-                target,
-                settings.despeckle,
-                settings.seed,
-                lambda done, k=k: progress(0.5 + 0.5 * (k + done) / len(targets), "Despeckling"),
+                field[:, k], target, settings.despeckle, settings.seed, named(told, "Despeckling")
             )
 
 

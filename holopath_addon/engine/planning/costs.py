@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
-from .pilot import LEAST_SHARE
+from ..waves.propagation import grid_bytes
+from .probe import LEAST_SHARE
 
 if TYPE_CHECKING:
-    from ..hologram import Hologram
-    from ..settings import Settings
-    from .pilot import Light, Probe
+    from .pilot_light import Light
+    from .survey import Survey
 
 CHUNK_BYTES = 256 << 20  # Mitsuba and the kernels' working memory
 # of an occupied cell: twenty-two sums of 8 bytes, tables of its filter, and the means made of them
@@ -49,19 +49,21 @@ GROUPS_PIXEL, GROUPS_TRIANGLE, GROUPS_SEEN = 1.4, 1.5, 400e3
 GROUP, BETWEEN, SAMPLE, PILOT = 22, 5.5e6, 1.1, 1e6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Work:
     """What a plan has to do.
 
     Attributes
     ----------
-    columns : int
-        Pixels of the radiance map.
+    columns, margin : int
+        Pixels of the radiance map, and those beyond each edge of the hologram.
+    slabs, bins : int
+        Of the radiance map.
     plain, chained : float
         Rays a pixel of the hologram, and those that mirrors or clear surfaces are in view of, branches included.
     passes, textures : int
         Radiance paths of a column that will be taken, roughly, and rays that see its texture alone.
-    texture : dict or None
+    baking : dict or None
         Seconds of the stages of the radiance cache, where there is one.
     traversals : int
         Times that rays are traced: for all wavelengths together or for each.
@@ -72,30 +74,27 @@ class Work:
     """
 
     columns: int
+    margin: int
+    slabs: int
+    bins: int
     plain: float
     chained: float
     passes: int
     textures: int
-    texture: dict[str, float] | None
+    baking: dict[str, float] | None
     traversals: int
     planes: int
     images: bool
 
 
 def baking(
-    hologram: Hologram,
-    seen: Probe,
-    light: Light,
-    columns: int,
-    few: tuple[int, int],
-    baked: float | None,
-    triangles: int,
-    slowness: float,
+    survey: Survey, columns: int, few: tuple[int, int], baked: float | None, triangles: int
 ) -> dict[str, float]:
-    """Seconds of the radiance cache and of the few paths that are left with it, by stage.
+    """Seconds of the radiance cache and of the few paths and rays for textures that are left with it, by stage.
 
     `baked` is the share of the view whose light was baked before and is loaded, None where none of the scene was.
     """
+    hologram, seen, light, slowness = survey.hologram, survey.seen, survey.light, survey.slowness
     charted = min(1.0, triangles / CHARTED)
     groups = hologram.width * hologram.height * seen.diffuse * GROUPS_PIXEL + triangles * GROUPS_TRIANGLE
     samples = (1 - (baked or 0)) * GROUP * (groups + (GROUPS_SEEN if seen.specular > LEAST_SHARE else 0))
@@ -131,11 +130,10 @@ def path_seconds(light: Light, paths: float, slowness: float) -> float:
     return slowness * PATHS + PATH * paths / light.paths_per_second
 
 
-def stages(
-    hologram: Hologram, settings: Settings, seen: Probe, light: Light, work: Work, slowness: float
-) -> dict[str, float]:
+def stages(survey: Survey, work: Work) -> dict[str, float]:
     """Estimated seconds of each stage of a render, by the names that its report gives them; see `machine.slowness`."""
-    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+    settings, seen, light, slowness = survey.settings, survey.seen, survey.light, survey.slowness
+    pixels, frames, colours = _numbers(survey)
     own = slowness * (SUM[0] + SUM[1] * frames * colours)
     rays = work.plain * (RAY / seen.rays_per_second + own)
     rays += work.chained * (CHAIN / seen.chains_per_second + own)
@@ -147,12 +145,12 @@ def stages(
     if settings.radiance == "ray":
         paths = pixels * (work.plain + work.chained) * settings.paths
         out["wave tracing"] += work.traversals * path_seconds(light, paths, slowness)
-    elif work.texture is None:
+    elif work.baking is None:
         out["radiance"] = work.traversals * map_seconds(
             light, work.columns, work.passes, work.textures, slowness
         )
     else:
-        out |= work.texture
+        out |= work.baking
     if light.compiling > slowness * COMPILED:
         out["wave tracing"] += slowness * COMPILING[0] + COMPILING[1] * seen.compiling
         out["radiance"] = (
@@ -170,26 +168,24 @@ def stages(
     return out
 
 
-def memory(
-    hologram: Hologram,
-    settings: Settings,
-    work: Work,
-    margin: int,
-    slabs: int,
-    bins: int,
-    binned: float,
-    splits: int,
-) -> float:
-    """Estimated bytes of the arrays at most.
-
-    `binned` is the share of the occupied cells that have all pupil bins.
-    """
-    pixels, frames, colours = hologram.width * hologram.height, settings.frames, len(hologram.wavelengths)
+def memory(survey: Survey, work: Work) -> float:
+    """Estimated bytes of the arrays at most."""
+    hologram, settings = survey.hologram, survey.settings
+    pixels, frames, colours = _numbers(survey)
     fields = pixels * frames * (colours * (1 + work.images) + 1) * 8
     if settings.despeckle:
         # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
         fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
-    tables = LEVELS[1] * margin**2 * 8 * colours
-    radiance = work.columns * ((16 * slabs << splits) + SURFACES * (1 + (bins**2 - 1) * binned) * CELL_BYTES)
-    texels = 0 if work.texture is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
-    return fields + tables + radiance + texels + CHUNK_BYTES
+    tables = LEVELS[1] * work.margin**2 * 8 * colours
+    surfaces = SURFACES * (1 + (work.bins**2 - 1) * survey.seen.binned) * CELL_BYTES
+    radiance = work.columns * ((16 * work.slabs << survey.chains.splits) + surfaces)
+    texels = 0 if work.baking is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
+    size, farthest = (hologram.height, hologram.width), max(abs(survey.z_low), abs(survey.z_high))
+    grid = max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
+    return fields + tables + radiance + texels + CHUNK_BYTES + grid
+
+
+def _numbers(survey):
+    """Of pixels, frames and wavelengths."""
+    hologram = survey.hologram
+    return hologram.width * hologram.height, survey.settings.frames, len(hologram.wavelengths)

@@ -4,30 +4,23 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InvalidInput
-from ..plan import RecordingPlane
+from ..plan import Choice, RecordingPlane
 from ..slabs import EVERYWHERE, RAMP, Slab, binned, overlapping, partitions
 from ..tracing.kernel_table import Lattice, directions_of
 from ..tracing.regions import IMAGE_REACH, TILE, limit_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ..hologram import Hologram
     from ..settings import Settings
-    from .pilot import Edges, Places
+    from .survey import Survey
 
-CONE = {
-    "draft": 1.0,
-    "preview": 1.0,
-    "balanced": 1.15,
-    "full": 1.3,
-}  # of the recordable slope: how much of the kernel's tails
+# of the recordable slope: how much of the kernel's tails
+CONE = {"draft": 1.0, "preview": 1.0, "balanced": 1.15, "full": 1.3}
 PAPER_RAYS = {"draft": 64, "preview": 256, "balanced": 1024, "full": 4096}
 PLACES = 64  # beside gloss and images that are tried
 MOST_DEPTHS = 400  # of gloss, and of images, that are looked at
@@ -39,18 +32,14 @@ BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus,
 LOOKS = 64  # probe rays in a tile
 DRAFT_RAYS = 25  # a pixel, on average
 
-MOST_PLANES, DRAFT_PLANES = 12, 3  # that the plan chooses by itself,
 MOST_SLABS, MOST_IMAGES = (
     8,
     3,
-)  # and of these with mirrors: of surfaces, and of what the mirrors of each slab show
+)  # planes where mirrors are: of surfaces, and of what the mirrors of each slab show
 LEAST_SHOWN = 1e-4  # of the view: fewer images are not worth a plane
 FIT_BINS = 48  # of depth, that slabs are fitted to
 CELLS = 20  # of the view along its longer side, for which the rays are foretold
 CHAIN_RAYS = 2.5  # rays that one over mirrors and clear surfaces takes as long as, for each branch
-# Work beside rays, in rays a pixel: what all planes share, and for each plane, its tables and silhouette, and the two
-# transforms of each frame and wavelength.
-SHARED_WORK, PLANE_WORK, MOVE_WORK = 80.0, 3.0, 0.6
 WHY = (
     "in the middle of what it sees",
     "a depth of focus beside gloss, which looks different across the pupil",
@@ -95,36 +84,16 @@ class Layout:
 
 
 class Scenery:
-    """What a probe saw of a scene, as far as recording planes go.
+    """What was seen of a scene, as far as recording planes go."""
 
-    Parameters
-    ----------
-    hologram : Hologram
-    settings : Settings
-    places : Places
-        Depths clipped to the volume in view,
-    ends : (float, float)
-        which lies between these.
-    edges : Edges
-    gloss, bent : numpy.ndarray
-        Depths of glossy surfaces, and of images in curved mirrors and lenses.
-    branches : int
-        Of rays over mirrors and clear surfaces; 0 where none are followed.
-    """
-
-    def __init__(
-        self,
-        hologram: Hologram,
-        settings: Settings,
-        places: Places,
-        ends: tuple[float, float],
-        edges: Edges,
-        gloss: np.ndarray,
-        bent: np.ndarray,
-        branches: int,
-    ) -> None:
-        self.hologram, self.settings, self.places, self.edges = hologram, settings, places, edges
-        self.branches, self.ends = branches, ends
+    def __init__(self, survey: Survey) -> None:
+        hologram, settings, seen, z_far = survey.hologram, survey.settings, survey.seen, survey.mapping.z_far
+        self.ends = z_low, z_high = survey.z_low, survey.z_high
+        places = replace(seen.places, z=np.clip(seen.places.z, z_low, z_high))
+        gloss = z_far + survey.mapping.beta * seen.gloss
+        bent = np.clip(z_far + survey.mapping.beta * seen.images, z_low, z_high)
+        self.hologram, self.settings, self.places, self.edges = hologram, settings, places, survey.edges
+        self.branches = survey.chains.branches
         self.gloss, self.bent = (depths[:: len(depths) // MOST_DEPTHS + 1] for depths in (gloss, bent))
         # images that do not matter: a share of the view, of which only some are looked at
         self._few = BENT_NEAR * len(places.z) * len(self.bent) / max(len(bent), 1)
@@ -184,14 +153,14 @@ class Scenery:
                 ]
         return Layout(tuple(parts), sum(rays for rays, _ in fits), self._shadows(parts))
 
-    def planes(self, layout: Layout, warnings: list[str]) -> tuple[RecordingPlane, ...]:
+    def planes(self, layout: Layout) -> Choice[tuple[RecordingPlane, ...]]:
         """The planes of a layout."""
-        return self._planes([self._bounds(part) for part in layout.parts], warnings)
+        return self._planes([self._bounds(part) for part in layout.parts])
 
-    def plane(self, z: float, warnings: list[str]) -> RecordingPlane:
+    def plane(self, z: float) -> Choice[tuple[RecordingPlane, ...]]:
         """One plane for all."""
         part = Part("all", EVERYWHERE, EVERYWHERE, *self.ends, z, "")
-        return self._planes([(z, part, self.ends, self.ends[0])], warnings)[0]
+        return self._planes([(z, part, self.ends, self.ends[0])])
 
     def _bounds(self, part):
         """Where the plane of a part is put, the part, the depths that it sees, and where what lies beyond begins."""
@@ -204,7 +173,7 @@ class Scenery:
         beyond = first[(first > part.slab.far[1]) & part.slab.holds(first)]
         return z, part, (low, high), float(beyond.min(initial=part.high))
 
-    def _planes(self, bounds, warnings):
+    def _planes(self, bounds):
         """Planes with no more rays than are asked for on average: tiles that need the most have fewer then."""
         settings, pixel = self.settings, (self.hologram, self.settings)
         limits = [self._limit(z, part, ends) for z, part, ends, _ in bounds]
@@ -220,27 +189,17 @@ class Scenery:
         if settings.estimator == "lattice" and on_average(most) > enough:
             most = max(1, bisect_right(range(1, most), enough, key=on_average))
         few = [_rays(*pixel, limit, most) for limit in limits]
-        if settings.spp and max(few) < max(rays):
-            warnings.append(
-                f"{max(few)} rays a pixel are fewer than the {max(rays)} that this depth range needs: the farthest "
-                f"depths show their middle views only; raise the rays a pixel or reduce the depth range."
-            )
+        too_few = (
+            f"{max(few)} rays a pixel are fewer than the {max(rays)} that this depth range needs: the farthest "
+            f"depths show their middle views only; raise the rays a pixel or reduce the depth range."
+        )
         planes = []
         for (z, part, _, beyond), limit, count, of_tiles, (_, chains) in zip(
             bounds, limits, few, needed, shares, strict=True
         ):
             each = (float((np.minimum(of_tiles, most) * where).mean()) for where in (~chains, chains))
             planes.append(RecordingPlane(z, part.sees, part.slab, part.images, beyond, limit, count, *each))
-        return tuple(planes)
-
-    def mean_rays(self, planes: Sequence[RecordingPlane], *kinds: str) -> float:
-        """Rays a pixel, a mean, of all planes: 'plain' ones, or 'chained', or both; branches of rays count."""
-        branches = {"plain": 1, "chained": max(self.branches, 1)}
-        return sum(
-            getattr(plane, kind) * (1 if plane.sees == "surfaces" else branches[kind])
-            for plane in planes
-            for kind in kinds or branches
-        )
+        return Choice(tuple(planes), warnings=(too_few,) if settings.spp and max(few) < max(rays) else ())
 
     def _held(self, part):
         """The places of what a plane records."""
@@ -262,21 +221,22 @@ class Scenery:
             return np.ones(1), np.array([bool(self.branches) and images])
         tiles = hologram.width * hologram.height / TILE**2
         cell = TILE * max(1, math.ceil(math.sqrt(tiles * LOOKS / len(places.z))))
-        look = places.look(z, limit, hologram.width, hologram.height, cell, self._held(part), images)
+        size = hologram.width, hologram.height
+        seen = places.sightings(z, limit, size, cell, self._held(part), images)
         whole = directions_of(self._slope, limit, hologram.pitch, self._cone)
-        steps = look.steps(whole)
+        steps = seen.steps(whole)
         reach = directions_of(self._slope, limit_of(steps, limit), hologram.pitch, self._cone)
-        return np.where(steps < 0, 0.0, (reach / whole) ** 2), look.chains
+        return np.where(steps < 0, 0.0, (reach / whole) ** 2), seen.chains
 
     def _fits(self, where, sees, most):
         """Rays, and lowest and highest depth, plane and reason of each, of the best 1, 2, ... slabs for some places."""
         places = self.places
-        z = (places.first if sees == "surfaces" else places.z)[where]
-        first, last, number = binned(z, FIT_BINS)
+        z = places.first if sees == "surfaces" else places.z
+        first, last, number = binned(z[where], FIT_BINS)
         cell, cells = self._cells(z, where)
         bins, chained = len(first), np.zeros(cells, bool)
         held = np.zeros((bins, cells), bool)
-        shown = np.ones(len(z), bool) if sees != "surfaces" else ~places.chains[where]
+        shown = np.ones(len(cell), bool) if sees != "surfaces" else ~places.chains[where]
         held[number[shown], cell[shown]] = True
         chained[cell[places.chains[where]]] = sees != "surfaces"
         work = np.where(chained, CHAIN_RAYS * max(self.branches, 1), 1.0)
@@ -305,13 +265,12 @@ class Scenery:
 
     def _cells(self, z, where):
         """Which cell of the view each place lies in, and how many there are."""
-        places, size = self.places, (self.hologram.width, self.hologram.height)
-        side, walk = max(size) / CELLS, (z - places.z_far) / places.pitch
+        size = self.hologram.width, self.hologram.height
+        side = max(size) / CELLS
         columns, rows = (math.ceil(n / side) for n in size)
-        across = places.column[where] + places.slope_x[where] * walk
-        down = places.row[where] - places.slope_y[where] * walk
         across, down = (
-            np.clip((at + 0.5) // side, 0, n - 1).astype(int) for at, n in ((across, columns), (down, rows))
+            np.clip(at[where] // side, 0, n - 1).astype(int)
+            for at, n in zip(self.places.on_plane(z), (columns, rows), strict=True)
         )
         return down * columns + across, columns * rows
 
@@ -364,29 +323,6 @@ def by_region(settings: Settings) -> bool:
     """Whether the tiles of planes can be traced by what each needs."""
     able = settings.radiance == "grain" and settings.estimator == "lattice"
     return able and bool(settings.fixed.get("regions", 1))
-
-
-def chosen(layouts: list[Layout], noise: float, moves: int) -> Layout:
-    """The layout with the least work for what it is worth.
-
-    Noise falls as the work grows, so that work times the squared error, of speckle and of shadows, is what an error
-    costs that all could reach.
-
-    Parameters
-    ----------
-    layouts : list of Layout
-        To choose from.
-    noise : float
-        Variance of the frames' speckle relative to the squared mean.
-    moves : int
-        Frames times wavelengths.
-    """
-
-    def worth(layout):
-        work = SHARED_WORK + layout.rays + len(layout.parts) * (PLANE_WORK + MOVE_WORK * moves)
-        return work * (noise + layout.shadows)
-
-    return min(layouts, key=worth)
 
 
 class _Within:

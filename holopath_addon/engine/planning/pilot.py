@@ -7,21 +7,25 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from ..errors import InvalidInput
+from ..light.path_tracer import DIRECT, PathTracer
 from ..mapping import DepthMapping
-from ..tracing.regions import DEPTHS, Look
+from ..scene.lobes import is_specular
+from ..scene.rays import Rays
+from ..scene.specular_chains import nearly_smooth
+from ..tracing.grains import shown
+from .pilot_light import DEPTHS_TRIED, Light, Paths, light_of
+from .probe import LEAST_SHARE, Edges, Places, Probe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import mitsuba as mi
-    from numpy.typing import ArrayLike
-
     from ..camera import Camera
     from ..hologram import Hologram
-    from ..light.path_tracer import PathTracer
     from ..scene.specular_chains import FirstHits, SpecularChains
     from ..settings import Settings
 
@@ -30,194 +34,17 @@ _Result = TypeVar("_Result")
 PILOT_PIXELS, PILOT_GRAINS = 1 << 14, 4096
 FEWER = {"draft": 8, "preview": 4}  # times fewer of them for these qualities
 PILOT_PATHS = 32  # of a grain
-NEAREST_PIXELS, NEAREST_RAYS = (
-    1 << 16,
-    4,
-)  # to find the nearest surface, which may be thin; of a pixel at most
+# to find the nearest surface, which may be thin; of a pixel at most
+NEAREST_PIXELS, NEAREST_RAYS = 1 << 16, 4
 DIRECTIONS = 16  # a pixel that rays go through
+SLAB = 0.15  # of the depth of focus: thickness of a grain
 # From this share of neighbouring rays on that meet the same triangle packets are faster: 1.6 times at 0.07, 0.6 at
 # 0.006. Measured speeds would decide otherwise now and then, and hits differ in their last bits.
 COHERENT = 0.02
-LEAST_SHARE = (
-    1e-4  # of the view: less sky may be cracks between triangles, fewer mirrors are not worth their cost
-)
 BENT = 1e-3  # of the vergence, and dioptres
-LEAST_LIGHT = 0.005  # of the light: bounces that add less are left out
-OUTLIERS = 0.01  # of the grains: a few at the edges of lamps' images would else decide
-DEPTHS_TRIED = (1, 2, 3, 4, 6)  # vertices of a path
+HITS_TRIED = (1, 2, 3, 4, 6)  # of a chain
 ALIKE = 1.3  # times as long: calls that nothing held up
 TIMED = 0.06  # seconds after which a call is not timed again; none that compiles takes less
-
-
-@dataclass(frozen=True)
-class Probe:
-    """What a few rays saw.
-
-    Attributes
-    ----------
-    vergence : numpy.ndarray
-        Inverse world depths of what was hit, 1/m; through mirrors and lenses of the image, which may be negative.
-    bent : bool
-        Whether images lie elsewhere than at the optical path length, as in curved mirrors and through glass.
-    images : numpy.ndarray
-        Inverse depths of such images, 1/m.
-    sky : bool
-        Whether rays that hit nothing meet an environment.
-    specular : float
-        Share of rays that meet surfaces with a δ lobe.
-    nearly : float
-        Share of rays that meet rough surfaces with a narrow lobe.
-    turn, sharpest : float
-        Turn of the view across the pupil in widths of the sharp glossy lobes in view, and of the sharpest; 0 without
-        gloss.
-    gloss : numpy.ndarray
-        Inverse depths of the glossy surfaces in view, 1/m.
-    coherent : bool
-        Whether rays are faster in packets, as they are where triangles are large.
-    rays_per_second : float
-        Speed of this machine on this scene.
-    chains_per_second : float
-        The same of rays that are followed over mirrors and through clear surfaces.
-    compiling : float
-        Seconds that the first of the rays and chains took longer than later ones.
-    splits : int
-        Hits at which chains divide.
-    cut : float
-        Share of the light from white surroundings that chains would show beyond the hits that are followed.
-    diffuse : float
-        Share of rays that meet surfaces, no mirrors, that scatter diffusely.
-    places : Places
-        What each ray saw.
-    """
-
-    vergence: np.ndarray
-    bent: bool
-    images: np.ndarray
-    sky: bool
-    specular: float
-    nearly: float
-    turn: float
-    sharpest: float
-    gloss: np.ndarray
-    coherent: bool
-    rays_per_second: float
-    chains_per_second: float
-    compiling: float
-    splits: int
-    cut: float
-    diffuse: float
-    places: Places
-
-
-@dataclass(frozen=True)
-class Places:
-    """What rays saw, from anywhere.
-
-    Attributes
-    ----------
-    column, row : numpy.ndarray
-        Where rays cross the far end of the volume, pixels.
-    slope_x, slope_y : numpy.ndarray
-        To the right and up.
-    z : numpy.ndarray
-        Depth of what is seen, metres from the SLM; NaN where there is nothing.
-    first : numpy.ndarray
-        Depth of the first surface.
-    chains : numpy.ndarray of bool
-        Whether it is seen through mirrors or clear surfaces.
-    z_far, pitch : float
-        Metres.
-    """
-
-    column: np.ndarray
-    row: np.ndarray
-    slope_x: np.ndarray
-    slope_y: np.ndarray
-    z: np.ndarray
-    first: np.ndarray
-    chains: np.ndarray
-    z_far: float
-    pitch: float
-
-    def look(
-        self, plane: float, limit: float, width: int, height: int, cell: int, where: np.ndarray, images: bool
-    ) -> Look:
-        """The `Look` from the tiles, `cell` pixels wide, of a plane of so many pixels, at a distance from the SLM, at
-        the places `where`, with `images` in mirrors or without.
-        """
-        walk = (plane - self.z_far) / self.pitch
-        column = np.floor((self.column + self.slope_x * walk + 0.5) / cell).astype(int)
-        row = np.floor((self.row - self.slope_y * walk + 0.5) / cell).astype(int)
-        shape = -(-height // cell), -(-width // cell)
-        on_plane = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
-        inside, tiles = on_plane & where, row * shape[1] + column
-        tile = tiles[inside]
-        part = np.minimum(np.abs(self.z[inside] - plane) / limit, 1.0)
-        depth, chains = np.zeros(shape[0] * shape[1], np.uint32), np.zeros(shape[0] * shape[1], bool)
-        np.maximum.at(depth, tile, 1 + (part * (DEPTHS - 1)).astype(np.uint32))
-        chains[tiles[on_plane & self.chains]] = True
-        return Look(depth.reshape(shape), chains.reshape(shape), images)
-
-
-@dataclass(frozen=True)
-class Edges:
-    """Edges of near things, as seen along the axis.
-
-    Attributes
-    ----------
-    front, behind : numpy.ndarray
-        Depths of what is in front and of the surface behind, metres from the SLM.
-    seen : numpy.ndarray
-        Depth of what is seen there: of the surface behind, or of the image that it shows.
-    images : numpy.ndarray of bool
-        Whether it shows one.
-    length : float
-        Of each piece, pixels.
-    """
-
-    front: np.ndarray
-    behind: np.ndarray
-    seen: np.ndarray
-    images: np.ndarray
-    length: float
-
-
-@dataclass(frozen=True)
-class Light:
-    """What a few radiance paths found.
-
-    Attributes
-    ----------
-    noise, direct, texture : float
-        Variance of one path relative to its grain's squared mean, weighted by brightness; of paths that end at the
-        first surface that lamps light; and of the reflectance where a path begins.
-    shining : float
-        Share of the paths that begin at what shines itself.
-    chroma : float
-        Largest difference of the colour channels relative to their mean, weighted by brightness.
-    max_depth, lost : int, float
-        Vertices of a path that are enough, and the share of the light that is lost with longer ones.
-    bright : float
-        Radiance of the bright parts of the view, the 95th percentile of what is lit.
-    paths_per_second : float
-        Speed of this machine on this scene.
-    compiling : float
-        Seconds that the first paths took longer than later ones.
-    short_per_second : float
-        Speed of paths that end at the first surface that lamps light, see `Pilot.with_short_paths`; infinite before.
-    """
-
-    noise: float
-    direct: float
-    texture: float
-    shining: float
-    bright: float
-    paths_per_second: float
-    compiling: float
-    chroma: float
-    max_depth: int
-    lost: float
-    short_per_second: float = math.inf
 
 
 class Pilot:
@@ -245,49 +72,35 @@ class Pilot:
         hologram: Hologram,
         camera: Camera,
         mapping: DepthMapping,
+        *,
         seed: int = 0,
         pixels: int = PILOT_PIXELS,
         grains: int = PILOT_GRAINS,
         hurried: bool = False,
     ) -> None:
-        import drjit as dr
-        import mitsuba as mi
-
-        from ..scene.rays import Rays
-
-        self.scene, self.camera, self.seed, self._mapping = scene, camera, seed, mapping
-        rays = Rays(hologram, camera, mapping, mapping.z_far)
+        self.scene, self.camera, self.seed = scene, camera, seed
+        self._hologram, self._mapping = hologram, mapping
+        self._rays = Rays(hologram, camera, mapping, mapping.z_far)
         stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / pixels)))
         columns, rows = -(-hologram.width // stride), -(-hologram.height // stride)
         self.size = columns * rows * DIRECTIONS
         self._grains, self._hurried = min(self.size, grains), hurried
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed, self.size)
+        self.sampler = _sampler(seed, self.size)
         index = dr.arange(mi.UInt32, self.size)
         pixel, number = index // DIRECTIONS, index % DIRECTIONS
-        jitter = sampler.next_2d()
+        jitter = self.sampler.next_2d()
         # no literals: one program for all displays
-        across, step, width, height = (
-            dr.opaque(kind, number)
-            for kind, number in (
-                (mi.UInt32, columns),
-                (mi.Float, stride),
-                (mi.Float, hologram.width),
-                (mi.Float, hologram.height),
-            )
-        )
+        across = dr.opaque(mi.UInt32, columns)
+        step, width, height = (dr.opaque(mi.Float, n) for n in (stride, hologram.width, hologram.height))
         column = dr.minimum((pixel % across + jitter.x) * step, width) - 0.5
         row = dr.minimum((pixel // across + jitter.y) * step, height) - 0.5
-        turn = sampler.next_2d()
+        turn = self.sampler.next_2d()
         u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
         limit = hologram.widest_slope
-        self.pupil = mapping.pupil_radius(limit)
+        self.pupil, self.slab = mapping.pupil_radius(limit), SLAB * hologram.depth_of_focus
         slope = limit * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
-        self.ray, self.depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
-        self.sampler = sampler
+        self.ray, self.depth_rate = self._rays.world(*self._rays.place(column, row), slope.x, slope.y)
         self._from = column, row, slope
-        self._rays, self._pitch = rays, hologram.pitch
-        self._size = hologram.width, hologram.height
 
     @classmethod
     def of(
@@ -295,8 +108,16 @@ class Pilot:
     ) -> Pilot:
         """One for a hologram of such a quality."""
         fewer = FEWER.get(settings.quality, 1)
-        counts = PILOT_PIXELS // fewer, PILOT_GRAINS // fewer
-        return cls(scene, hologram, camera, mapping, settings.seed, *counts, settings.quality == "draft")
+        return cls(
+            scene,
+            hologram,
+            camera,
+            mapping,
+            seed=settings.seed,
+            pixels=PILOT_PIXELS // fewer,
+            grains=PILOT_GRAINS // fewer,
+            hurried=settings.quality == "draft",
+        )
 
     def nearest(self) -> float | None:
         """Depth of the nearest surface in metres, None if there is none."""
@@ -305,12 +126,9 @@ class Pilot:
         nearest = depth.min(where=np.asarray(hit.is_valid()), initial=math.inf)
         return float(nearest) if math.isfinite(nearest) else None
 
-    def edges(self, optics: FirstHits | SpecularChains, least: float) -> Edges:
-        """The `Edges` where depths differ by more than `least` metres, and more than the surfaces beside them go on."""
-        import drjit as dr
-        import mitsuba as mi
-
-        width, height = self._size
+    def edges(self, optics: FirstHits | SpecularChains) -> Edges:
+        """The `Edges` where depths differ by more than a grain's thickness."""
+        width, height = self._hologram.width, self._hologram.height
         side = max(1, math.ceil(math.sqrt(width * height / NEAREST_PIXELS)))
         columns, rows = width // side, height // side
         across, step = dr.opaque(mi.UInt32, columns), dr.opaque(mi.Float, side)
@@ -324,34 +142,17 @@ class Pilot:
             + self._mapping.z_far
             for distance in (view.first, view.distance)
         )
-        kinds = first, seen, np.broadcast_to(np.asarray(view.hits) > 0, first.shape)
-        kinds = [values.reshape(rows, columns) for values in kinds]
-        found = []
-        for first, *what in (kinds, [values.T for values in kinds]):
-            steps = np.diff(first, axis=1)
-            goes_on = 2 * np.maximum(abs(np.roll(steps, 1, 1)), abs(np.roll(steps, -1, 1)))
-            row, column = np.nonzero(abs(steps) > least + goes_on)
-            nearer = column + (steps[row, column] > 0)
-            behind = row, 2 * column + 1 - nearer
-            found.append([first[row, nearer], first[behind], *(values[behind] for values in what)])
-        front, behind, seen, images = (np.concatenate(values) for values in zip(*found, strict=True))
-        return Edges(front, behind, seen, images, float(side))
+        images = np.broadcast_to(np.asarray(view.hits) > 0, first.shape)
+        first, seen, images = (values.reshape(rows, columns) for values in (first, seen, images))
+        return Edges.between(first, seen, images, self.slab, float(side))
 
     def first_hits(self) -> Probe:
         """The `Probe` of first surfaces."""
-        import drjit as dr
-        import mitsuba as mi
-
-        from ..scene.lobes import is_specular
-        from ..scene.specular_chains import nearly_smooth
-
         si = self.scene.ray_intersect(self.ray)
         coherent = _same_surface(si) >= COHERENT
         seconds, compiling, _ = _timed(
-            lambda: dr.eval(self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t),
-            self._hurried,
+            lambda: self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t, self._hurried
         )
-        speed = self.size / seconds
         bsdf, hit = si.bsdf(), si.is_valid()
         depth = self.camera.clip_start + si.t * self.depth_rate
         sample, _ = bsdf.sample(mi.BSDFContext(), si, self.sampler.next_1d(), self.sampler.next_2d(), hit)
@@ -364,46 +165,33 @@ class Pilot:
         dr.eval(hit, depth, glossy, turns, nearly, specular, diffuse)
         nearly, specular, diffuse = (float(np.asarray(kind).mean()) for kind in (nearly, specular, diffuse))
         depth, hit, glossy = (np.asarray(values) for values in (depth, hit, glossy))
-        turns, gloss = np.asarray(turns)[glossy], 1 / depth[glossy]
+        turns = np.asarray(turns)[glossy]
         few = len(turns) <= LEAST_SHARE * self.size
         turn, sharpest = (0.0, 0.0) if few else map(float, np.quantile(turns, (0.9, 0.99)))
         exists = np.broadcast_to(hit | self.camera.sees_sky, self.size)
         vergence, sky = self._seen(depth, hit, exists)
-        places = self.places(depth, hit, exists & (hit | sky), False)
         return Probe(
-            vergence,
-            False,
-            np.empty(0),
-            sky,
-            specular,
-            nearly,
-            turn,
-            sharpest,
-            gloss,
-            coherent,
-            speed,
-            speed,
-            compiling,
-            0,
-            0.0,
-            diffuse,
-            places,
+            vergence=vergence,
+            sky=sky,
+            specular=specular,
+            nearly=nearly,
+            diffuse=diffuse,
+            turn=turn,
+            sharpest=sharpest,
+            gloss=1 / depth[glossy],
+            places=self._places(depth, hit, exists & (hit | sky), False),
+            coherent=coherent,
+            rays_per_second=self.size / seconds,
+            chains_per_second=self.size / seconds,
+            compiling=compiling,
         )
 
     def images(self, probe: Probe, optics: SpecularChains) -> Probe:
         """The `Probe` with the images that chains of mirrors and clear surfaces show."""
-        import drjit as dr
-        import mitsuba as mi
-
         branch = mi.UInt32(self.sampler.next_1d() * optics.branches)
-
-        def follow():
-            view = optics.view(self.scene, self.ray, branch, drawn=True)
-            dr.eval(view)
-            return view
-
-        seconds, compiling, view = _timed(follow, self._hurried)
-        speed = self.size / seconds
+        seconds, compiling, view = _timed(
+            lambda: optics.view(self.scene, self.ray, branch, drawn=True), self._hurried
+        )
         depth, path = self.camera.clip_start + view.distance * self.depth_rate, dr.rcp(view.path)
         bent = dr.abs(dr.rcp(view.distance) - path) > BENT * (path + 1)
         # light that is seen at its image hardly differs across the pupil
@@ -414,22 +202,20 @@ class Pilot:
         depth, hit, hits = (np.asarray(values) for values in (depth, view.hit, view.hits))
         exists = np.broadcast_to(view.exists, self.size)
         vergence, sky = self._seen(depth, hit, exists)
-        splits = int(np.asarray(view.branch)[exists].max(initial=0)).bit_length()
         bent = np.asarray(bent) & exists
-        images, gloss = 1 / depth[bent], 1 / depth[exists & np.asarray(glossy)]
-        places = self.places(depth, hit, exists & (hit | sky), hits > 0, probe.places.first)
+        images = 1 / depth[bent]
         return replace(
             probe,
             vergence=vergence,
             sky=sky,
-            gloss=gloss,
-            splits=splits,
-            cut=float(np.asarray(beyond).mean()),
+            gloss=1 / depth[exists & np.asarray(glossy)],
+            places=self._places(depth, hit, exists & (hit | sky), hits > 0, probe.places.first),
+            chains_per_second=self.size / seconds,
+            compiling=probe.compiling + compiling,
             bent=bool(bent.mean() > LEAST_SHARE),
             images=images[np.isfinite(images)],
-            places=places,
-            chains_per_second=speed,
-            compiling=probe.compiling + compiling,
+            splits=int(np.asarray(view.branch)[exists].max(initial=0)).bit_length(),
+            cut=float(np.asarray(beyond).mean()),
         )
 
     def longest_chain(self, optics_of: Callable[[int], SpecularChains], most: int) -> tuple[int, float]:
@@ -442,73 +228,28 @@ class Pilot:
         most : int
             Hits that are followed at most.
         """
-        import drjit as dr
-        import mitsuba as mi
-
         branch = mi.UInt32(self.sampler.next_1d() * optics_of(most).branches)
         dr.eval(branch)
-
-        def seen(hits):
-            view = optics_of(hits).view(self.scene, self.ray, branch, drawn=True)
-            return float(
-                np.asarray(dr.select(view.exists & ~view.cut, dr.mean(view.weight), 0), np.float64).sum()
-            )
-
-        whole = seen(most)
-        for hits in (1, 2, 3, 4, 6):
+        whole = self._light_through(optics_of(most), branch)
+        for hits in HITS_TRIED:
             if hits >= most:
                 break
-            lost = 1 - seen(hits) / max(whole, 1e-30)
+            lost = 1 - self._light_through(optics_of(hits), branch) / max(whole, 1e-30)
             if lost < LEAST_SHARE:
                 return hits, max(lost, 0.0)
         return most, 0.0
 
-    def places(
-        self,
-        depth: ArrayLike,
-        hit: np.ndarray,
-        exists: np.ndarray,
-        chains: ArrayLike,
-        first: np.ndarray | None = None,
-    ) -> Places:
-        """The `Places` that rays saw, of world depths in metres; `first` as of `Places`, where it is not the same."""
-        column, row, slope = self._from
-        vergence = np.where(hit, 1 / np.asarray(depth), 0)
-        z = np.where(exists, self._mapping.z_far + self._mapping.beta * vergence, np.nan)
-        return Places(
-            np.asarray(column),
-            np.asarray(row),
-            np.asarray(slope.x),
-            np.asarray(slope.y),
-            z,
-            z if first is None else first,
-            np.broadcast_to(chains, z.shape),
-            self._mapping.z_far,
-            self._pitch,
-        )
-
     def light(
-        self,
-        tracer_of: Callable[[int], PathTracer],
-        optics: FirstHits | SpecularChains,
-        max_depth: int,
-        least: int,
-        slab: float,
-        firefly: float,
+        self, tracer: PathTracer, optics: FirstHits | SpecularChains, least: int, most: int, firefly: float
     ) -> Light:
         """What radiance paths find in the grains that some of the rays see.
 
         Parameters
         ----------
-        tracer_of : callable
-            ``tracer_of(max_depth)`` gives a `PathTracer`.
+        tracer : PathTracer
         optics : FirstHits or SpecularChains
-        max_depth : int
-            Vertices of a path.
-        least : int
-            So many at least.
-        slab : float
-            Thickness of a grain, metres.
+        least, most : int
+            Vertices of a path that are enough at least, and that the tracer's have at most.
         firefly : float
             Most that a path counts, in radiances of the bright parts of the view.
 
@@ -516,150 +257,134 @@ class Pilot:
         -------
         Light
         """
-        grains, trace = self._grains, self._paths(optics, slab)
+        starts = self._starts(optics)
+        seconds, compiling, found = _timed(lambda: self._followed(starts, tracer), self._hurried)
+        light = light_of(self._paths(*found), least, most, firefly)
+        return replace(light, paths_per_second=self._grains * PILOT_PATHS / seconds, compiling=compiling)
 
-        def found(light):
-            return np.nan_to_num(np.asarray(light, np.float64)).reshape(3, grains, PILOT_PATHS)
-
-        def of_one_cell(cell):
-            parts = [np.broadcast_to(np.asarray(part, np.int64), grains * PILOT_PATHS) for part in cell]
-            parts = np.stack(parts).reshape(4, grains, PILOT_PATHS)
-            return (parts == parts[..., :1]).all(0)
-
-        seconds, compiling, traced = _timed(lambda: trace(tracer_of(max_depth)), self._hurried)
-        all_light, direct_light, bands, cell, reflectance, shines = traced
-        all_light, same = found(all_light), of_one_cell(cell)
-        count = same.sum(1)
-
-        def mean_of(light):
-            return (light * same).sum(-1) / count
-
-        shining = float(np.asarray(shines, np.float32).mean())
-        mean, speed = mean_of(all_light.sum(0)), grains * PILOT_PATHS / seconds
-        if not (mean > 0).any():
-            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, compiling, 0.0, least, 0.0)
-        whole = mean
-        # as the rendering's paths are limited
-        most = firefly * np.percentile(mean[mean > 0], 95) / 3
-        limited = np.minimum(all_light, most)
-        means, mean = mean_of(limited), mean_of(limited.sum(0))
-        lit = (mean > 0) & (count > 1)
-        if not lit.any():
-            return Light(0.0, 0.0, 0.0, shining, 0.0, speed, compiling, 0.0, least, 0.0)
-        # weighted by brightness, in which lamps in view must not hide the rest
-        weight = np.minimum(mean[lit], np.percentile(mean[lit], 95))
-        weight /= weight.sum()
-
-        def share(values):
-            return float((weight * values[lit] / mean[lit]).sum())
-
-        def noise_of(light, means=means):
-            # of each channel by itself
-            own = mean_of(light)
-            variance = ((light - own[..., None]) ** 2 * same).sum(-1) / np.maximum(count - 1, 1)
-            relative = variance[:, lit] / np.maximum(means[:, lit], 1e-30) ** 2
-            relative = np.minimum(relative, np.quantile(relative, 1 - OUTLIERS))
-            return float((weights * relative).sum() / max(weights.sum(), 1e-30))
-
-        weights = np.minimum(means[:, lit], np.percentile(mean[lit], 95) / 3)
-        noise, direct = noise_of(limited), noise_of(np.minimum(found(direct_light), most))
-        shown_light = found(reflectance)
-        texture = noise_of(shown_light, mean_of(shown_light))
-        chroma = share(3 * np.ptp(means, axis=0))
-        depth, lost, less = max_depth, 0.0, share(whole)
-        for fewer, light in zip(DEPTHS_TRIED, bands, strict=False):
-            light = np.nan_to_num(np.asarray(light, np.float64)).reshape(grains, PILOT_PATHS)
-            less -= share(mean_of(light))
-            if least <= fewer < max_depth and less < LEAST_LIGHT:
-                depth, lost = fewer, max(less, 0.0)
-                break
-        bright = float(np.percentile(mean[lit], 95)) / 3
-        return Light(noise, direct, texture, shining, bright, speed, compiling, chroma, depth, lost)
-
-    def with_short_paths(
-        self,
-        light: Light,
-        tracer_of: Callable[[int], PathTracer],
-        optics: FirstHits | SpecularChains,
-        slab: float,
-    ) -> Light:
-        """What `light` found, of the same parameters, and the speed of paths that end at the first surface that lamps
-        light.
-        """
-        from ..light.path_tracer import DIRECT
-
-        trace = self._paths(optics, slab)
-        seconds, *_ = _timed(lambda: trace(tracer_of(*DIRECT)), hurried=True)
+    def with_short_paths(self, light: Light, optics: FirstHits | SpecularChains) -> Light:
+        """What `light` found by these optics, with the speed of paths that end where lamps first light a surface."""
+        starts, tracer = self._starts(optics), PathTracer(*DIRECT)
+        seconds, *_ = _timed(lambda: self._followed(starts, tracer), hurried=True)
         speed = self._grains * PILOT_PATHS / seconds
         return replace(light, short_per_second=max(light.paths_per_second, speed))
 
-    def _paths(self, optics, slab):
-        """A function of a tracer, which takes a few paths of each grain."""
-        import drjit as dr
-        import mitsuba as mi
+    def _light_through(self, optics, branch):
+        """Sum of the shares of light that come to the viewer over whole chains."""
+        view = optics.view(self.scene, self.ray, branch, drawn=True)
+        share = dr.select(view.exists & ~view.cut, dr.mean(view.weight), 0)
+        return float(np.asarray(share, np.float64).sum())
 
-        from ..light.path_tracer import DIRECT
-        from ..tracing.grains import shown
+    def _places(self, depth, hit, exists, chains, first=None):
+        """The `Places` that rays saw, of world depths in metres; `first` as of `Places`, where it is not the same."""
+        column, row, slope = self._from
+        z = np.where(exists, self._mapping.z_far + self._mapping.beta * np.where(hit, 1 / depth, 0), np.nan)
+        return Places(
+            column=np.asarray(column),
+            row=np.asarray(row),
+            slope_x=np.asarray(slope.x),
+            slope_y=np.asarray(slope.y),
+            z=z,
+            first=z if first is None else first,
+            chains=np.broadcast_to(chains, z.shape),
+            z_far=self._mapping.z_far,
+            pitch=self._hologram.pitch,
+        )
 
+    def _starts(self, optics):
+        """The `_Starts` of a few paths of each grain."""
         grains = self._grains
         index = dr.arange(mi.UInt32, grains * PILOT_PATHS) // PILOT_PATHS
         chosen = mi.UInt32(mi.Float(index) * dr.opaque(mi.Float, self.size / grains))
         column, row, slope = (dr.gather(type(values), values, chosen) for values in self._from)
-        branches, pitch = optics.branches, self._pitch
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(self.seed, grains * PILOT_PATHS)
-        turn = sampler.next_2d()  # the surface of a grain differs from place to place, too
+        # the surface of a grain differs from place to place, too
+        turn = _sampler(self.seed, grains * PILOT_PATHS).next_2d()
         place = self._rays.place(column + turn.x - 0.5, row + turn.y - 0.5)
         ray, depth_rate = self._rays.world(*place, slope.x, slope.y)
         branch = mi.UInt32(0)
-        if branches > 1:
-            branch = mi.UInt32(dr.gather(mi.Float, self._chance(grains), index) * branches)
+        if optics.branches > 1:
+            branch = mi.UInt32(dr.gather(mi.Float, self._chance(grains), index) * optics.branches)
         dr.eval(ray, depth_rate, branch)
+        return _Starts(index, turn, slope, ray, depth_rate, branch, optics)
 
-        def trace(tracer):
-            paths = mi.load_dict({"type": "independent"})
-            paths.seed(self.seed + 1, grains * PILOT_PATHS)
-            seen = optics.view(self.scene, ray, branch, drawn=True)
-            found = tracer.by_vertices(
-                self.scene, paths, seen.ray, seen.surface, seen.whole, DEPTHS_TRIED, parts=seen.parts
-            )
-            through = dr.select(seen.exists, 1, 0) / seen.colour
-            if seen.weight is not None:
-                through *= seen.weight
-            found = [light * through for light in found]
-            whole, direct = sum(found), sum(found[: DEPTHS_TRIED.index(*DIRECT) + 1])
-            dz = self._rays.height_over_plane(seen.distance, depth_rate, seen.hit)
-            # a whole grain: cells of the grid begin where the first path's does
-            walk = (dz - dr.gather(mi.Float, dz, index * PILOT_PATHS)) / pitch
-            over, down = turn.x + slope.x * walk, turn.y - slope.y * walk
-            cell = [mi.Int(dr.floor(over)), mi.Int(dr.floor(down)), mi.Int(dr.floor(dz / slab)), seen.branch]
-            reflectance, shines = shown(self.scene, seen, seen.exists)
-            result = whole, direct, [dr.sum(light) for light in found], cell, reflectance, shines
-            dr.eval(result)
-            return result
+    def _followed(self, starts, tracer):
+        """Of each path: its light, its light up to the first surface that lamps light, its light by vertices, the cell
+        that it sees, what that reflects, and whether it shines.
+        """
+        paths = _sampler(self.seed + 1, self._grains * PILOT_PATHS)
+        seen = starts.optics.view(self.scene, starts.ray, starts.branch, drawn=True)
+        found = tracer.by_vertices(
+            self.scene, paths, seen.ray, seen.surface, seen.whole, DEPTHS_TRIED, parts=seen.parts
+        )
+        through = dr.select(seen.exists, 1, 0) / seen.colour
+        if seen.weight is not None:
+            through *= seen.weight
+        found = [light * through for light in found]
+        whole, direct = sum(found), sum(found[: DEPTHS_TRIED.index(*DIRECT) + 1])
+        dz = self._rays.height_over_plane(seen.distance, starts.depth_rate, seen.hit)
+        # a whole grain: cells of the grid begin where the first path's does
+        walk = (dz - dr.gather(mi.Float, dz, starts.index * PILOT_PATHS)) / self._hologram.pitch
+        over, down = starts.turn.x + starts.slope.x * walk, starts.turn.y - starts.slope.y * walk
+        cell = [mi.Int(dr.floor(at)) for at in (over, down, dz / self.slab)] + [seen.branch]
+        return whole, direct, [dr.sum(light) for light in found], cell, *shown(self.scene, seen, seen.exists)
 
-        return trace
+    def _paths(self, whole, direct, by_vertices, cell, reflectance, shines):
+        """What `_followed` found, as `Paths`."""
+        shape = self._grains, PILOT_PATHS
+        whole, direct, reflectance = (
+            _finite(of_channels, (3, *shape)) for of_channels in (whole, direct, reflectance)
+        )
+        parts = [np.broadcast_to(np.asarray(part, np.int64), math.prod(shape)) for part in cell]
+        cells = np.stack(parts).reshape(4, *shape)
+        return Paths(
+            whole,
+            direct,
+            [_finite(light, shape) for light in by_vertices],
+            reflectance,
+            (cells == cells[..., :1]).all(0),
+            float(np.asarray(shines, np.float32).mean()),
+        )
 
     def _chance(self, size):
         """A random number for each grain."""
-        import mitsuba as mi
-
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(self.seed + 2, size)
-        return sampler.next_1d()
+        return _sampler(self.seed + 2, size).next_1d()
 
     def _seen(self, depth, hit, exists):
         """Vergences of what is seen, and whether sky is."""
-        vergence = 1 / np.asarray(depth)[exists & hit].astype(np.float64)
+        vergence = 1 / depth[exists & hit].astype(np.float64)
         sky = self.scene.environment() is not None and (exists & ~hit).mean() > LEAST_SHARE
         return vergence[np.isfinite(vergence)], bool(sky)
 
 
+@dataclass(frozen=True)
+class _Starts:
+    """Where paths begin to be followed (Dr.Jit types): number of the grain, place in a pixel of the recording plane,
+    slope, world ray and its depth per distance, and branch of the optics that it takes.
+    """
+
+    index: mi.UInt32
+    turn: mi.Point2f
+    slope: mi.Point2f
+    ray: mi.Ray3f
+    depth_rate: mi.Float
+    branch: mi.UInt32
+    optics: FirstHits | SpecularChains
+
+
+def _sampler(seed, size):
+    """Independent random numbers for so many lanes."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, size)
+    return sampler
+
+
+def _finite(values, shape):
+    """As an array, with 0 for NaN."""
+    return np.nan_to_num(np.asarray(values, np.float64)).reshape(shape)
+
+
 def _same_surface(si):
     """Share of neighbouring rays, of the same pixel, that meet the same triangle, or nothing."""
-    import drjit as dr
-    import mitsuba as mi
-
     shapes = (np.asarray(dr.reinterpret_array(mi.UInt32, shape)) for shape in (si.shape, si.instance))
     met = np.stack([np.asarray(si.prim_index), *shapes]).reshape(3, -1, DIRECTIONS)
     return float((met[..., 1:] == met[..., :-1]).all(0).mean())
@@ -672,12 +397,12 @@ def _timed(work: Callable[[], _Result], hurried: bool = False) -> tuple[float, f
     One call in ten or so is held up by the system, and the second may compile, too: two are enough where both are as
     fast as none that compiles, and one if `hurried`. Calls that take long are three, others up to four.
     """
-    import drjit as dr
 
     def call():
         dr.sync_thread()
         start = time.perf_counter()
         result = work()
+        dr.eval(result)
         dr.sync_thread()
         return time.perf_counter() - start, result
 
@@ -694,23 +419,11 @@ def _timed(work: Callable[[], _Result], hurried: bool = False) -> tuple[float, f
     return min(found), first - min(found), result
 
 
-def vergence_range(seen: Probe, chain: int) -> tuple[float, float]:
-    """Smallest and largest inverse depth in view, 1/m.
-
-    Caustics spread a few images over all depths, behind the viewer too: with chains a hundredth at either
-    end is left to the nearest depth inside.
-    """
-    if not len(seen.vergence):
-        return 0.0, 0.0
-    low, high = np.quantile(seen.vergence, (0.01, 0.99) if chain else (0, 1))
-    return float(min(low, 0.0) if seen.sky else low), float(high)
-
-
 def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:
     """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
     pixels = min(NEAREST_PIXELS, -(-NEAREST_RAYS * hologram.width * hologram.height // DIRECTIONS))
-    nearest = Pilot(scene, hologram, camera, pinhole, seed, pixels).nearest()
+    nearest = Pilot(scene, hologram, camera, pinhole, seed=seed, pixels=pixels).nearest()
     if nearest is None:
         if scene.environment() is None or not camera.sees_sky:
             raise InvalidInput(
@@ -722,4 +435,6 @@ def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0)
     if hologram.depth_mapping == "eyepiece":
         return nearest
     mapping = DepthMapping.of(hologram, camera, nearest)
-    return min(nearest, Pilot(scene, hologram, camera, mapping, seed, pixels).nearest() or nearest)
+    return min(
+        nearest, Pilot(scene, hologram, camera, mapping, seed=seed, pixels=pixels).nearest() or nearest
+    )

@@ -16,13 +16,13 @@ from ..scene.lobes import DIFFUSE, SHARP, SMOOTH
 from ..scene.rays import OUTSIDE
 from .filtering import Half, filtered, squared_error
 from .grain_grid import GrainGrid
-from .regions import DEPTHS, TILE, Look, tiles_of
+from .regions import DEPTHS, TILE, Sightings, tiles_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..light.path_tracer import PathTracer
-    from ..plan import RecordingPlane
+    from ..plan import Plan
     from ..progress import PartProgress
     from ..scene.rays import ImagePoint, Rays
     from ..scene.specular_chains import FirstHits, SpecularChains
@@ -52,8 +52,8 @@ class RadianceMap:
     Only cells that hold a surface have values. `numbers` gives each cell of the grid twice its first row, 0 for
     none, and 1 more where it has all pupil bins. A row of `radiances` holds the surface's mean `Rays.tilt`, and the
     radiance of each wavelength; `colours` is 1 where all share one. `passes` paths a pixel, and `textures` rays
-    that see textures alone, left the relative standard error `error` of the wave field, see `_field_error`; `looks` is
-    what their rays saw from the tiles of each recording plane.
+    that see textures alone, left the relative standard error `error` of the wave field, see `_field_error`; `sightings`
+    are what their rays saw from the tiles of each recording plane.
     """
 
     grid: GrainGrid
@@ -63,7 +63,7 @@ class RadianceMap:
     passes: int
     textures: int
     error: float
-    looks: tuple[Look, ...]
+    sightings: tuple[Sightings, ...]
 
     def sampler(self, seed: int, size: int) -> None:
         """No random numbers are needed."""
@@ -117,16 +117,11 @@ def measure_grains(
     optics: FirstHits | SpecularChains,
     tracer: PathTracer,
     grid: GrainGrid,
+    plan: Plan,
+    *,
     wavelengths: Sequence[float],
-    passes: int,
     seed: int,
     progress: PartProgress,
-    wanted: float = math.inf,
-    most: int = 1,
-    white: float = math.inf,
-    planes: Sequence[RecordingPlane] = (),
-    reach: int = 4,
-    textures: int | None = None,
 ) -> RadianceMap:
     """Path-trace the radiance of the grains in view, every path for all pixels that see its grain.
 
@@ -139,31 +134,20 @@ def measure_grains(
     optics : FirstHits or SpecularChains
     tracer : PathTracer
     grid : GrainGrid
+    plan : Plan
+        How many paths and rays for textures each pixel has, and how far grains share their light, see `filtering`; the
+        error that is wanted is that of `_field_error`.
     wavelengths : sequence of float
-        Metres.
-    passes : int
-        Paths through each pixel of the recording plane.
+        That have a radiance each, metres.
     seed : int
     progress : callable
         ``progress(done)``, may raise.
-    wanted : float
-        Standard error of the field, see `_field_error`, for which more paths are taken.
-    most : int
-        Paths through each pixel at most.
-    white : float
-        Radiance of the bright parts of the view.
-    planes : sequence of RecordingPlane
-        Whose tiles are looked at.
-    reach : int
-        Columns to either side that grains of one surface share their light over, see `filtering`; 0: none.
-    textures : int, optional
-        Rays through each pixel that see what surfaces reflect and follow no light, where grains share theirs; by
-        default as many as the first paths tell that textures need.
 
     Returns
     -------
     RadianceMap
     """
+    passes, wanted, most, white = plan.passes, plan.wanted_error, plan.most_passes, plan.white
     pixels = grid.columns * grid.rows
     occupied = dr.zeros(mi.UInt32, pixels * grid.slabs * grid.branches)
     for grains, part in _chunks(scene, rays, optics, grid, passes, seed):
@@ -179,7 +163,7 @@ def measure_grains(
     sums, shining, tiles = (
         dr.zeros(mi.UInt64, SUMS * rows),
         dr.zeros(mi.UInt32, rows),
-        _Tiles(grid, rays, planes),
+        _Tiles(grid, rays, plan.planes if plan.regions else ()),
     )
     # of the radiances that are added up, for their squares to be whole numbers of steps
     unit = white if 0 < white < math.inf else 1.0
@@ -214,11 +198,11 @@ def measure_grains(
         taken += passes
         halves, shared = _halves(sums), dr.zeros(mi.Bool, rows)
         kept, cells = halves, dr.compress((occupied > 0) & (dr.gather(mi.UInt32, shining, numbers >> 1) == 0))
-        if reach and taken > 1 and dr.width(cells):
-            kept, shared = filtered(halves, cells, numbers, grid, reach)
+        if plan.reach and taken > 1 and dr.width(cells):
+            kept, shared = filtered(halves, cells, numbers, grid, plan.reach)
         error, of_textures = _field_error(halves, kept, shared, looked.count, white / unit)
         if number == 0 and of_textures > 0:
-            looks = rays_for_textures(of_textures, wanted, taken) if textures is None else textures
+            looks = rays_for_textures(of_textures, wanted, taken) if plan.textures is None else plan.textures
             if looks:
                 chunks = _chunks(scene, rays, optics, grid, looks, seed, OTHERS)
                 looked = _reflectances(
@@ -232,7 +216,7 @@ def measure_grains(
     light = unit * dr.select(shared, (kept[0] + kept[1]).over * (own + looked).reflectance, own.radiance)
     dr.eval(light, own.count)
     means = _means(sums, light, own.count, numbers, grid, wavelengths)
-    return RadianceMap(grid, numbers, means, len(wavelengths), taken, looks, error, tiles.looks())
+    return RadianceMap(grid, numbers, means, len(wavelengths), taken, looks, error, tiles.sightings())
 
 
 def shown(scene: mi.Scene, seen: ImagePoint, active: mi.Bool) -> tuple[mi.Color3f, mi.Bool]:
@@ -381,14 +365,14 @@ class _Tiles:
             dr.scatter_reduce(dr.ReduceOp.Max, self._chains, mi.UInt32(1), tile, chained, mode=ATOMIC)
         dr.eval(self._depth, self._chains)
 
-    def looks(self):
-        """The `Look` of each plane."""
+    def sightings(self):
+        """The `Sightings` of each plane."""
         shape = (len(self._planes), *self._shape)
         depth, chains = (
             np.array(values)[: math.prod(shape)].reshape(shape) for values in (self._depth, self._chains)
         )
         images = [plane.sees != "surfaces" for plane in self._planes]
-        return tuple(Look(*look) for look in zip(depth, chains > 0, images, strict=True))
+        return tuple(map(Sightings, depth, chains > 0, images))
 
 
 @dataclass

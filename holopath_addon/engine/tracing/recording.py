@@ -57,6 +57,7 @@ class Recording:
         settings: Settings,
         plan: Plan,
         clock: Clock,
+        *,
         cache: RadianceCache | None = None,
     ) -> None:
         self.scene, self.camera, self.hologram = scene, camera, hologram
@@ -73,7 +74,6 @@ class Recording:
 
     def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
         """Where the radiance of rays comes from: a map of grains, or paths of their own."""
-
         plan, hologram, settings = self.plan, self.hologram, self.settings
         if settings.radiance == "ray":
             return PathsPerRay(self.tracer, settings.paths)
@@ -99,16 +99,10 @@ class Recording:
                 self.optics,
                 self.tracer,
                 grid,
-                hologram.wavelengths[:1] if plan.grey else hologram.wavelengths,
-                plan.passes,
-                settings.seed,
-                progress,
-                plan.wanted_error,
-                plan.most_passes,
-                plan.white,
-                plan.planes if plan.regions else (),
-                plan.reach,
-                plan.textures,
+                plan,
+                wavelengths=hologram.wavelengths[:1] if plan.grey else hologram.wavelengths,
+                seed=settings.seed,
+                progress=progress,
             )
         self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
         self.rays_traced["texture rays"] = grid.columns * grid.rows * radiance.textures
@@ -150,13 +144,12 @@ class Recording:
 
     def _parts_of(self, plane, radiance):
         """The `Part` of each region of a plane."""
-
         hologram, plan = self.hologram, self.plan
         behind = plane.slab.far[0] > self.mapping.z_far
         if plan.regions:
             reach = directions_of(self.max_slope, plane.depth_limit, hologram.pitch, plan.cone)
-            look = radiance.looks[plan.planes.index(plane)]
-            regions = regions_of(look, hologram.width, hologram.height, plane.depth_limit, reach)
+            sightings = radiance.sightings[plan.planes.index(plane)]
+            regions = regions_of(sightings, hologram.width, hologram.height, plane.depth_limit, reach)
         else:
             pixels = np.arange(hologram.width * hologram.height, dtype=np.uint32)
             regions = [Region(pixels, plane.depth_limit, True)]
@@ -182,7 +175,6 @@ class Recording:
         return parts
 
     def _estimator(self, depth_limit, most):
-
         hologram = self.hologram
         if self.settings.estimator == "paper":
             return RandomEstimator(hologram, most, self.settings.seed)
@@ -201,7 +193,6 @@ class Recording:
         is as much covered as the slab's own field has light there: its rays meet a pixel of a surface at places that
         are spread as far as they walk from the plane, up to the whole pixel.
         """
-
         hologram, (height, width) = self.hologram, self.canvas
         slab = replace(plane.slab, far=(plane.slab.far[1],) * 2)
         rays = Rays(hologram, self.camera, self.mapping, plane.z, plane.depth_limit, slab)

@@ -44,7 +44,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Look:
+class Sightings:
     """What rays saw from each tile of a recording plane.
 
     Attributes
@@ -85,12 +85,14 @@ def tiles_of(width: int, height: int) -> tuple[int, int]:
     return -(-height // TILE), -(-width // TILE)
 
 
-def regions_of(look: Look, width: int, height: int, depth_limit: float, reach: float) -> list[Region]:
+def regions_of(
+    sightings: Sightings, width: int, height: int, depth_limit: float, reach: float
+) -> list[Region]:
     """The regions of a plane, those with most rays first.
 
     Parameters
     ----------
-    look : Look
+    sightings : Sightings
     width, height : int
         Pixels of the plane.
     depth_limit : float
@@ -102,8 +104,8 @@ def regions_of(look: Look, width: int, height: int, depth_limit: float, reach: f
     -------
     list of Region
     """
-    steps = look.steps(reach)
-    kinds = np.where(steps < 0, -1, 2 * steps + ~look.chains)
+    steps = sightings.steps(reach)
+    kinds = np.where(steps < 0, -1, 2 * steps + ~sightings.chains)
     # pixels in the order of their tiles, whose rays stay near each other
     rows, columns = steps.shape
     number = np.arange(width * height, dtype=np.uint32).reshape(height, width)

@@ -10,7 +10,6 @@ import scipy.fft
 
 from ..hologram import channel
 from ..mapping import DepthMapping
-from ..planning.pilot import near_end
 from ..scene import variants
 from .preview import Lens, number, path_tracer
 
@@ -85,6 +84,7 @@ def reference(
         ]  # fmt: skip
         return np.stack(pictures, axis=1)
     variants.activate()
+    from ..planning.pilot import near_end
     from ..scene.dispersion import tuned, wavelength_groups
 
     progress = progress or (lambda done, message: None)

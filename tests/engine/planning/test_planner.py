@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.planning import machine, pilot, planner
+from holopath_addon.engine.planning import machine, planner
 from holopath_addon.engine.planning.planner import captured_share
 from holopath_addon.engine.waves.phase_fields import speckle_contrast
 
@@ -354,6 +354,8 @@ def test_what_the_plan_says(build, camera):
 
 def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monkeypatch):
     """A first render's programs are the pilot's and some more."""
+    from holopath_addon.engine.planning import pilot
+
     timed, radiance = pilot._timed, []
     for extra in (0.0, 10.0):
 
@@ -368,9 +370,11 @@ def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monk
 
 def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
     """What the scene itself does not time takes as many times longer; the speed is measured once and kept."""
+    from holopath_addon.engine.planning import survey
+
     times = {}
     for slow in (1.0, 3.0):
-        monkeypatch.setattr(planner, "slowness", lambda folder, slow=slow: slow)
+        monkeypatch.setattr(survey, "slowness", lambda folder, slow=slow: slow)
         times[slow] = engine.plan(build.two_planes(build.diffuse), camera, small).stages
     for stage in ("kernel tables", "propagation"):
         assert times[3.0][stage] == pytest.approx(3 * times[1.0][stage])
