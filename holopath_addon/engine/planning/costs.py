@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
 from ..waves.propagation import grid_bytes
+from .noise import likely
+from .planes import columns_of, mean_rays
 from .probe import LEAST_SHARE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..plan import RecordingPlane
     from .pilot_light import Light
     from .survey import Survey
 
@@ -47,44 +52,6 @@ CHARTED = 2000  # triangles from which on charts take their whole time
 # first surface that lamps light; and such paths that tell how much is left to trace.
 GROUPS_PIXEL, GROUPS_TRIANGLE, GROUPS_SEEN = 1.4, 1.5, 400e3
 GROUP, BETWEEN, SAMPLE, PILOT = 22, 5.5e6, 1.1, 1e6
-
-
-@dataclass(frozen=True, kw_only=True)
-class Work:
-    """What a plan has to do.
-
-    Attributes
-    ----------
-    columns, margin : int
-        Pixels of the radiance map, and those beyond each edge of the hologram.
-    slabs, bins : int
-        Of the radiance map.
-    plain, chained : float
-        Rays a pixel of the hologram, and those that mirrors or clear surfaces are in view of, branches included.
-    passes, textures : int
-        Radiance paths of a column that will be taken, roughly, and rays that see its texture alone.
-    baking : dict or None
-        Seconds of the stages of the radiance cache, where there is one.
-    traversals : int
-        Times that rays are traced: for all wavelengths together or for each.
-    planes : int
-        Recording planes.
-    images : bool
-        Whether some of these record images only, which are brought to the others.
-    """
-
-    columns: int
-    margin: int
-    slabs: int
-    bins: int
-    plain: float
-    chained: float
-    passes: int
-    textures: int
-    baking: dict[str, float] | None
-    traversals: int
-    planes: int
-    images: bool
 
 
 def baking(
@@ -130,56 +97,74 @@ def path_seconds(light: Light, paths: float, slowness: float) -> float:
     return slowness * PATHS + PATH * paths / light.paths_per_second
 
 
-def stages(survey: Survey, work: Work) -> dict[str, float]:
-    """Estimated seconds of each stage of a render, by the names that its report gives them; see `machine.slowness`."""
+def stages(
+    survey: Survey,
+    planes: Sequence[RecordingPlane],
+    margin: int,
+    traversals: int,
+    baking: dict[str, float] | None,
+) -> dict[str, float]:
+    """Estimated seconds of each stage of a render, by the names that its report gives them; see `machine.slowness`.
+
+    Parameters
+    ----------
+    survey : Survey
+    planes : tuple of RecordingPlane
+    margin : int
+        Pixels of the radiance map beyond each edge of the hologram.
+    traversals : int
+        Times that rays are traced: for all wavelengths together or for each.
+    baking : dict or None
+        Seconds of the stages of the radiance cache, where there is one.
+    """
     settings, seen, light, slowness = survey.settings, survey.seen, survey.light, survey.slowness
     pixels, frames, colours = _numbers(survey)
+    plain, chained = (mean_rays(planes, kind, survey.chains.branches) for kind in ("plain", "chained"))
     own = slowness * (SUM[0] + SUM[1] * frames * colours)
-    rays = work.plain * (RAY / seen.rays_per_second + own)
-    rays += work.chained * (CHAIN / seen.chains_per_second + own)
+    rays = plain * (RAY / seen.rays_per_second + own)
+    rays += chained * (CHAIN / seen.chains_per_second + own)
     out = {
-        "kernel tables": slowness * (TABLES[0] + TABLES[1] * work.planes),
-        "wave tracing": work.traversals * (slowness * TRACING + pixels * rays),
-        "propagation": slowness * pixels * frames * colours * MOVE * work.planes,
+        "kernel tables": slowness * (TABLES[0] + TABLES[1] * len(planes)),
+        "wave tracing": traversals * (slowness * TRACING + pixels * rays),
+        "propagation": slowness * pixels * frames * colours * MOVE * len(planes),
     }
     if settings.radiance == "ray":
-        paths = pixels * (work.plain + work.chained) * settings.paths
-        out["wave tracing"] += work.traversals * path_seconds(light, paths, slowness)
-    elif work.baking is None:
-        out["radiance"] = work.traversals * map_seconds(
-            light, work.columns, work.passes, work.textures, slowness
-        )
+        paths = pixels * (plain + chained) * settings.paths
+        out["wave tracing"] += traversals * path_seconds(light, paths, slowness)
+    elif baking is None:
+        taken = likely(settings, light)
+        out["radiance"] = traversals * map_seconds(light, columns_of(survey, margin), *taken, slowness)
     else:
-        out |= work.baking
+        out |= baking
     if light.compiling > slowness * COMPILED:
         out["wave tracing"] += slowness * COMPILING[0] + COMPILING[1] * seen.compiling
-        out["radiance"] = (
-            out.get("radiance", 0.0)
-            + slowness * COMPILING[2] * _shares(light)
-            + COMPILING[3] * light.compiling
-        )
+        shared = slowness * COMPILING[2] * _shares(light)
+        out["radiance"] = out.get("radiance", 0.0) + shared + COMPILING[3] * light.compiling
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
         out["despeckle"] = (
-            pixels * (work.plain + work.chained) * despeckle.BATCHES * RAY / seen.rays_per_second
-            + slowness * pixels * many * colours * ((work.plain + work.chained) * 0.3e-9 + 1e-6)
+            pixels * (plain + chained) * despeckle.BATCHES * RAY / seen.rays_per_second
+            + slowness * pixels * many * colours * ((plain + chained) * 0.3e-9 + 1e-6)
             + slowness * pixels * frames * colours * settings.despeckle * 25e-9
         )
     return out
 
 
-def memory(survey: Survey, work: Work) -> float:
-    """Estimated bytes of the arrays at most."""
+def memory(
+    survey: Survey, planes: Sequence[RecordingPlane], margin: int, slabs: int, bins: int, cached: bool
+) -> float:
+    """Estimated bytes of the arrays at most, with so many slabs and bins of the radiance map; see `stages`."""
     hologram, settings = survey.hologram, survey.settings
     pixels, frames, colours = _numbers(survey)
-    fields = pixels * frames * (colours * (1 + work.images) + 1) * 8
+    images = any(plane.sees == "images" for plane in planes)  # which are brought to the others
+    fields = pixels * frames * (colours * (1 + images) + 1) * 8
     if settings.despeckle:
         # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
         fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
-    tables = LEVELS[1] * work.margin**2 * 8 * colours
-    surfaces = SURFACES * (1 + (work.bins**2 - 1) * survey.seen.binned) * CELL_BYTES
-    radiance = work.columns * ((16 * work.slabs << survey.chains.splits) + surfaces)
-    texels = 0 if work.baking is None else min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES
+    tables = LEVELS[1] * margin**2 * 8 * colours
+    surfaces = SURFACES * (1 + (bins**2 - 1) * survey.seen.binned) * CELL_BYTES
+    radiance = columns_of(survey, margin) * ((16 * slabs << survey.chains.splits) + surfaces)
+    texels = min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES if cached else 0
     size, farthest = (hologram.height, hologram.width), max(abs(survey.z_low), abs(survey.z_high))
     grid = max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
     return fields + tables + radiance + texels + CHUNK_BYTES + grid

@@ -32,10 +32,7 @@ BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus,
 LOOKS = 64  # probe rays in a tile
 DRAFT_RAYS = 25  # a pixel, on average
 
-MOST_SLABS, MOST_IMAGES = (
-    8,
-    3,
-)  # planes where mirrors are: of surfaces, and of what the mirrors of each slab show
+MOST_SLABS, MOST_IMAGES = 8, 3  # planes where mirrors are: of surfaces, and of what each slab's show
 LEAST_SHOWN = 1e-4  # of the view: fewer images are not worth a plane
 FIT_BINS = 48  # of depth, that slabs are fitted to
 CELLS = 20  # of the view along its longer side, for which the rays are foretold
@@ -92,7 +89,8 @@ class Scenery:
         places = replace(seen.places, z=np.clip(seen.places.z, z_low, z_high))
         gloss = z_far + survey.mapping.beta * seen.gloss
         bent = np.clip(z_far + survey.mapping.beta * seen.images, z_low, z_high)
-        self.hologram, self.settings, self.places, self.edges = hologram, settings, places, survey.edges
+        self.hologram, self.settings, self.places = hologram, settings, places
+        self.edges = survey.pilot.edges(survey.chains.optics)
         self.branches = survey.chains.branches
         self.gloss, self.bent = (depths[:: len(depths) // MOST_DEPTHS + 1] for depths in (gloss, bent))
         # images that do not matter: a share of the view, of which only some are looked at

@@ -13,17 +13,9 @@ from ..plan import Choice, Decision
 from ..scene.dispersion import wavelength_groups
 from ..scene.lobes import surfaces_of
 from ..waves.phase_fields import speckle_contrast
-from . import costs
+from . import costs, noise
 from .fixable import GLOSSY_BINS, MOST_SLABS
-from .noise import (
-    likely,
-    likely_textures,
-    most_passes,
-    noise_left,
-    passes_for,
-    texel_noise,
-    texture_left,
-)
+from .planes import columns_of
 from .probe import LEAST_SHARE
 from .survey import allowed_vertices
 
@@ -42,9 +34,12 @@ LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
 GREY = 0.01  # of the radiance: channels that differ less are one
 
 
-def diffuse_light(survey: Survey, columns: int, store: BakeStore | None) -> Choice[dict[str, float] | None]:
-    """Whether diffuse light comes from the radiance cache: then the seconds of its stages; `columns` are of the map."""
-    settings, diffuse = survey.settings, survey.seen.diffuse
+def diffuse_light(survey: Survey, margin: int, store: BakeStore | None) -> Choice[dict[str, float] | None]:
+    """Whether diffuse light comes from the radiance cache: then the seconds of its stages.
+
+    The radiance map has `margin` pixels beyond each edge of the hologram.
+    """
+    settings, diffuse, columns = survey.settings, survey.seen.diffuse, columns_of(survey, margin)
     if settings.method == "direct" or settings.max_depth < 2:
         return Choice(None)
     asked = settings.method == "fast"
@@ -52,7 +47,7 @@ def diffuse_light(survey: Survey, columns: int, store: BakeStore | None) -> Choi
         few = settings.method != "full" and settings.radiance != "ray"
         reason = f"only {diffuse:.0%} of the view is diffuse" if few else "as asked"
         return Choice(None, (Decision("diffuse light", "paths of this view", reason),))
-    paths = costs.map_seconds(survey.light, columns, *likely(settings, survey.light), survey.slowness)
+    paths = costs.map_seconds(survey.light, columns, *noise.likely(settings, survey.light), survey.slowness)
     if settings.radiance == "ray":
         paths = math.inf
     limit = math.inf if asked else paths
@@ -60,13 +55,16 @@ def diffuse_light(survey: Survey, columns: int, store: BakeStore | None) -> Choi
     baked = None
     if store is not None:
         view = survey.scene, survey.camera, survey.hologram, survey.near, survey.chains.optics
-        request = Request(*view, settings, texel_noise(settings), most_passes(settings))
+        request = Request(*view, settings, noise.texel_noise(settings), noise.most_passes(settings))
         baked = found_in(store, request, cache.worth_loading)
     limit *= CLEARLY if baked is None else 1
     stages = cache.stages(baked, limit)
     seconds = cache.loading + sum(stages.values())
     about = "about" if cache.timed else "more than"
-    compared = f"{_before(baked)}, {about} {seconds:.1f} s, paths of this view about {paths:.1f} s"
+    before = "to be baked" if baked is None else "light baked before"
+    if baked is not None and baked < 1:
+        before += f" for {baked:.0%} of the view" if baked >= 0.005 else " for other views"
+    compared = f"{before}, {about} {seconds:.1f} s, paths of this view about {paths:.1f} s"
     if asked:
         return Choice(stages, (Decision("diffuse light", "radiance cache", f"as asked; {compared}"),))
     better = seconds < limit
@@ -83,7 +81,7 @@ class _Cache:
 
     def __init__(self, survey, columns, limit):
         self._survey, self._columns, self._limit = survey, columns, limit
-        self._few = LIKELY_CACHED, likely_textures(survey.settings, survey.light, LIKELY_CACHED)
+        self._few = LIKELY_CACHED, noise.likely_textures(survey.settings, survey.light, LIKELY_CACHED)
         shapes = surfaces_of(survey.scene)
         self._triangles = sum(shape.primitive_count() for shape in shapes if shape.is_mesh())
         self.loading = 0.0  # seconds that are not spent yet
@@ -115,15 +113,6 @@ class _Cache:
         return costs.baking(self._survey, self._columns, self._few, baked, self._triangles)
 
 
-def _before(baked):
-    """What was baked before, in words."""
-    if baked is None:
-        return "to be baked"
-    if baked >= 1:
-        return "light baked before"
-    return "light baked before" + (f" for {baked:.0%} of the view" if baked >= 0.005 else " for other views")
-
-
 def light_bounces(survey: Survey, cached: bool) -> Choice[int]:
     """Vertices of a radiance path."""
     light, most = survey.light, allowed_vertices(survey.settings)
@@ -147,13 +136,15 @@ def radiance_paths(survey: Survey, cached: bool) -> Choice[tuple[int, float]]:
     if settings.radiance == "ray":
         reason = "as asked" if cached else "as asked; dark where light is indirect"
         return Choice((0, 0.0), (Decision("radiance", f"{settings.paths} paths a ray", reason),))
-    passes, most = passes_for(settings, noise_left(settings, light)), most_passes(settings)
-    looks = likely_textures(settings, light, passes)
-    noise = math.sqrt(noise_left(settings, light) / passes + texture_left(settings, light, passes + looks))
+    passes, most = noise.passes_for(settings, noise.noise_left(settings, light)), noise.most_passes(settings)
+    looks = noise.likely_textures(settings, light, passes)
+    error = math.sqrt(
+        noise.noise_left(settings, light) / passes + noise.texture_left(settings, light, passes + looks)
+    )
     speckle = speckle_contrast("random", settings.frames)
     if cached:
         variance = light.direct + max(light.noise - light.direct, 0) / SMOOTHED
-        noise = min(texel_noise(settings), EVENLY * math.sqrt(variance / ROUND))
+        error = min(noise.texel_noise(settings), EVENLY * math.sqrt(variance / ROUND))
     value = f"{CACHED_PASSES} to {passes}" if cached else str(passes)
     value += f", and about {looks} rays that see textures alone" if looks else ""
     if "passes" in settings.fixed:
@@ -162,16 +153,17 @@ def radiance_paths(survey: Survey, cached: bool) -> Choice[tuple[int, float]]:
         reason = "as many as what shines and mirrors needs once diffuse light is baked"
     else:
         reason = (
-            f"leave {noise:.1%} noise in a grain's mean where frames of random phase leave {speckle:.0%} speckle; "
+            f"leave {error:.1%} noise in a grain's mean where frames of random phase leave {speckle:.0%} speckle; "
             "more if their halves differ by more"
         )
     saving = f"{1 - passes / most:.0%} of the paths that may be taken" if passes < most and not cached else ""
-    decision = Decision("radiance paths a pixel", value, reason, saving, 0.5 * noise)
-    return Choice((passes, 0.5 * noise), (decision,))
+    decision = Decision("radiance paths a pixel", value, reason, saving, 0.5 * error)
+    return Choice((passes, 0.5 * error), (decision,))
 
 
-def radiance_map(survey: Survey, columns: int) -> Choice[tuple[int, int]]:
-    """Depth slabs and pupil bins of the radiance map, which has so many columns."""
+def radiance_map(survey: Survey, margin: int) -> Choice[tuple[int, int]]:
+    """Depth slabs and pupil bins of the radiance map."""
+    columns = columns_of(survey, margin)
     settings, seen, fixed = survey.settings, survey.seen, survey.settings.fixed
     if settings.radiance == "ray":
         return Choice((1, 1))

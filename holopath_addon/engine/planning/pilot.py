@@ -107,17 +107,9 @@ class Pilot:
         cls, scene: mi.Scene, hologram: Hologram, camera: Camera, mapping: DepthMapping, settings: Settings
     ) -> Pilot:
         """One for a hologram of such a quality."""
-        fewer = FEWER.get(settings.quality, 1)
-        return cls(
-            scene,
-            hologram,
-            camera,
-            mapping,
-            seed=settings.seed,
-            pixels=PILOT_PIXELS // fewer,
-            grains=PILOT_GRAINS // fewer,
-            hurried=settings.quality == "draft",
-        )
+        fewer, hurried = FEWER.get(settings.quality, 1), settings.quality == "draft"
+        counts = {"pixels": PILOT_PIXELS // fewer, "grains": PILOT_GRAINS // fewer}
+        return cls(scene, hologram, camera, mapping, seed=settings.seed, hurried=hurried, **counts)
 
     def nearest(self) -> float | None:
         """Depth of the nearest surface in metres, None if there is none."""

@@ -86,6 +86,11 @@ def margin_of(planes: Sequence[RecordingPlane], survey: Survey) -> int:
     return math.ceil(reach / hologram.pitch) + 3
 
 
+def columns_of(survey: Survey, margin: int) -> int:
+    """Pixels of the radiance map."""
+    return (survey.hologram.width + 2 * margin) * (survey.hologram.height + 2 * margin)
+
+
 def _names(planes):
     """Where planes are, in words."""
     where = {"all": "", "surfaces": "", "images": "images in mirrors and glass at "}

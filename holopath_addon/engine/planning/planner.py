@@ -72,7 +72,7 @@ def plan(
     """
     variants.activate()
     from . import costs, light, noise
-    from .planes import margin_of, mean_rays, recording_planes
+    from .planes import margin_of, recording_planes
     from .survey import look_at
     from .unmodelled import unmodelled
 
@@ -84,50 +84,21 @@ def plan(
         least = replace(settings, method="direct", fixed={"max_depth": settings.max_depth})
         return _of_baseline(plan(scene, camera, hologram, least), settings, warnings)
     survey = look_at(scene, camera, hologram, settings, store and store.folder)
-    chains, seen = survey.chains, survey.seen
     planes = recording_planes(survey)
     margin = margin_of(planes.value, survey)
-    columns = (hologram.width + 2 * margin) * (hologram.height + 2 * margin)
-    baking = light.diffuse_light(survey, columns, store)
+    baking = light.diffuse_light(survey, margin, store)
     cached = baking.value is not None
     bounces = light.light_bounces(survey, cached)
     paths = light.radiance_paths(survey, cached)
-    cells = light.radiance_map(survey, columns)
+    cells = light.radiance_map(survey, margin)
     rays = light.wavelengths(survey)
-    chunk = _chunk(settings)
-    choices = (
-        _depth(survey),
-        survey.hits,
-        planes,
-        baking,
-        bounces,
-        paths,
-        cells,
-        rays,
-        _frames(survey),
-        chunk,
-        _padding(hologram, planes.value),
-    )
+    frames, chunk, padding = _frames(survey), _chunk(settings), _padding(hologram, planes.value)
+    choices = _depth(survey), survey.hits, planes, baking, bounces, paths, cells, rays, frames, chunk, padding
     (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
-    likely_passes, textures = noise.likely(settings, survey.light)
-    work = costs.Work(
-        columns=columns,
-        margin=margin,
-        slabs=slabs,
-        bins=bins,
-        plain=mean_rays(planes.value, "plain", chains.branches),
-        chained=mean_rays(planes.value, "chained", chains.branches),
-        passes=likely_passes,
-        textures=textures,
-        baking=baking.value,
-        traversals=traversals,
-        planes=len(planes.value),
-        images=any(plane.sees == "images" for plane in planes.value),
-    )
-    memory = costs.memory(survey, work)
+    memory = costs.memory(survey, planes.value, margin, slabs, bins, cached)
     warnings += [warning for choice in choices for warning in choice.warnings]
-    warnings += [*_far_out(survey), *_dark_edges(survey), *shortage(memory, "This hologram")]
-    most = noise.most_passes(settings)
+    warnings += _cautions(survey) + shortage(memory, "This hologram")
+    chains, most = survey.chains, noise.most_passes(settings)
     return Plan(
         near=survey.near,
         z_low=survey.z_low,
@@ -153,13 +124,13 @@ def plan(
         splits=chains.splits,
         virtual_image=chains.virtual_image,
         pupil=chains.pupil,
-        coherent=seen.coherent,
+        coherent=survey.seen.coherent,
         cone=CONE[settings.quality],
         levels=FEW_LEVELS if settings.quality in ("draft", "preview") else LEVELS[0],
         reach=FILTER_REACH[settings.quality] if settings.fixed.get("filter", 1) else 0,
         textures=noise.asked_textures(settings),
         chunk=chunk.value,
-        stages=costs.stages(survey, work),
+        stages=costs.stages(survey, planes.value, margin, traversals, baking.value),
         error=error,
         memory_bytes=memory,
         decisions=tuple(decision for choice in choices for decision in choice.decisions),
@@ -280,26 +251,22 @@ def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Choice[Non
     return Choice(None, (Decision("padding", f"{columns} x {rows} pixels", reason, saving, 0.0),))
 
 
-def _far_out(survey: Survey) -> list[str]:
-    """What to warn of where the scene is far from the origin for its size."""
+def _cautions(survey: Survey) -> list[str]:
+    """What to warn of in where scene and display lie."""
+    found, near = [], survey.near
     offset = RAY_OFFSET * (1 + abs(survey.camera.position).max())
-    if offset <= MOST_OFFSET * survey.near:
-        return []
-    return [
-        f"Mitsuba's rays start {offset:.1g} m off surfaces here, much for a scene {survey.near:.2g} m from the camera: "
-        f"mirrors shift and light leaks; move the scene to the origin, or enlarge it."
-    ]
-
-
-def _dark_edges(survey: Survey) -> list[str]:
-    """What to warn of where the SLM's aperture cuts light off."""
+    if offset > MOST_OFFSET * near:
+        found.append(
+            f"Mitsuba's rays start {offset:.1g} m off surfaces here, much for a scene {near:.2g} m from the camera: "
+            f"mirrors shift and light leaks; move the scene to the origin, or enlarge it."
+        )
     captured = captured_share(survey.hologram, 0.5 * (survey.z_low + survey.z_high))
-    if captured >= LEAST_CAPTURED:
-        return []
-    return [
-        f"Only {captured:.0%} of the light fits through the SLM's aperture at {survey.z_high * 1e3:.0f} mm: edges "
-        f"darken; bring the depth range nearer to the SLM or use more pixels."
-    ]
+    if captured < LEAST_CAPTURED:
+        found.append(
+            f"Only {captured:.0%} of the light fits through the SLM's aperture at {survey.z_high * 1e3:.0f} mm: edges "
+            f"darken; bring the depth range nearer to the SLM or use more pixels."
+        )
+    return found
 
 
 def captured_share(hologram: Hologram, distance: float) -> float:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..hologram import Hologram
     from ..settings import Settings
     from .pilot_light import Light
-    from .probe import Edges, Probe
+    from .probe import Probe
 
 CUT_OFF = 0.01  # of the view: more that chains do not reach is told of
 GLOSSY_TURN = 0.15  # of a lobe's width across the pupil: less is not seen
@@ -64,7 +64,7 @@ class Chains:
         return 1 << self.splits if self.longest else 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Survey:
     """What was seen of a scene, all that decisions are made from.
 
@@ -86,7 +86,6 @@ class Survey:
     light : Light
     z_low, z_high : float
         Depths in view, metres from the SLM.
-    edges : Edges
     slowness : float
         Of this machine.
     """
@@ -103,7 +102,6 @@ class Survey:
     light: Light
     z_low: float
     z_high: float
-    edges: Edges
     slowness: float
 
     @property
@@ -130,22 +128,20 @@ def look_at(
     if seen.turn <= GLOSSY_TURN or settings.quality == "draft":  # it looks alike from all over the pupil
         seen = replace(seen, gloss=np.empty(0))
     z_low, z_high = (mapping.z_far + mapping.beta * end for end in ends)
-    edges = pilot.edges(chains.optics)
     return Survey(
-        scene,
-        camera,
-        hologram,
-        settings,
-        mapping,
-        near,
-        pilot,
-        hits,
-        seen,
-        light,
-        z_low,
-        z_high,
-        edges,
-        slowness(folder),
+        scene=scene,
+        camera=camera,
+        hologram=hologram,
+        settings=settings,
+        mapping=mapping,
+        near=near,
+        pilot=pilot,
+        hits=hits,
+        seen=seen,
+        light=light,
+        z_low=z_low,
+        z_high=z_high,
+        slowness=slowness(folder),
     )
 
 

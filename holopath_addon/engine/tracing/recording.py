@@ -77,33 +77,17 @@ class Recording:
         plan, hologram, settings = self.plan, self.hologram, self.settings
         if settings.radiance == "ray":
             return PathsPerRay(self.tracer, settings.paths)
-        grid = GrainGrid(
-            hologram.width,
-            hologram.height,
-            plan.margin,
-            plan.slabs,
-            plan.bins,
-            plan.z_low,
-            plan.z_high,
-            plan.cone * self.max_slope,
-            self.optics.branches,
-        )
+        size, slope = (hologram.width, hologram.height), plan.cone * self.max_slope
+        cells = plan.margin, plan.slabs, plan.bins, plan.z_low, plan.z_high
+        grid = GrainGrid(*size, *cells, slope, self.optics.branches)
         middle = plan.z_middle
         ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
         with self.clock("radiance"):
-            radiance = measure_grains(
-                self.scene,
-                rays,
-                self.optics,
-                self.tracer,
-                grid,
-                plan,
-                wavelengths=hologram.wavelengths[:1] if plan.grey else hologram.wavelengths,
-                seed=settings.seed,
-                progress=progress,
-            )
+            wavelengths = hologram.wavelengths[:1] if plan.grey else hologram.wavelengths
+            what = self.scene, rays, self.optics, self.tracer, grid, plan
+            radiance = measure_grains(*what, wavelengths=wavelengths, seed=settings.seed, progress=progress)
         self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
         self.rays_traced["texture rays"] = grid.columns * grid.rows * radiance.textures
         self.error, self.passes = radiance.error, radiance.passes
@@ -130,17 +114,8 @@ class Recording:
         count = sum(len(part.pixels) * part.rays_per_pixel for part in parts)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
         with self.clock("wave tracing"):
-            trace_field(
-                self.scene,
-                self.hologram,
-                parts,
-                radiance,
-                phasors,
-                self.settings.seed,
-                progress,
-                out,
-                self.plan.chunk,
-            )
+            what = self.scene, self.hologram, parts, radiance, phasors, self.settings.seed
+            trace_field(*what, progress, out, self.plan.chunk)
 
     def _parts_of(self, plane, radiance):
         """The `Part` of each region of a plane."""
@@ -161,15 +136,8 @@ class Recording:
         elif plan.chain and plane.sees == "surfaces":
             chained = OwnLight(self.optics, sky)
         for region in regions:
-            rays = Rays(
-                hologram,
-                self.camera,
-                self.mapping,
-                plane.z,
-                region.depth_limit,
-                plane.slab,
-                plane.images,
-            )
+            seen = plane.slab, plane.images
+            rays = Rays(hologram, self.camera, self.mapping, plane.z, region.depth_limit, *seen)
             optics = chained if region.chains else first_hits
             parts.append(Part(region.pixels, rays, self._estimator(region.depth_limit, plane.rays), optics))
         return parts
