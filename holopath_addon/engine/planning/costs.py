@@ -119,7 +119,7 @@ def stages(
     """
     settings, seen, light, slowness = survey.settings, survey.seen, survey.light, survey.slowness
     pixels, frames, colours = _numbers(survey)
-    plain, chained = (mean_rays(planes, kind, survey.chains.branches) for kind in ("plain", "chained"))
+    plain, chained = mean_rays(planes, survey.chains.branches)
     own = slowness * (SUM[0] + SUM[1] * frames * colours)
     rays = plain * (RAY / seen.rays_per_second + own)
     rays += chained * (CHAIN / seen.chains_per_second + own)

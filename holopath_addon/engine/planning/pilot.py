@@ -223,9 +223,7 @@ class Pilot:
         branch = mi.UInt32(self.sampler.next_1d() * optics_of(most).branches)
         dr.eval(branch)
         whole = self._light_through(optics_of(most), branch)
-        for hits in HITS_TRIED:
-            if hits >= most:
-                break
+        for hits in (fewer for fewer in HITS_TRIED if fewer < most):
             lost = 1 - self._light_through(optics_of(hits), branch) / max(whole, 1e-30)
             if lost < LEAST_SHARE:
                 return hits, max(lost, 0.0)

@@ -72,10 +72,10 @@ def chosen(layouts: list[Layout], survey: Survey) -> Layout:
     return min(layouts, key=worth)
 
 
-def mean_rays(planes: Sequence[RecordingPlane], kind: str, branches: int) -> float:
-    """Rays a pixel, a mean, of all planes: `plain` ones, or `chained`, which have so many branches."""
-    each = max(branches, 1) if kind == "chained" else 1
-    return sum(getattr(plane, kind) * (1 if plane.sees == "surfaces" else each) for plane in planes)
+def mean_rays(planes: Sequence[RecordingPlane], branches: int) -> tuple[float, float]:
+    """Rays a pixel, means, of all planes: plain ones, and chained, which have so many branches each."""
+    chained = (plane.chained * (1 if plane.sees == "surfaces" else max(branches, 1)) for plane in planes)
+    return sum(plane.plain for plane in planes), sum(chained)
 
 
 def margin_of(planes: Sequence[RecordingPlane], survey: Survey) -> int:
@@ -106,12 +106,7 @@ def _reason(scenery, layout, one):
     """Why a layout was chosen, in words."""
     reasons = list(dict.fromkeys(part.reason for part in layout.parts))
     if len(layout.parts) > 1:
-        many, few = (
-            sum(
-                mean_rays(scenery.planes(each).value, kind, scenery.branches) for kind in ("plain", "chained")
-            )
-            for each in (one, layout)
-        )
+        many, few = (sum(mean_rays(scenery.planes(each).value, scenery.branches)) for each in (one, layout))
         reasons.append(f"{len(layout.parts)} planes need {few / max(many, 1e-9):.0%} of the rays of one")
         if one.shadows > LEAST_SHADOWS:
             reasons.append(
@@ -125,10 +120,8 @@ def _rays(settings, planes):
     rays = sum(plane.rays for plane in planes)
     reason = "random directions, the paper's estimator"
     if settings.estimator != "paper":
-        limit, cone = max(plane.depth_limit for plane in planes), CONE[settings.quality]
-        reason = (
-            f"one a grain at {limit * 1e3:.2f} mm from the recording plane, cone {cone:g} of the recordable"
-        )
+        limit, cone = max(plane.depth_limit for plane in planes) * 1e3, CONE[settings.quality]
+        reason = f"one a grain at {limit:.2f} mm from the recording plane, cone {cone:g} of the recordable"
     return Decision("rays a pixel", str(rays), reason)
 
 
