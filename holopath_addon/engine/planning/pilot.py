@@ -248,14 +248,14 @@ class Pilot:
         Light
         """
         starts = self._starts(optics)
-        seconds, compiling, found = _timed(lambda: self._followed(starts, tracer), self._hurried)
+        seconds, compiling, found = _timed(lambda: self._followed(starts, optics, tracer), self._hurried)
         light = light_of(self._paths(*found), least, most, firefly)
         return replace(light, paths_per_second=self._grains * PILOT_PATHS / seconds, compiling=compiling)
 
     def with_short_paths(self, light: Light, optics: FirstHits | SpecularChains) -> Light:
         """What `light` found by these optics, with the speed of paths that end where lamps first light a surface."""
         starts, tracer = self._starts(optics), PathTracer(*DIRECT)
-        seconds, *_ = _timed(lambda: self._followed(starts, tracer), hurried=True)
+        seconds, *_ = _timed(lambda: self._followed(starts, optics, tracer), hurried=True)
         speed = self._grains * PILOT_PATHS / seconds
         return replace(light, short_per_second=max(light.paths_per_second, speed))
 
@@ -295,14 +295,14 @@ class Pilot:
         if optics.branches > 1:
             branch = mi.UInt32(dr.gather(mi.Float, self._chance(grains), index) * optics.branches)
         dr.eval(ray, depth_rate, branch)
-        return _Starts(index, turn, slope, ray, depth_rate, branch, optics)
+        return _Starts(index, turn, slope, ray, depth_rate, branch)
 
-    def _followed(self, starts, tracer):
+    def _followed(self, starts, optics, tracer):
         """Of each path: its light, its light up to the first surface that lamps light, its light by vertices, the cell
         that it sees, what that reflects, and whether it shines.
         """
         paths = _sampler(self.seed + 1, self._grains * PILOT_PATHS)
-        seen = starts.optics.view(self.scene, starts.ray, starts.branch, drawn=True)
+        seen = optics.view(self.scene, starts.ray, starts.branch, drawn=True)
         found = tracer.by_vertices(
             self.scene, paths, seen.ray, seen.surface, seen.whole, DEPTHS_TRIED, parts=seen.parts
         )
@@ -358,7 +358,6 @@ class _Starts:
     ray: mi.Ray3f
     depth_rate: mi.Float
     branch: mi.UInt32
-    optics: FirstHits | SpecularChains
 
 
 def _sampler(seed, size):
