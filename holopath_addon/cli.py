@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import engine, failures, lengths, output, pipeline, stills
+from . import engine, failures, lengths, output, stills
 from .command_line import options, slm_commands, sources
 from .command_line.console import Progress, close_line
 from .command_line.options import argument, renamed
