@@ -13,6 +13,7 @@ import numpy as np
 
 from . import engine, output, pipeline
 from .engine.progress import Clock, stage
+from .engine.settings import current
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -335,6 +336,8 @@ def _changes(report, asked):
     changed = {}
     for key, value in asked.items():
         made, name = report.get(key), _NAMES.get(key, key)
+        if key == "settings" and made:  # of the version before, too
+            made = {k: current(k, v, lambda text: None) for k, v in made.items()}
         if made != value:
             both = isinstance(made, dict) and isinstance(value, dict)
             within = (

@@ -120,7 +120,7 @@ def test_distances_that_are_none(text):
         (["{xml}", "--encode", "magic"], "invalid choice"),
         (["{xml}", "--animation"], "--animation"),
         (["{xml}", "--seed", "-1"], "Seed"),
-        (["{xml}", "--quality", "full", "--spp", "3"], "not allowed with"),
+        (["{xml}", "--quality", "high", "--spp", "3"], "not allowed with"),
     ],
 )
 def test_bad_words(words, says, xml, tmp_path, capfd):

@@ -63,8 +63,8 @@ DESCENTS = {
 }
 MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
-    "full, despeckled": {"quality": "full", "despeckle": 200},
-    "full, refined": {"quality": "full", "encode": "refine"},
+    "high, despeckled": {"quality": "high", "despeckle": 200},
+    "high, refined": {"quality": "high", "encode": "refine"},
 }
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 

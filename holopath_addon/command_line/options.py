@@ -8,11 +8,12 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from .. import engine
-from ..engine.settings import BASELINES, DECLARED, Choice, Settings, default_of
+from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
 
 BEGIN, END = "<!-- settings, from engine/settings.py: make guide -->", "<!-- end of settings -->"
 
@@ -61,7 +62,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     for name, declared in DECLARED.items():
         told: dict[str, Any] = {"metavar": _value(name, declared), "type": _type(name, declared)}
         if declared.chosen:
-            told = {"choices": tuple(declared.chosen)}
+            told = {"choices": tuple(declared.chosen), "type": partial(current, name, tell=_say)}
         text = _meaning(declared, "{}")
         text += f". There are {', '.join(engine.FIXABLE)}" if name == "fixed" else ""
         groups.get(name, parser).add_argument(
@@ -90,6 +91,10 @@ def guide_table() -> str:
 def write_guide(text: str) -> str:
     """A guide's text with its table as the settings are declared now."""
     return re.sub(f"(?s)(?<={re.escape(BEGIN)}\n\n).*(?=\n\n{re.escape(END)})", lambda _: guide_table(), text)
+
+
+def _say(text):
+    print(f"holopath: {text}", file=sys.stderr)
 
 
 def _value(name, declared):

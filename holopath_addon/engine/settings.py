@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -76,8 +78,8 @@ QUALITIES = choices(
     ),
     ("preview", "Preview", "Few rays and radiance samples, for a first look"),
     ("balanced", "Balanced", "Enough rays for every depth in view"),
-    ("full", "Full", "A wider cone of rays and more radiance samples"),
-    numbered=("preview", "balanced", "full", "draft"),
+    ("high", "High", "A wider cone of rays and more radiance samples"),
+    numbered=("preview", "balanced", "high", "draft"),
 )
 ESTIMATORS = choices(
     ("lattice", "Lattice", "Directions on a lattice with the exact kernel: no noise but the radiance's"),
@@ -130,6 +132,22 @@ ENCODINGS = choices(
         "Each frame, then all together towards pictures of the scene through a thin lens, which takes longer",
     ),
 )
+
+
+# What choices were called in the version before; these names still work, with a word.
+FORMERLY = {"quality": {"full": "high"}}
+
+
+def _warn(text):
+    warnings.warn(text, DeprecationWarning, stacklevel=5)
+
+
+def current(name: str, value: Any, tell: Callable[[str], object] = _warn) -> Any:
+    """A setting's value by the name that it has now; `tell` gets a sentence where it was called otherwise."""
+    new = FORMERLY[name].get(value, value) if name in FORMERLY else value
+    if new is not value:
+        tell(f"The {name} {value} is called {new} now; the old name goes with the next version.")
+    return new
 
 
 @dataclass(frozen=True)
@@ -247,7 +265,7 @@ class Settings:
         "balanced",
         "Quality",
         "Rays and radiance samples per pixel: more take longer and leave less noise",
-        advice="`draft` for something true within a second, `preview` to look, `full` for figures in a paper",
+        advice="`draft` for something true within a second, `preview` to look, `high` for figures in a paper",
         section="quality",
         chosen=QUALITIES,
     )
@@ -420,7 +438,8 @@ class Settings:
 
     def __post_init__(self):
         for name, declared in DECLARED.items():
-            value = getattr(self, name)
+            value = current(name, getattr(self, name))
+            object.__setattr__(self, name, value)
             if name != "fixed" and not (declared.switch and value == default_of(name)):
                 declared.check(value)
 

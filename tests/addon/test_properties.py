@@ -39,7 +39,7 @@ def test_all_settings(settings):
     settings.near_auto, settings.near = False, 0.3
     settings.wrp_auto, settings.wrp_mm = False, 11.5
     settings.limit_rays, settings.spp = True, 99
-    settings.estimator, settings.radiance, settings.quality = "paper", "ray", "full"
+    settings.estimator, settings.radiance, settings.quality = "paper", "ray", "high"
     settings.frames, settings.seed, settings.max_depth = 3, 7, 2
     settings.virtual_image, settings.most_hits = "opl", 3
     settings.planes_auto, settings.planes, settings.paths = False, 4, 5
@@ -53,7 +53,7 @@ def test_all_settings(settings):
         method="fast",
         estimator="paper",
         radiance="ray",
-        quality="full",
+        quality="high",
         spp=99,
         wrp=11.5e-3,
         max_depth=2,
@@ -121,7 +121,7 @@ NUMBERS = {
     "colours": "RGB MONO",
     "depth_mapping": "fit eyepiece",
     "phase_field": "designed random",
-    "quality": "preview balanced full draft",
+    "quality": "preview balanced high draft",
     "method": "auto full fast direct point polygon rgbd rgbd-sgd focal-stack light-field stereogram gaussian network",
     "estimator": "lattice paper",
     "radiance": "grain ray",
@@ -258,7 +258,7 @@ OLD = {
     "speckle": 0.1875,
     "phase_field": "random",
     "despeckle": 1,
-    "quality": "full",
+    "quality": "high",
     "method": "full",
     "limit_rays": True,
     "spp": 257,

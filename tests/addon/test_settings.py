@@ -8,8 +8,7 @@ import pytest
 
 from holopath_addon import cli, engine, properties
 from holopath_addon.command_line import options
-from holopath_addon.engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODINGS, Settings, default_of
-from holopath_addon.slm import PACKINGS
+from holopath_addon.engine.settings import DECLARED, Settings, default_of
 from tests.addon.layout import Context, Layout
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide.md"
@@ -109,31 +108,16 @@ def test_values_out_of_bounds_are_refused(name):
     assert Settings(**{name: default_of(name)}) == Settings()
 
 
-def test_numbers_in_files_are_for_ever():
-    """A .blend of an earlier version holds them."""
-    numbers = [
-        {name: each.number for name, each in chosen.items()}
-        for chosen in (
-            DECLARED["quality"].chosen,
-            DECLARED["method"].chosen,
-            DEPTH_MAPPINGS,
-            ENCODINGS,
-            PACKINGS,
-        )
-    ]
-    assert numbers[0] == {"draft": 3, "preview": 0, "balanced": 1, "full": 2}
-    assert list(numbers[1].items())[:4] == [("auto", 0), ("full", 1), ("fast", 2), ("direct", 3)]
-    assert numbers[2:] == [
-        {"fit": 0, "eyepiece": 1},
-        {"dpac": 0, "auto": 1, "sgd": 2, "joint": 3, "refine": 4},
-        {"time": 0, "colour": 1, "bits": 2},
-    ]
-    displays = {
-        "pluto-2": 1,
-        "leto-3": 2,
-        "gaea-2": 3,
-        "meadowlark-1920": 4,
-        "santec-slm-210": 5,
-        "ti-plm-067": 6,
-    }
-    assert {name: each.number for name, each in engine.DISPLAYS.items()} == displays
+def test_what_the_version_before_called_otherwise(capsys):
+    """Old names work for a version, with a word."""
+    with pytest.warns(DeprecationWarning, match="quality full is called high now"):
+        assert Settings(quality="full") == Settings(quality="high")
+    args = parse("scene.xml", "--quality", "full")
+    assert options.settings_of(args, Settings()).quality == "high"
+    assert "The quality full is called high now" in capsys.readouterr().err
+    parser = cli._parser(engine.BakeStore.default())
+    assert parser.parse_args(["encode", "out", "--planes", "3"]).compared_planes == 3
+    assert parser.parse_args(["stream", "out", "--planes", "p.json"]).focus_planes == "p.json"
+    assert parser.parse_args(["focus", "--planes", "p.json", "--plane", "1"]).focus_planes == "p.json"
+    assert capsys.readouterr().err.count("--planes is called --") == 3
+    assert parse("scene.xml", "--planes", "3").planes == 3 and capsys.readouterr().err == ""

@@ -223,7 +223,7 @@ def cancelling():
     props = bpy.context.scene.holopath
     before, field = picture(), session().current.field
     props.resolution_x = props.resolution_y = 1024
-    props.quality = "full"
+    props.quality = "high"
     press(bpy.ops.holopath.render_hologram)
     while session().current.job is not None and session().current.job.done < 0.1:
         yield 0.02

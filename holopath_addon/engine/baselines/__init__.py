@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from ..settings import Settings
 
-PATHS = {"draft": 4, "preview": 16, "balanced": 64, "full": 256}  # of a pixel of a picture
+PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # of a pixel of a picture
 
 
 @dataclass(frozen=True)

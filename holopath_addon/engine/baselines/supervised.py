@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..waves.pictures import Pictures
     from . import Job
 
-STEPS = {"draft": 30, "preview": 100, "balanced": 200, "full": 600}  # each a look at one picture
+STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # each a look at one picture
 RATE = 0.12  # radians, Adam's longest step; from 0.2 on it finds no rest
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 # of the recordable slope: how much of the kernel's tails
-CONE = {"draft": 1.0, "preview": 1.0, "balanced": 1.15, "full": 1.3}
-PAPER_RAYS = {"draft": 64, "preview": 256, "balanced": 1024, "full": 4096}
+CONE = {"draft": 1.0, "preview": 1.0, "balanced": 1.15, "high": 1.3}
+PAPER_RAYS = {"draft": 64, "preview": 256, "balanced": 1024, "high": 4096}
 PLACES = 64  # beside gloss and images that are tried
 MOST_DEPTHS = 400  # of gloss, and of images, that are looked at
 MOST_REACH = 256  # pixels: beyond, the kernel table would outgrow memory

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from .pilot_light import Light
 
 # of a grain's mean, as a share of the random speckle of as many frames as these
-GRAIN_NOISE = {"draft": 1.0, "preview": 0.5, "balanced": 0.35, "full": 0.15}
+GRAIN_NOISE = {"draft": 1.0, "preview": 0.5, "balanced": 0.35, "high": 0.15}
 USUAL_FRAMES = 8
 # power of the frames by which less is wanted: not all errors fall with them, as speckle does by 1/2
 LESS_NOISE = 1 / 3
 # fewest and most radiance paths a pixel
-PASSES = {"draft": (4, 4), "preview": (8, 64), "balanced": (16, 256), "full": (32, 1024)}
+PASSES = {"draft": (4, 4), "preview": (8, 64), "balanced": (16, 256), "high": (32, 1024)}
 # times the bright parts of the view: most that one indirect path may add to a mean of the fewest
 FIREFLY = 2.0
 FILTERED = 16.0  # times less variance, textures apart, where grains share their light; halves tell where it is not so

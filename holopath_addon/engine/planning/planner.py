@@ -35,7 +35,7 @@ RAY_OFFSET = 9e-5  # that Mitsuba starts rays above surfaces, times 1 m + their 
 MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
 LEAST_CAPTURED = 0.75  # of the light: less is warned of
 # columns that the radiance map's filter ends at
-FILTER_REACH = {"draft": 2, "preview": 4, "balanced": 4, "full": 4}
+FILTER_REACH = {"draft": 2, "preview": 4, "balanced": 4, "high": 4}
 FEW_LEVELS = 64  # of a draft's or preview's kernel tables at least
 CHUNK_BYTES = 128 << 20  # of the sums of pixels that are traced at once, at most
 
