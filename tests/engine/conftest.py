@@ -28,3 +28,18 @@ def small():
     from holopath_addon.engine import Hologram
 
     return Hologram(128, 128, 8e-6, (GREEN,), depth_far=0.5e-3, depth_near=3e-3)
+
+
+@pytest.fixture(scope="module")
+def field():
+    """A smooth complex field of two frames and two colours, of odd and unequal sides."""
+    rng = np.random.default_rng(1)
+    shape = (45, 64)
+    noise = rng.normal(size=(2, 2, *shape)) + 1j * rng.normal(size=(2, 2, *shape))
+    fy, fx = (np.fft.fftfreq(n) for n in shape)
+    band = np.hypot(fx[None, :], fy[:, None]) < 0.1
+    data = np.fft.ifft2(np.fft.fft2(noise) * band).astype(np.complex64)
+    from holopath_addon import engine
+
+    hologram = engine.Hologram(64, 45, 8e-6, (640e-9, 500e-9), depth_far=1e-3, depth_near=1.5e-3)
+    return engine.WaveField(data, hologram, engine.Camera(np.eye(4), fov_x=0.6), 0.5)

@@ -68,10 +68,3 @@ def test_damaged_fields_are_refused_in_a_sentence(field, tmp_path, damage):
         np.save(folder / "field.npy", np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(engine.InvalidInput, match="wavefield"):
         engine.WaveField.load(folder)
-
-
-def test_pupil_outside_the_light_is_refused(field):
-    with pytest.raises(engine.InvalidInput, match="outside the light"):
-        engine.reconstruct(field, [0.7], engine.Pupil(1.0, 0, 1e-3))
-    with pytest.raises(engine.InvalidInput):
-        engine.Pupil(0, 0, 0)

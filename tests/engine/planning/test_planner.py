@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.planning import machine, planner
+from holopath_addon.engine.planning import planner
 from holopath_addon.engine.planning.planner import captured_share
 from holopath_addon.engine.waves.phase_fields import speckle_contrast
 
@@ -81,21 +81,6 @@ def test_mirrors_are_named(build, camera, small):
     scene = build.scene(mirror=build.plane(1.0, {"bsdf": {"type": "conductor"}}), sky={"type": "constant"})
     plan = engine.plan(scene, camera, small)
     assert plan.chain > 0 and any("mirror" in d.reason for d in plan.decisions)
-
-
-def test_packets_are_chosen_by_the_scene(build, camera):
-    """Not by measured speeds, which now and then would give another field."""
-    display = engine.Hologram(64, 64, 8e-6, (516.5e-9,), 1e-3, 1.5e-3)
-    for cells, coherent in ((4, True), (400, False)):
-        x, y = np.meshgrid(np.linspace(-0.3, 0.3, cells + 1), np.linspace(-0.3, 0.3, cells + 1))
-        wall = build.mesh(np.stack([x, y, -1 - 0 * x], axis=-1), {"bsdf": {"type": "diffuse"}})
-        scene = build.scene(wall=wall, sky={"type": "constant"})
-        plans = [engine.plan(scene, camera, display).to_dict() for _ in range(2)]
-        for plan in plans:
-            assert plan["coherent"] is coherent
-            for name in ("stages", "seconds", "decisions"):  # as measured
-                del plan[name]
-        assert plans[0] == plans[1]
 
 
 def test_nothing_in_view(build, camera, small):
@@ -303,41 +288,7 @@ def test_frames_for_a_wished_speckle(build, camera):
         assert frames == planner.resolved(settings).frames
         assert speckle_contrast(kind, frames) <= 0.2 < speckle_contrast(kind, frames - 1)
     with pytest.raises(engine.InvalidInput, match="takes over 256 frames"):
-        engine.plan(scene, camera, display, engine.Settings(speckle=0.001))
-
-
-def test_every_decision_can_be_taken_by_hand(build, camera):
-    scene = build.two_planes(build.diffuse)
-    fixed = {"chain": 3, "splits": 1, "max_depth": 5, "passes": 7, "slabs": 9, "bins": 3, "grey": 1}
-    fixed |= {"dispersion": 1, "regions": 0, "chunk": 1 << 20, "filter": 0, "textures": 3}
-    display = small_display(48, (640e-9, 455.4e-9))
-    settings = engine.Settings(method="full", fixed=fixed)
-    plan = engine.plan(scene, camera, display, settings)
-    for name in ("chain", "splits", "max_depth", "passes", "slabs", "bins", "chunk"):
-        assert getattr(plan, name) == fixed[name], name
-    assert plan.grey and not plan.regions
-    assert set(fixed) | {"steps"} == set(engine.FIXABLE)  # which are of baselines
-    field = engine.render(scene, camera, display, settings, plan)
-    assert np.isfinite(field.data).all() and field.report["radiance_passes"] == 7
-
-
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("chain", "fixes no decision"),
-        ("chain=x", "fixes no decision"),
-        ("chains=3", "There is no decision 'chains'"),
-    ],
-)
-def test_what_fixes_nothing(text, message):
-    with pytest.raises(engine.InvalidInput, match=message):
-        engine.parse_fixed(text)
-
-
-def test_out_of_range(build, camera, small):
-    assert engine.parse_fixed("chain=4, passes=64") == {"chain": 4, "passes": 64}
-    with pytest.raises(engine.InvalidInput, match="whole number from 0 to 64, not 65"):
-        engine.plan(build.two_planes(build.emissive), camera, small, engine.Settings(fixed={"chain": 65}))
+        engine.plan(scene, camera, display, engine.Settings(speckle=0.01))
 
 
 def test_what_the_plan_says(build, camera):
@@ -350,47 +301,3 @@ def test_what_the_plan_says(build, camera):
         "error about" in d.why for d in plan.decisions
     )
     assert "error of the field" in str(plan)
-
-
-def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monkeypatch):
-    """A first render's programs are the pilot's and some more."""
-    from holopath_addon.engine.planning import pilot
-
-    timed, radiance = pilot._timed, []
-    for extra in (0.0, 10.0):
-
-        def slower(*work, extra=extra):
-            seconds, _, result = timed(*work)
-            return seconds, extra, result
-
-        monkeypatch.setattr(pilot, "_timed", slower)
-        radiance.append(engine.plan(build.two_planes(build.diffuse), camera, small).stages["radiance"])
-    assert radiance[0] + 10 < radiance[1] < radiance[0] + 20
-
-
-def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
-    """What the scene itself does not time takes as many times longer; the speed is measured once and kept."""
-    from holopath_addon.engine.planning import survey
-
-    times = {}
-    for slow in (1.0, 3.0):
-        monkeypatch.setattr(survey, "slowness", lambda folder, slow=slow: slow)
-        times[slow] = engine.plan(build.two_planes(build.diffuse), camera, small).stages
-    for stage in ("kernel tables", "propagation"):
-        assert times[3.0][stage] == pytest.approx(3 * times[1.0][stage])
-
-
-def test_the_machine_s_speed_is_measured_once(tmp_path, monkeypatch):
-    machine.slowness.cache_clear()
-    found = machine.slowness(tmp_path)
-    assert 0.05 < found < 50
-    machine.slowness.cache_clear()
-    with monkeypatch.context() as patched:
-        patched.delattr(machine, "_work")
-        assert machine.slowness(tmp_path) == found
-    for damaged in ("", "[]", '{"made_with": "another", "slowness": 1}'):
-        (tmp_path / machine.FILE).write_text(damaged)
-        machine.slowness.cache_clear()
-        assert machine.slowness(tmp_path) != 1
-    assert [file.name for file in tmp_path.iterdir()] == [machine.FILE]
-    machine.slowness.cache_clear()

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.scene.specular_chains import FirstHits
-from holopath_addon.engine.tracing import grains
 
 GREEN = 516.5e-9
 
@@ -121,45 +119,3 @@ def test_gloss_in_bins_of_the_pupil(build, camera):
     errors, brightness, _ = fields(scene, camera, 64, 8, 256, {"bins": 2})
     assert errors[1] < 0.8 * errors[0]
     assert brightness[1] == pytest.approx(1, abs=0.02)
-
-
-def test_what_light_is_divided_by(build):
-    """Reflectances alone, whatever the bumps and lobes; surfaces that have none show their light as it is."""
-    import mitsuba as mi
-
-    def shown(bsdf):
-        bumps = {"type": "bumpmap", "scale": 0.02, "bump": build.texture(64, 3) | {"raw": True}}
-        scene = build.scene(pane=build.plane(1.0, {"bsdf": bumps | {"worn": bsdf}}, slant=2))
-        x = mi.Float(np.linspace(-0.2, 0.2, 64))
-        ray = mi.Ray3f(mi.Point3f(x, 0.1, 0), mi.Vector3f(0, 0, -1))
-        seen = FirstHits().view(scene, ray, mi.UInt32(0))
-        return np.array(grains.shown(scene, seen, mi.Bool(True))[0])
-
-    matt, gloss = {"type": "matt", "reflectance": build.grey(0.3)}, {"type": "gloss", "roughness": 0.2}
-    for bare in ({"type": "roughdielectric"}, {"type": "roughconductor"}, gloss):
-        np.testing.assert_array_equal(shown(bare), 1)
-    worn = shown({"type": "mixture", "mode": "over", "a": matt, "b": gloss | {"ior": 1.5}, "weight": 1.0})
-    assert 0.27 < worn.min() and worn.max() < 0.35
-
-
-def test_what_light_is_divided_by_is_the_same_from_both_sides(build):
-    """As it was not: where a wall whose normals point away met another one, and at the contours of smooth things."""
-    import mitsuba as mi
-
-    matt = {"type": "matt", "reflectance": build.grey(0.3)}
-    gloss = {"type": "gloss", "roughness": 0.2, "ior": 1.5}
-    for bsdf in (
-        matt,
-        matt | {"translucent": True},
-        matt | {"roughness": build.grey(0.5)},
-        {"type": "mixture", "mode": "over", "a": matt, "b": gloss, "weight": 1.0},
-    ):
-        scene = build.scene(pane=build.plane(1.0, {"bsdf": bsdf}, slant=2))
-        sides = []
-        for z in (0, -2):
-            ray = mi.Ray3f(mi.Point3f(0.01, 0.01, z), mi.Vector3f(0, 0, -1 - z))
-            seen = FirstHits().view(scene, ray, mi.UInt32(0))
-            assert seen.surface.is_valid()[0]
-            sides.append(np.array(grains.shown(scene, seen, mi.Bool(True))[0]).ravel())
-        np.testing.assert_allclose(*sides, rtol=1e-4)
-        assert 0.27 < sides[0].min() and sides[0].max() < 0.35

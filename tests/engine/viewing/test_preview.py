@@ -60,30 +60,6 @@ def test_as_mitsubas_thin_lens(build, camera, display, monkeypatch):
     assert engine.psnr(sharp, truth[..., 1:2]) < 30  # it is not the focus that they agree in
 
 
-def test_halves_of_a_reference_are_independent(build, camera, display):
-    """Halves of the same number of paths differ by as much as their noise; their mean is the reference."""
-    scene = build.two_planes(build.diffuse)
-    (truth,) = engine.reference(scene, camera, display, [0.5], spp=1024, near=0.5, seed=9)
-    ((a, b),) = engine.reference(scene, camera, display, [0.5], spp=128, near=0.5, halves=True)
-    # with independent noise, the errors of both have no correlation
-    errors = [(np.sqrt(x) - np.sqrt(truth)).ravel() for x in (a, b)]
-    assert abs(np.corrcoef(errors)[0, 1]) < 0.1
-    assert (0.5 * (a + b)).mean() == pytest.approx(truth.mean(), rel=0.005)
-
-
-def test_parts_of_the_pupil_that_lie_beyond_it_are_dark(build, camera, display):
-    """Of a uniform wall every color is as bright where any of its pupil is open, black where none is."""
-    scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.7)), 5.0))
-    display = replace(display, wavelengths=RGB)
-    mapping = DepthMapping.of(display, camera, 0.5)
-    red, green, blue = (mapping.pupil_radius(display.max_slope(w)) for w in RGB)
-    across = engine.Pupil(0.5 * (red + green), 0.0, red - blue)
-    (picture,) = engine.reference(scene, camera, display, [1.0], across, 64, 0.5)
-    np.testing.assert_allclose(picture[..., :2].mean((0, 1)), 0.7, rtol=0.03)
-    outside = engine.Pupil(red + blue, 0.0, blue)
-    assert engine.reference(scene, camera, display, [1.0], outside, 8, 0.5).max() == 0
-
-
 def test_the_mean_of_all_paths(build, camera):
     """Passes of any number of paths, chunks and seeds are parts of one mean; a pinhole is sharp at all depths."""
     scene = build.two_planes(build.diffuse)
@@ -140,19 +116,6 @@ def test_other_views_compile_nothing(build, camera):
     kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
     assert len(kernels) == 2
     assert all(kernel["cache_hit"] for kernel in kernels)
-
-
-def test_other_references_compile_nothing(build, camera, display):
-    import drjit as dr
-
-    scene = build.two_planes(build.diffuse)
-    engine.reference(scene, camera, display, [0.5], spp=16, near=0.5)
-    dr.kernel_history_clear()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        shifted = replace(camera, shift_x=0.1)
-        engine.reference(scene, shifted, display, [0.7], engine.Pupil(1e-4, 0.0, 2e-4), 16, 0.5, seed=4)
-    kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
-    assert kernels and all(kernel["cache_hit"] for kernel in kernels)
 
 
 def test_cancelling_leaves_the_picture(build, camera, monkeypatch):

@@ -88,3 +88,12 @@ def test_crosstalk():
 def test_impossible_limits(limits, says):
     with pytest.raises(engine.InvalidInput, match=says):
         Modulator(**limits)
+
+
+def test_grey_levels(field):
+    phase = engine.encode(field, "dpac")
+    for bits in (1, 8, 10):
+        levels = grey_levels(phase.data, bits)
+        assert levels.min() >= 0 and levels.max() < 2**bits
+        turns = np.abs(levels / 2**bits - phase.data / (2 * math.pi))
+        assert np.minimum(turns, 1 - turns).max() <= 0.5 / 2**bits + 1e-6

@@ -1,0 +1,50 @@
+"""Phases on disk."""
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.encoding import phase_hologram
+from holopath_addon.engine.waves.modulator import grey_levels
+
+
+def test_round_trip(field, tmp_path):
+    import mitsuba as mi
+
+    phase = engine.encode(field, "dpac")
+    phase.save(tmp_path / "hologram")
+    names = {path.name for path in (tmp_path / "hologram").iterdir()}
+    pictures = {f"frame_00{m}_{nm}nm.png" for m in (0, 1) for nm in (640, 500)}
+    assert names == {"phase.npy", "meta.json"} | pictures
+    stored = engine.PhaseHologram.load(tmp_path / "hologram")
+    np.testing.assert_array_equal(stored.data, phase.data)
+    assert (stored.hologram, stored.near, stored.method, stored.gains) == (
+        phase.hologram,
+        phase.near,
+        phase.method,
+        phase.gains,
+    )
+    shown = np.asarray(mi.Bitmap(str(tmp_path / "hologram" / "frame_001_500nm.png")))
+    np.testing.assert_array_equal(np.squeeze(shown), grey_levels(phase.data[1, 1]))
+
+    (tmp_path / "hologram" / "phase.npy").write_bytes(b"no")
+    with pytest.raises(engine.InvalidInput, match="damaged"):
+        engine.PhaseHologram.load(tmp_path / "hologram")
+    with pytest.raises(engine.InvalidInput, match="holds no hologram"):
+        engine.PhaseHologram.load(tmp_path)
+    field.save(tmp_path / "wavefield")
+    with pytest.raises(engine.InvalidInput, match="something other"):
+        phase.save(tmp_path / "wavefield")
+    assert (tmp_path / "wavefield" / "field.npy").exists()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "diary.txt").write_text("mine")
+    with pytest.raises(engine.InvalidInput, match="something other"):
+        phase.save(tmp_path / "other")
+    assert (tmp_path / "other" / "diary.txt").read_text() == "mine"
+
+
+def test_close_wavelengths_have_files_of_their_own():
+    assert phase_hologram.picture_names(3, (640.2e-9, 640.4e-9)) == [
+        "frame_003_640.2nm.png",
+        "frame_003_640.4nm.png",
+    ]
