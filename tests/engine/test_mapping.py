@@ -8,11 +8,12 @@ import pytest
 from holopath_addon.engine import Camera, Hologram, InvalidInput
 from holopath_addon.engine.mapping import DepthMapping
 
+VOLUME = {"depth_far": 80e-3, "depth_near": 85e-3}
 CAMERA = Camera(np.eye(4), math.radians(25), shift_x=0.1, shift_y=-0.05)
 
 
 def mapping_of(mode, near=0.4):
-    return DepthMapping.of(Hologram(640, 480, 8e-6, depth_far=80e-3, depth_near=85e-3, depth_mapping=mode), CAMERA, near)
+    return DepthMapping.of(Hologram(640, 480, 8e-6, **VOLUME, depth_mapping=mode), CAMERA, near)
 
 
 def test_fit_ends_at_the_volume_s_ends():

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from ..errors import InvalidInput
+from ..settings import DECLARED
 
 MOST_SLABS = 48  # of the radiance map
 GLOSSY_BINS = (2, 6)  # fewest and most along each axis of the pupil
 
 # Lowest and highest value, and what it is.
 FIXABLE = {
-    "chain": (0, 64, "longest chain of mirrors and clear surfaces"),
+    "chain": (*DECLARED["most_hits"].bounds, "longest chain of mirrors and clear surfaces"),
     "splits": (0, 2, "hits of a chain at which more than one way on is followed"),
-    "max_depth": (1, 1 << 16, "vertices of a radiance path"),
+    "max_depth": (*DECLARED["max_depth"].bounds, "vertices of a radiance path"),
     "passes": (1, 1 << 16, "radiance paths a pixel, without a look at their noise"),
     "slabs": (1, MOST_SLABS, "depth slabs of the radiance map"),
     "bins": (1, GLOSSY_BINS[1], "pupil bins along each axis of the radiance map"),
