@@ -123,7 +123,7 @@ def _declared(layout, props, section):
         row = layout.row(heading=switch.heading)
         row.prop(props, switch.name, text="" if switch.by_hand else "Automatic")
         if getattr(props, switch.name) == switch.by_hand:
-            row.prop(props, property_of(name), text="")
+            row.prop(props, property_of(name), text=declared.unit)
 
 
 def baked_light(layout: UILayout, context: Context) -> None:
