@@ -39,59 +39,55 @@ def cauchy(index: float, abbe: float, wavelength: float) -> float:
     return index + slope * (wavelength**-2 - LINE_D**-2)
 
 
-def register() -> None:
-    """Make the type known to the active variant of Mitsuba."""
+class DispersiveDielectric(mi.BSDF):
+    """Mitsuba's `dielectric` with ``int_ior`` at 587.6 nm and the Abbe number ``abbe``.
 
-    class DispersiveDielectric(mi.BSDF):
-        """Mitsuba's `dielectric` with ``int_ior`` at 587.6 nm and the Abbe number ``abbe``.
+    Rendered colours are those of one wavelength at a time, which `tuned` sets.
+    """
 
-        Rendered colours are those of one wavelength at a time, which `tuned` sets.
-        """
+    def __init__(self, props):
+        super().__init__(props)
+        self.index, self.abbe = props.get("int_ior", 1.5168), props.get("abbe", 64.17)
+        if self.abbe <= 0:
+            raise ValueError("dispersive_dielectric: 'abbe' must be positive, such as 64 for crown glass.")
+        self.outside = props.get("ext_ior", 1.0)
+        # as `tune` computes it, to the last bit
+        glass = {"type": "dielectric", "int_ior": self.index / self.outside, "ext_ior": 1.0}
+        for name in ("specular_transmittance", "specular_reflectance"):
+            if name in props:
+                glass[name] = props.get_texture(name)
+        self.glass = mi.load_dict(glass)
+        self.m_components = [self.glass.flags(i) for i in range(self.glass.component_count())]
+        self.m_flags = self.glass.flags()
 
-        def __init__(self, props):
-            super().__init__(props)
-            self.index, self.abbe = props.get("int_ior", 1.5168), props.get("abbe", 64.17)
-            if self.abbe <= 0:
-                raise ValueError(
-                    "dispersive_dielectric: 'abbe' must be positive, such as 64 for crown glass."
-                )
-            self.outside = props.get("ext_ior", 1.0)
-            # as `tune` computes it, to the last bit
-            glass = {"type": "dielectric", "int_ior": self.index / self.outside, "ext_ior": 1.0}
-            for name in ("specular_transmittance", "specular_reflectance"):
-                if name in props:
-                    glass[name] = props.get_texture(name)
-            self.glass = mi.load_dict(glass)
-            self.m_components = [self.glass.flags(i) for i in range(self.glass.component_count())]
-            self.m_flags = self.glass.flags()
+    def tune(self, wavelength):
+        """Take the index of refraction at a wavelength in metres."""
+        parameters = mi.traverse(self.glass)
+        parameters["eta"] = cauchy(self.index, self.abbe, wavelength) / self.outside
+        parameters.update()
 
-        def tune(self, wavelength):
-            """Take the index of refraction at a wavelength in metres."""
-            parameters = mi.traverse(self.glass)
-            parameters["eta"] = cauchy(self.index, self.abbe, wavelength) / self.outside
-            parameters.update()
+    def sample(self, ctx, si, sample1, sample2, active=True):
+        # of importance, as radiance is not scaled by the square of the index in `closures.Glass` either
+        ctx = mi.BSDFContext(mi.TransportMode.Importance, ctx.type_mask, ctx.component)
+        return self.glass.sample(ctx, si, sample1, sample2, active)
 
-        def sample(self, ctx, si, sample1, sample2, active=True):
-            # of importance, as radiance is not scaled by the square of the index in `closures.Glass` either
-            ctx = mi.BSDFContext(mi.TransportMode.Importance, ctx.type_mask, ctx.component)
-            return self.glass.sample(ctx, si, sample1, sample2, active)
+    def eval(self, ctx, si, wo, active=True):
+        return self.glass.eval(ctx, si, wo, active)
 
-        def eval(self, ctx, si, wo, active=True):
-            return self.glass.eval(ctx, si, wo, active)
+    def pdf(self, ctx, si, wo, active=True):
+        return self.glass.pdf(ctx, si, wo, active)
 
-        def pdf(self, ctx, si, wo, active=True):
-            return self.glass.pdf(ctx, si, wo, active)
+    def eval_pdf(self, ctx, si, wo, active=True):
+        return self.glass.eval_pdf(ctx, si, wo, active)
 
-        def eval_pdf(self, ctx, si, wo, active=True):
-            return self.glass.eval_pdf(ctx, si, wo, active)
+    def traverse(self, callback):
+        callback.put("glass", self.glass, mi.ParamFlags.Differentiable)
 
-        def traverse(self, callback):
-            callback.put("glass", self.glass, mi.ParamFlags.Differentiable)
+    def to_string(self):
+        return f"DispersiveDielectric[int_ior={self.index}, abbe={self.abbe}, ext_ior={self.outside}]"
 
-        def to_string(self):
-            return f"DispersiveDielectric[int_ior={self.index}, abbe={self.abbe}, ext_ior={self.outside}]"
 
-    mi.register_bsdf("dispersive_dielectric", DispersiveDielectric)
+mi.register_bsdf("dispersive_dielectric", DispersiveDielectric)
 
 
 def wavelength_groups(scene: mi.Scene, wavelengths: Sequence[float]) -> list[tuple[float, ...]]:

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import re
 import secrets
-from functools import cache
 from hashlib import blake2b
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from .lobes import held_by
 
 # types that tell all, or of which `_Digests` finds out the rest
 SHAPES = """ShapeGroupPlugin Instance Mesh PLYMesh OBJMesh SerializedMesh Cube Rectangle Sphere Disk Cylinder
@@ -48,7 +49,7 @@ def scene_digest(scene: mi.Scene) -> str:
     return _hashed([*sorted(digests.shapes()), digests.light()])
 
 
-def settings_of(props: mi.Properties) -> str:
+def text_of_properties(props: mi.Properties) -> str:
     """What a plugin is told, but for nested parts, which are traversed, as text from which no bit is lost.
 
     Parameters
@@ -130,27 +131,10 @@ def _type(part):
 
 def _contents(part) -> list[tuple[str, Any]]:
     """Names of a part's nested parts and values, and these."""
-    visit = _visit()()
-    part.traverse(visit)
     return [
         (name, value if kind is None else mi.get_property(value, kind, part))
-        for name, value, kind in visit.found
+        for name, value, kind in held_by(part)
     ]
-
-
-@cache
-def _visit():
-    """A traversal of one part only, defined when Mitsuba has a variant."""
-
-    class Visit(mi.TraversalCallback):
-        def __init__(self):
-            super().__init__()
-            self.found = []
-
-        def put(self, name, value, flags, cpptype=None):
-            self.found.append((name, value, cpptype))
-
-    return Visit
 
 
 def _hashed(texts):

@@ -21,7 +21,7 @@ import mitsuba as mi
 import numpy as np
 
 from .buffers import constant
-from .fingerprint import settings_of
+from .fingerprint import text_of_properties
 
 PARALLEL = 1e-3  # radians: half the spread of an area lamp below which its light counts as parallel
 BEYOND = 1e8  # metres: the sun is farther than any scene
@@ -29,169 +29,168 @@ EDGE = 1e-7  # of the cosine: width of a sharp spot's edge
 TOUCHING = 1e-12  # metres: nearer to a lamp than this is not told apart
 
 
-def register() -> None:
-    """Make the types known to the active variant of Mitsuba."""
+class Lamp(mi.Emitter):
+    """What the lamps share; `_reach` samples a point of the extent."""
 
-    class Lamp(mi.Emitter):
-        """What the lamps share; `_reach` samples a point of the extent."""
+    def __init__(self, props):
+        super().__init__(props)
+        self.settings = text_of_properties(props)
+        self.m_flags = mi.EmitterFlags.DeltaPosition
+        matrix = np.array(props["to_world"].matrix)
+        axes = matrix[:3, :3].T
+        self.centre = constant(mi.Vector3f, matrix[:3, 3])
+        self.axes = [constant(mi.Vector3f, axis / np.linalg.norm(axis)) for axis in axes]
+        self.cone_axes = [constant(mi.Vector3f, axis / np.dot(axis, axis)) for axis in axes]
+        self.profile = _directional(props["profile"]) if "profile" in props else None
+        self.falloff = props.get("falloff", 0)
+        self.unit = dr.opaque(mi.Float, props.get("unit", 1.0))
 
-        def __init__(self, props):
-            super().__init__(props)
-            self.settings = settings_of(props)
-            self.m_flags = mi.EmitterFlags.DeltaPosition
-            matrix = np.array(props["to_world"].matrix)
-            axes = matrix[:3, :3].T
-            self.centre = constant(mi.Vector3f, matrix[:3, 3])
-            self.axes = [constant(mi.Vector3f, axis / np.linalg.norm(axis)) for axis in axes]
-            self.cone_axes = [constant(mi.Vector3f, axis / np.dot(axis, axis)) for axis in axes]
-            self.profile = _directional(props["profile"]) if "profile" in props else None
-            self.falloff = props.get("falloff", 0)
-            self.unit = dr.opaque(mi.Float, props.get("unit", 1.0))
+    def _reach(self, place, sample):
+        raise NotImplementedError
 
-        def _reach(self, place, sample):
-            raise NotImplementedError
+    def sample_direction(self, it, sample, active=True):
+        offset, strength = self._reach(it.p, sample)
+        distance = dr.maximum(dr.norm(offset), TOUCHING)
+        direction = offset / distance
+        if self.profile is not None:
+            local = mi.Vector3f(*(-dr.dot(direction, axis) for axis in self.axes))
+            strength = strength * self.profile(local)
+        if self.falloff:
+            strength = strength * (distance / self.unit) ** self.falloff
+        ds = dr.zeros(mi.DirectionSample3f)
+        ds.p, ds.d, ds.dist, ds.n = it.p + offset, direction, distance, mi.Normal3f(-direction)
+        ds.pdf, ds.delta, ds.time = mi.Float(1), mi.Bool(True), it.time
+        ds.emitter = mi.EmitterPtr(self)
+        return ds, dr.select(active, strength, 0)
 
-        def sample_direction(self, it, sample, active=True):
-            offset, strength = self._reach(it.p, sample)
-            distance = dr.maximum(dr.norm(offset), TOUCHING)
-            direction = offset / distance
-            if self.profile is not None:
-                local = mi.Vector3f(*(-dr.dot(direction, axis) for axis in self.axes))
-                strength = strength * self.profile(local)
-            if self.falloff:
-                strength = strength * (distance / self.unit) ** self.falloff
-            ds = dr.zeros(mi.DirectionSample3f)
-            ds.p, ds.d, ds.dist, ds.n = it.p + offset, direction, distance, mi.Normal3f(-direction)
-            ds.pdf, ds.delta, ds.time = mi.Float(1), mi.Bool(True), it.time
-            ds.emitter = mi.EmitterPtr(self)
-            return ds, dr.select(active, strength, 0)
+    def pdf_direction(self, it, ds, active=True):
+        return mi.Float(0)
 
-        def pdf_direction(self, it, ds, active=True):
-            return mi.Float(0)
+    def eval_direction(self, it, ds, active=True):
+        return mi.Color3f(0)
 
-        def eval_direction(self, it, ds, active=True):
-            return mi.Color3f(0)
+    def eval(self, si, active=True):
+        return mi.Color3f(0)
 
-        def eval(self, si, active=True):
-            return mi.Color3f(0)
+    def bbox(self):
+        return mi.ScalarBoundingBox3f()
 
-        def bbox(self):
-            return mi.ScalarBoundingBox3f()
+    def traverse(self, callback):
+        pass
 
-        def traverse(self, callback):
-            pass
+    def to_string(self):
+        return f"{type(self).__name__}[{self.settings}]"
 
-        def to_string(self):
-            return f"{type(self).__name__}[{self.settings}]"
 
-    class PointLamp(Lamp):
-        """A disk of ``radius`` that faces every point it lights, or with ``sphere`` a sphere of uniform radiance.
+class PointLamp(Lamp):
+    """A disk of ``radius`` that faces every point it lights, or with ``sphere`` a sphere of uniform radiance.
 
-        Parameters are ``intensity`` (from afar, W/sr, of channels), ``radius``, ``sphere``, and for a spot ``cone``,
-        the half-angle, and ``blend``, the share of 1 - cos(cone) over which its edge is smooth; the scale of
-        ``to_world`` makes the cone elliptic.
-        """
+    Parameters are ``intensity`` (from afar, W/sr, of channels), ``radius``, ``sphere``, and for a spot ``cone``,
+    the half-angle, and ``blend``, the share of 1 - cos(cone) over which its edge is smooth; the scale of
+    ``to_world`` makes the cone elliptic.
+    """
 
-        def __init__(self, props):
-            super().__init__(props)
-            self.intensity = constant(mi.Color3f, props["intensity"])
-            radius = props.get("radius", 0.0)
-            self.radius, self.sphere = dr.opaque(mi.Float, radius), props.get("sphere", False) and radius > 0
-            self.spot = "cone" in props
-            if self.spot:
-                cosine = math.cos(props["cone"])
-                self.edge = dr.opaque(mi.Float, cosine)
-                self.rise = dr.opaque(mi.Float, 1 / max((1 - cosine) * props.get("blend", 0.0), EDGE))
+    def __init__(self, props):
+        super().__init__(props)
+        self.intensity = constant(mi.Color3f, props["intensity"])
+        radius = props.get("radius", 0.0)
+        self.radius, self.sphere = dr.opaque(mi.Float, radius), props.get("sphere", False) and radius > 0
+        self.spot = "cone" in props
+        if self.spot:
+            cosine = math.cos(props["cone"])
+            self.edge = dr.opaque(mi.Float, cosine)
+            self.rise = dr.opaque(mi.Float, 1 / max((1 - cosine) * props.get("blend", 0.0), EDGE))
 
-        def _reach(self, p, sample):
-            inwards = self.centre - p
-            squared = dr.maximum(dr.squared_norm(inwards), TOUCHING**2)
-            frame = mi.Frame3f(inwards * dr.rsqrt(squared))
-            if not self.sphere:
-                disk = self.radius * mi.warp.square_to_uniform_disk_concentric(sample)
-                offset = inwards + disk.x * frame.s + disk.y * frame.t
-                distance = dr.sqrt(squared + dr.squared_norm(disk))
-                # radiance I / (pi r^2) times area pi r^2 times cosine over squared distance
-                return offset, self.intensity * (self._through(-offset) * dr.sqrt(squared) / distance**3)
-            r2 = self.radius**2
-            outside = squared > r2
-            sine2 = dr.minimum(r2 / squared, 1)
-            lost = dr.select(outside, sine2 / (1 + dr.sqrt(1 - sine2)), 2)  # 1 - cos of the cone it fills
-            local = _cone(sample, lost)
-            half_chord = dr.sqrt(dr.maximum(r2 - squared * (local.x**2 + local.y**2), 0))
-            along = local.z * dr.sqrt(squared) - dr.select(outside, half_chord, -half_chord)
-            direction = frame.to_world(local)
-            passing = dr.select(outside, self._through(-direction), 1)
-            return along * direction, self.intensity * (2 * lost / r2 * passing)
+    def _reach(self, p, sample):
+        inwards = self.centre - p
+        squared = dr.maximum(dr.squared_norm(inwards), TOUCHING**2)
+        frame = mi.Frame3f(inwards * dr.rsqrt(squared))
+        if not self.sphere:
+            disk = self.radius * mi.warp.square_to_uniform_disk_concentric(sample)
+            offset = inwards + disk.x * frame.s + disk.y * frame.t
+            distance = dr.sqrt(squared + dr.squared_norm(disk))
+            # radiance I / (pi r^2) times area pi r^2 times cosine over squared distance
+            return offset, self.intensity * (self._through(-offset) * dr.sqrt(squared) / distance**3)
+        r2 = self.radius**2
+        outside = squared > r2
+        sine2 = dr.minimum(r2 / squared, 1)
+        lost = dr.select(outside, sine2 / (1 + dr.sqrt(1 - sine2)), 2)  # 1 - cos of the cone it fills
+        local = _cone(sample, lost)
+        half_chord = dr.sqrt(dr.maximum(r2 - squared * (local.x**2 + local.y**2), 0))
+        along = local.z * dr.sqrt(squared) - dr.select(outside, half_chord, -half_chord)
+        direction = frame.to_world(local)
+        passing = dr.select(outside, self._through(-direction), 1)
+        return along * direction, self.intensity * (2 * lost / r2 * passing)
 
-        def _through(self, leaving):
-            """Share of the light that a spot lets pass in a direction, of any length."""
-            if not self.spot:
-                return mi.Float(1)
-            local = dr.normalize(mi.Vector3f(*(dr.dot(leaving, axis) for axis in self.cone_axes)))
-            t = dr.clip((-local.z - self.edge) * self.rise, 0, 1)
-            return t**2 * (3 - 2 * t)
+    def _through(self, leaving):
+        """Share of the light that a spot lets pass in a direction, of any length."""
+        if not self.spot:
+            return mi.Float(1)
+        local = dr.normalize(mi.Vector3f(*(dr.dot(leaving, axis) for axis in self.cone_axes)))
+        t = dr.clip((-local.z - self.edge) * self.rise, 0, 1)
+        return t**2 * (3 - 2 * t)
 
-    class AreaLamp(Lamp):
-        """A rectangle of ``width`` and ``height`` along x and y, or with ``round`` an ellipse, bright on one side.
 
-        Its ``radiance`` is that of an open rectangle of the same power. With half the ``spread`` of less than a right
-        angle it shines through a grid of slats: (tan a - tan x) / (tan a - a) of it at an angle x, a the half spread
-        (Cycles' model, which keeps the power).
-        """
+class AreaLamp(Lamp):
+    """A rectangle of ``width`` and ``height`` along x and y, or with ``round`` an ellipse, bright on one side.
 
-        def __init__(self, props):
-            super().__init__(props)
-            self.radiance = constant(mi.Color3f, props["radiance"])
-            self.half = [dr.opaque(mi.Float, 0.5 * props[side]) for side in ("width", "height")]
-            self.round = props.get("round", False)
-            self.area = dr.opaque(
-                mi.Float, props["width"] * props["height"] * (math.pi / 4 if self.round else 1)
-            )
-            limit = max(0.5 * props.get("spread", math.pi), PARALLEL)
-            self.slats = limit < math.radians(89.9)
-            if self.slats:
-                self.limit = dr.opaque(mi.Float, math.tan(limit))
-                self.gain = dr.opaque(mi.Float, 1 / (math.tan(limit) - limit))
+    Its ``radiance`` is that of an open rectangle of the same power. With half the ``spread`` of less than a right
+    angle it shines through a grid of slats: (tan a - tan x) / (tan a - a) of it at an angle x, a the half spread
+    (Cycles' model, which keeps the power).
+    """
 
-        def _reach(self, p, sample):
-            inwards = self.centre - p
-            x, y, z = (dr.dot(inwards, axis) for axis in self.axes)  # z: height of p on the bright side
-            disk = mi.warp.square_to_uniform_disk_concentric(sample)
-            place = disk if self.round else 2 * sample - 1
-            place = mi.Point2f(place.x * self.half[0], place.y * self.half[1])
-            area, lit = self.area, z > 0
-            if self.slats:
-                # of the lamp, or of the disk whose light reaches p, the smaller
-                foot, near = mi.Point2f(-x, -y), math.pi * (z * self.limit) ** 2
-                place = dr.select(near < area, foot + z * self.limit * disk, place)
-                area = dr.minimum(near, area)
-                across = mi.Point2f(place.x / self.half[0], place.y / self.half[1])
-                size = dr.squared_norm(across) if self.round else dr.max(dr.abs(across))
-                tangent = dr.norm(place - foot) / z
-                lit &= (size <= 1) & (tangent < self.limit)
-                area *= (self.limit - tangent) * self.gain
-            offset = inwards + place.x * self.axes[0] + place.y * self.axes[1]
-            squared = dr.maximum(dr.squared_norm(offset), TOUCHING**2)
-            return offset, dr.select(lit, self.radiance * (area * z * dr.rsqrt(squared) / squared), 0)
+    def __init__(self, props):
+        super().__init__(props)
+        self.radiance = constant(mi.Color3f, props["radiance"])
+        self.half = [dr.opaque(mi.Float, 0.5 * props[side]) for side in ("width", "height")]
+        self.round = props.get("round", False)
+        self.area = dr.opaque(mi.Float, props["width"] * props["height"] * (math.pi / 4 if self.round else 1))
+        limit = max(0.5 * props.get("spread", math.pi), PARALLEL)
+        self.slats = limit < math.radians(89.9)
+        if self.slats:
+            self.limit = dr.opaque(mi.Float, math.tan(limit))
+            self.gain = dr.opaque(mi.Float, 1 / (math.tan(limit) - limit))
 
-    class SunLamp(Lamp):
-        """A disk of the sky of half-angle ``radius`` and uniform radiance; ``irradiance`` is what it sends.
+    def _reach(self, p, sample):
+        inwards = self.centre - p
+        x, y, z = (dr.dot(inwards, axis) for axis in self.axes)  # z: height of p on the bright side
+        disk = mi.warp.square_to_uniform_disk_concentric(sample)
+        place = disk if self.round else 2 * sample - 1
+        place = mi.Point2f(place.x * self.half[0], place.y * self.half[1])
+        area, lit = self.area, z > 0
+        if self.slats:
+            # of the lamp, or of the disk whose light reaches p, the smaller
+            foot, near = mi.Point2f(-x, -y), math.pi * (z * self.limit) ** 2
+            place = dr.select(near < area, foot + z * self.limit * disk, place)
+            area = dr.minimum(near, area)
+            across = mi.Point2f(place.x / self.half[0], place.y / self.half[1])
+            size = dr.squared_norm(across) if self.round else dr.max(dr.abs(across))
+            tangent = dr.norm(place - foot) / z
+            lit &= (size <= 1) & (tangent < self.limit)
+            area *= (self.limit - tangent) * self.gain
+        offset = inwards + place.x * self.axes[0] + place.y * self.axes[1]
+        squared = dr.maximum(dr.squared_norm(offset), TOUCHING**2)
+        return offset, dr.select(lit, self.radiance * (area * z * dr.rsqrt(squared) / squared), 0)
 
-        The irradiance is integrated over directions, each facing its own, W/m^2: L 2 pi (1 - cos(radius)).
-        """
 
-        def __init__(self, props):
-            super().__init__(props)
-            self.irradiance = constant(mi.Color3f, props["irradiance"])
-            self.lost = dr.opaque(mi.Float, 2 * math.sin(0.5 * props.get("radius", 0.0)) ** 2)
+class SunLamp(Lamp):
+    """A disk of the sky of half-angle ``radius`` and uniform radiance; ``irradiance`` is what it sends.
 
-        def _reach(self, p, sample):
-            return BEYOND * mi.Frame3f(self.axes[2]).to_world(_cone(sample, self.lost)), self.irradiance
+    The irradiance is integrated over directions, each facing its own, W/m^2: L 2 pi (1 - cos(radius)).
+    """
 
-    mi.register_emitter("point_lamp", PointLamp)
-    mi.register_emitter("area_lamp", AreaLamp)
-    mi.register_emitter("sun_lamp", SunLamp)
+    def __init__(self, props):
+        super().__init__(props)
+        self.irradiance = constant(mi.Color3f, props["irradiance"])
+        self.lost = dr.opaque(mi.Float, 2 * math.sin(0.5 * props.get("radius", 0.0)) ** 2)
+
+    def _reach(self, p, sample):
+        return BEYOND * mi.Frame3f(self.axes[2]).to_world(_cone(sample, self.lost)), self.irradiance
+
+
+KINDS = {"point_lamp": PointLamp, "area_lamp": AreaLamp, "sun_lamp": SunLamp}
+for name, kind in KINDS.items():
+    mi.register_emitter(name, kind)
 
 
 def _cone(sample, lost):

@@ -154,19 +154,23 @@ def parts_of(scene: mi.Scene) -> list[mi.Object]:
 
 def nested_in(part: mi.Object) -> list[mi.Object]:
     """The objects of Mitsuba's that one of them holds, in its order."""
+    return [value for _, value, _ in held_by(part) if isinstance(value, mi.Object)]
 
-    class Nested(mi.TraversalCallback):
-        def __init__(self):
-            mi.TraversalCallback.__init__(self)
-            self.found = []
 
-        def put(self, name, value, flags, cpptype=None):
-            if isinstance(value, mi.Object):
-                self.found.append(value)
+def held_by(part: mi.Object) -> list[tuple]:
+    """Name and value of all that an object of Mitsuba's holds; of what is no object, its C++ type too, else None."""
+    visit = _Visit()
+    part.traverse(visit)
+    return visit.found
 
-    callback = Nested()
-    part.traverse(callback)
-    return callback.found
+
+class _Visit(mi.TraversalCallback):
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def put(self, name, value, flags, cpptype=None):
+        self.found.append((name, value, cpptype))
 
 
 def _surfaces(scene):

@@ -75,10 +75,15 @@ class Beckmann(Ggx):
         return self._distribution.sample(wi, number)[0]
 
 
+def normal_reflectance(ior: mi.Float | float) -> mi.Float | float:
+    """Reflectance of a dielectric at normal incidence."""
+    return dr.square((ior - 1) / (ior + 1))
+
+
 def grazing(cosine: mi.Float, ior: mi.Float | float) -> mi.Float:
     """How far a dielectric's reflectance is on its way from that at normal incidence (0) to 1."""
     reflectance = mi.fresnel(cosine, ior)[0]
-    normal = dr.square((ior - 1) / (ior + 1))
+    normal = normal_reflectance(ior)
     return dr.clip((reflectance - normal) / (1 - normal), 0, 1)
 
 

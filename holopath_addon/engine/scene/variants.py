@@ -9,6 +9,7 @@ holopath_llvm with the extension and with `make env`, else the system's newest. 
 from __future__ import annotations
 
 import ctypes
+import importlib
 import importlib.util
 import os
 import re
@@ -65,9 +66,8 @@ def activate(prefer: str | None = None) -> str:
             if not usable:
                 raise BackendUnavailable(f"{CUDA} cannot be used: {detail}; choose {LLVM} instead.")
         for kind in (np.float32, np.float64):
-            np.finfo(
-                kind
-            )  # which warns if asked first after Dr.Jit has made the processor flush subnormal numbers
+            # which warns if asked first after Dr.Jit has made the processor flush subnormal numbers
+            np.finfo(kind)
         if "drjit" not in sys.modules:
             _choose_llvm(required=wanted == LLVM)
         mitsuba = _import_mitsuba()
@@ -85,13 +85,8 @@ def activate(prefer: str | None = None) -> str:
                 mitsuba.set_variant(wanted)
             except ImportError as error:
                 raise BackendUnavailable(f"Mitsuba cannot start {wanted}: {_one_line(error)}.") from error
-        if wanted != current or wanted not in _extended:
-            from . import closures, dispersion, lamps, mixture
-
-            closures.register()
-            dispersion.register()
-            lamps.register()
-            mixture.register()
+        if wanted not in _extended:
+            _extend()
             _extended.add(wanted)
         return wanted
 
@@ -233,6 +228,13 @@ def _limit_threads():
     count = max(2, threads())
     if drjit.thread_count() != count:
         drjit.set_thread_count(count)
+
+
+def _extend():
+    """Import the modules that register plugins, whose classes derive from those of the variant now set."""
+    for name in ("closures", "dispersion", "lamps", "mixture"):
+        sys.modules.pop(f"{__package__}.{name}", None)  # it may be another variant's
+        importlib.import_module(f".{name}", __package__)
 
 
 def _cuda_device():

@@ -98,6 +98,22 @@ def test_replaces_a_variant_that_cannot_be_differentiated():
     assert "_ad_rgb" in run("import mitsuba\nmitsuba.set_variant('scalar_rgb')\n" + ACTIVATE)
 
 
+def test_plugins_are_of_the_variant_that_is_set():
+    """As where another backend is chosen in the preferences: Mitsuba refuses classes of another variant's."""
+    code = (
+        "from holopath_addon.engine.scene import variants\n"
+        "import mitsuba\n"
+        "for variants.LLVM in ('llvm_ad_rgb', 'llvm_ad_mono', 'llvm_ad_rgb'):\n"
+        "    variants.activate(variants.LLVM)\n"
+        "    coat = {'type': 'mixture', 'mode': 'over', 'a': {'type': 'matt'}, 'b': {'type': 'gloss'}}\n"
+        "    scene = {'type': 'scene', 'ball': {'type': 'sphere', 'bsdf': coat}, 'sun': LAMP}\n"
+        "    scene = mitsuba.load_dict(scene)\n"
+        "    print(isinstance(scene.shapes()[0].bsdf(), mitsuba.BSDF), len(scene.emitters()))\n"
+    )
+    lamp = "{'type': 'sun_lamp', 'to_world': mitsuba.ScalarTransform4f(), 'irradiance': [1, 1, 1]}"
+    assert run(code.replace("LAMP", lamp)).split() == 3 * ["True", "1"]
+
+
 def test_unknown_preference():
     with pytest.raises(engine.InvalidInput, match="scalar_rgb"):
         module.activate("scalar_rgb")
