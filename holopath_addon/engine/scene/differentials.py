@@ -31,7 +31,7 @@ def after_hit(
     the piece's true origin the ray starts.
     """
     si = surface.compute_surface_interaction(ray, SHAPE_FLAGS, active)
-    n = si.sh_frame.n
+    n = mi.Vector3f(si.sh_frame.n)
     cosine = dr.dot(ray.d, n)
     # law of refraction with the normal against the ray: D' = ratio D - mu N
     side = dr.select(cosine < 0, mi.Float(1), mi.Float(-1))

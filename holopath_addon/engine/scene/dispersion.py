@@ -12,11 +12,8 @@ from .lobes import parts_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-LINE_D, LINE_F, LINE_C = (
-    587.6e-9,
-    486.1e-9,
-    656.3e-9,
-)  # metres: Fraunhofer's lines that define the Abbe number
+# metres: Fraunhofer's lines that define the Abbe number
+LINE_D, LINE_F, LINE_C = 587.6e-9, 486.1e-9, 656.3e-9
 
 
 def cauchy(index: float, abbe: float, wavelength: float) -> float:

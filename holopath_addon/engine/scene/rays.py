@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -23,7 +24,7 @@ OUTSIDE, LEAST_RAMP = 1e6, 1e-9  # metres: stand for infinity and for nothing
 STEEPEST = 8.0  # slope in hologram space: planes that are seen from their edge
 
 
-@dataclass
+@dataclass(kw_only=True)
 class ImagePoint:
     """The image point that a ray sees (Dr.Jit types).
 
@@ -66,15 +67,15 @@ class ImagePoint:
     ray: mi.Ray3f
     surface: mi.PreliminaryIntersection3f
     exists: mi.Bool
-    branch: mi.UInt32
-    weight: mi.Color3f | None
-    whole: mi.Bool
+    branch: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+    weight: mi.Color3f | None = None
+    whole: mi.Bool = field(default_factory=lambda: mi.Bool(True))
     path: mi.Float
-    image: mi.Float
-    colour: mi.Color3f
+    image: mi.Float = field(default_factory=lambda: mi.Float(0))
+    colour: mi.Color3f = field(default_factory=lambda: mi.Color3f(1))
     first: mi.Float
-    hits: mi.UInt32
-    cut: mi.Bool
+    hits: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+    cut: mi.Bool = field(default_factory=lambda: mi.Bool(False))
     parts: tuple[mi.Float, mi.Bool] | None = None
 
 
@@ -110,29 +111,12 @@ class Rays:
         start = max(camera.clip_start, mapping.beta / near)
         end = min(camera.clip_end, mapping.beta / far if far > 0 else math.inf)
         # no literals: one program for all displays, depth ranges and scenes alike
-        (
-            self.plane,
-            self.limit,
-            self.start,
-            self.pitch,
-            self._to_far,
-            self._beta,
-            self._spread,
-            self._per_focal,
-        ) = (
-            dr.opaque(mi.Float, number)
-            for number in (
-                plane,
-                limit,
-                start,
-                hologram.pitch,
-                mapping.z_far - plane,
-                mapping.beta,
-                mapping.beta / mapping.focal,
-                1 / mapping.focal,
-            )
-        )
-        self._reach = dr.opaque(mi.Float, end - start) if math.isfinite(end) else None
+        opaque = partial(dr.opaque, mi.Float)
+        self.plane, self.limit = opaque(plane), opaque(limit)
+        self.start, self.pitch = opaque(start), opaque(hologram.pitch)
+        self._to_far, self._beta = opaque(mapping.z_far - plane), opaque(mapping.beta)
+        self._spread, self._per_focal = opaque(mapping.beta / mapping.focal), opaque(1 / mapping.focal)
+        self._reach = opaque(end - start) if math.isfinite(end) else None
         self._ramps = [_ramps(which, plane) for which in (slab, images)]
         self._middle = constant(mi.Point2f, (0.5 * (hologram.width - 1), 0.5 * (hologram.height - 1)))
         self._centre = constant(mi.Point2f, (mapping.centre_x, mapping.centre_y))

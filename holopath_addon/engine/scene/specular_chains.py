@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     from ..camera import Camera
     from ..plan import Plan
 
-NARROW = (
-    1.5,
-    8.0,
-)  # widths of a lobe that the view turns across the pupil, from which and up to which it is one
+# widths of a lobe that the view turns across the pupil, from which and up to which it is one
+NARROW = 1.5, 8.0
 LEAST_ALBEDO = 1e-3
 SPLITS = 2  # hits of a chain at which more than one way on is followed
 FAR = 1e4  # metres: stands for infinity where a ray leaves the scene
@@ -47,22 +45,15 @@ class FirstHits:
         """The `ImagePoint` along a ray."""
         surface = intersect(scene, ray, self.coherent)
         hit = surface.is_valid()
-        exists = _lit(scene, hit, self.sky)
+        exists = lit(scene, hit, self.sky)
         return ImagePoint(
-            surface.t,
-            hit,
-            ray,
-            surface,
-            exists,
-            mi.UInt32(0),
-            None,
-            mi.Bool(True),
-            surface.t,
-            mi.Float(0),
-            mi.Color3f(1),
-            surface.t,
-            mi.UInt32(0),
-            mi.Bool(False),
+            distance=surface.t,
+            hit=hit,
+            ray=ray,
+            surface=surface,
+            exists=exists,
+            path=surface.t,
+            first=surface.t,
         )
 
 
@@ -107,7 +98,7 @@ class Images:
         return seen
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Rough:
     """Nearly smooth surfaces that a chain has gone over (Dr.Jit types).
 
@@ -127,35 +118,87 @@ class _Rough:
     """
 
     ray: mi.Ray3f
-    surface: mi.PreliminaryIntersection3f
-    share: mi.Float
-    own: mi.Float
-    own_path: mi.Float
-    colour: mi.Color3f
-    gloss: mi.Float
-    rest: mi.Bool
+    surface: mi.PreliminaryIntersection3f = field(
+        default_factory=lambda: dr.zeros(mi.PreliminaryIntersection3f)
+    )
+    share: mi.Float = field(default_factory=lambda: mi.Float(1))
+    own: mi.Float = field(default_factory=lambda: mi.Float(0))
+    own_path: mi.Float = field(default_factory=lambda: mi.Float(0))
+    colour: mi.Color3f = field(default_factory=lambda: mi.Color3f(1))
+    gloss: mi.Float = field(default_factory=lambda: mi.Float(1))
+    rest: mi.Bool = field(default_factory=lambda: mi.Bool(True))
 
-    @classmethod
-    def none(cls, ray):
-        """Before the first."""
-        nowhere = dr.zeros(mi.PreliminaryIntersection3f)
-        one, zero = mi.Float(1), mi.Float(0)
-        return cls(mi.Ray3f(ray), nowhere, one, zero, mi.Float(0), mi.Color3f(1), mi.Float(1), mi.Bool(True))
-
-    def over(self, where, coated, narrow, ray, surface, place, path, albedo):
-        """Go over one more: light comes from its image as far as its lobe is `narrow`, if no branch is for the rest."""
+    def over(self, chain, place, narrow, albedo, where, coated):
+        """Go over what a chain meets, too: light comes from its image as far as its lobe is `narrow`, if no branch is
+        for the rest. `place` is its own image's distance.
+        """
         first = where & ~self.surface.is_valid()
         near = dr.select(coated, 0, self.share * (1 - narrow))
-        return _Rough(
-            dr.select(first, ray, self.ray),
-            dr.select(first, surface, self.surface),
-            dr.select(where & ~coated, self.share * narrow, self.share),
-            dr.select(where, self.own + near / place, self.own),
-            dr.select(where, self.own_path + near / path, self.own_path),
-            dr.select(first, dr.maximum(albedo, LEAST_ALBEDO), self.colour),
-            self.gloss,
-            self.rest & ~(first & coated),
+        return replace(
+            self,
+            ray=dr.select(first, chain.ray, self.ray),
+            surface=dr.select(first, chain.surface, self.surface),
+            share=dr.select(where & ~coated, self.share * narrow, self.share),
+            own=dr.select(where, self.own + near / place, self.own),
+            own_path=dr.select(where, self.own_path + near / chain.path, self.own_path),
+            colour=dr.select(first, dr.maximum(albedo, LEAST_ALBEDO), self.colour),
+            rest=self.rest & ~(first & coated),
         )
+
+
+@dataclass(kw_only=True)
+class _Chain:
+    """A ray on its way over mirrors and through clear surfaces, or where it has ended (Dr.Jit types).
+
+    Attributes
+    ----------
+    ray : mitsuba.Ray3f
+        The last piece.
+    surface : mitsuba.PreliminaryIntersection3f
+        What it meets.
+    ahead : mitsuba.Float
+        How far from the surface before it the last piece starts.
+    weight : mitsuba.Color3f
+        Share of the radiance that comes through.
+    length, index : mitsuba.Float
+        The optical length before the last piece, and the index of refraction on it.
+    hits, splits : mitsuba.UInt32
+        Surfaces on the way, and bits of the branch number that have chosen.
+    whole, ended, straight, active : mitsuba.Bool
+        Whether P shows all its light, whether there is a P, whether the ray was never bent, whether it is to go on.
+    moves : list
+        Ray differentials, or none where images lie at the optical path length.
+    rough : _Rough or None
+    """
+
+    ray: mi.Ray3f
+    surface: mi.PreliminaryIntersection3f
+    moves: list
+    rough: _Rough | None
+    ahead: mi.Float = field(default_factory=lambda: mi.Float(0))
+    weight: mi.Color3f = field(default_factory=lambda: mi.Color3f(1))
+    length: mi.Float = field(default_factory=lambda: mi.Float(0))
+    index: mi.Float = field(default_factory=lambda: mi.Float(1))
+    hits: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+    splits: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+    whole: mi.Bool = field(default_factory=lambda: mi.Bool(True))
+    ended: mi.Bool = field(default_factory=lambda: mi.Bool(False))
+    straight: mi.Bool = field(default_factory=lambda: mi.Bool(True))
+    active: mi.Bool = field(default_factory=lambda: mi.Bool(True))
+
+    @property
+    def reach(self):
+        """Length of the last piece."""
+        return self.surface.t + self.ahead
+
+    @property
+    def path(self):
+        """Optical length to what is met."""
+        return self.length + self.index * self.reach
+
+    def chooses(self, branch):
+        """The next bit of a branch number."""
+        return ((branch >> self.splits) & 1) == 1
 
 
 class SpecularChains:
@@ -179,6 +222,8 @@ class SpecularChains:
         Whether neighbouring rays are traced in packets.
     sky : bool
         Whether rays that were neither reflected nor refracted see the environment.
+    pupil : float
+        Radius of the pupil that tells which rough surfaces are nearly smooth, see `Plan`; 0 where none is.
     """
 
     def __init__(
@@ -197,174 +242,140 @@ class SpecularChains:
         self.branches, self.coherent, self.sky = 1 << splits, coherent, sky
 
     def view(self, scene: mi.Scene, ray: mi.Ray3f, branch: mi.UInt32, drawn: bool = False) -> ImagePoint:
-        """The `ImagePoint` of a branch along a ray; of one `drawn` at random, bits that divide nothing do not count."""
-        met = intersect(scene, ray, self.coherent)
-        chain = self._follow(scene, ray, met, branch)
-        last, surface, ahead, weight, length, index, hits, splits, whole, ended, straight, moves, rough = (
-            chain
-        )
-        hit = surface.is_valid()
-        # a chain that was cut off, or whose light is zero, shows nothing
-        cut = ~ended
-        if self.pupil:
-            ended |= rough.surface.is_valid()
-        exists = ended & (drawn | ((branch >> splits) == 0)) & dr.any(weight > 0)
-        path = length + index * dr.select(hit, surface.t + ahead, dr.inf)
-        distance = self._distance(moves, last, surface.t + ahead, hit, hits, path)
-        taken, colour, image, parts = branch & ((1 << splits) - 1), mi.Color3f(1), mi.Float(0), None
-        if self.pupil:
-            nearly = rough.surface.is_valid()
-            # where nothing is mirrored there is no image either
-            distance = dr.select(nearly & ~_lit(scene, hit, self.sky), dr.inf, distance)
-            distance, path = (
-                dr.rcp(rough.own + rough.share / distance),
-                dr.rcp(rough.own_path + rough.share / path),
-            )
-            last, surface = dr.select(nearly, rough.ray, last), dr.select(nearly, rough.surface, surface)
-            hit |= nearly
-            colour, weight = rough.colour, weight * rough.colour
-            image = dr.select(nearly, rough.share, 1 - rough.gloss)
-            if self.lobes.coated:
-                parts = rough.gloss, rough.rest
-        exists &= _lit(scene, hit, self.sky | ~straight)
-        return ImagePoint(
-            distance,
-            dr.isfinite(distance),
-            last,
-            surface,
-            exists,
-            taken,
-            weight,
-            whole,
-            path,
-            image,
-            colour,
-            met.t,
-            hits,
-            cut,
-            parts,
-        )
+        """The `ImagePoint` of a branch along a ray.
 
-    def _distance(self, moves, last, reach, hit, hits, path):
-        """Distance of the image of a point, `reach` beyond the last surface, where there is one."""
+        Of a branch `drawn` at random, bits that nothing divides by do not count.
+        """
+        met = intersect(scene, ray, self.coherent)
+        chain = self._followed(scene, ray, met, branch)
+        hit, used = chain.surface.is_valid(), 1 << chain.splits
+        path = chain.length + chain.index * dr.select(hit, chain.reach, dr.inf)
+        seen = ImagePoint(
+            distance=self._distance(chain, hit, path),
+            hit=hit,
+            ray=chain.ray,
+            surface=chain.surface,
+            exists=chain.ended,
+            branch=branch & (used - 1),
+            weight=chain.weight,
+            whole=chain.whole,
+            path=path,
+            first=met.t,
+            hits=chain.hits,
+            cut=~chain.ended,
+        )
+        if self.pupil:
+            self._show_rough(scene, seen, chain.rough)
+        # a chain that was cut off, or whose light is zero, shows nothing
+        seen.exists &= (drawn | (branch < used)) & dr.any(chain.weight > 0)
+        seen.exists &= lit(scene, seen.hit, self.sky | ~chain.straight)
+        seen.hit = dr.isfinite(seen.distance)
+        return seen
+
+    def _show_rough(self, scene, seen, rough):
+        """Have an image point show the nearly smooth surfaces before it, the first of which it then lies on."""
+        nearly = rough.surface.is_valid()
+        # where nothing is mirrored there is no image either
+        distance = dr.select(nearly & ~lit(scene, seen.hit, self.sky), dr.inf, seen.distance)
+        seen.distance = dr.rcp(rough.own + rough.share / distance)
+        seen.path = dr.rcp(rough.own_path + rough.share / seen.path)
+        seen.ray = dr.select(nearly, rough.ray, seen.ray)
+        seen.surface = dr.select(nearly, rough.surface, seen.surface)
+        seen.hit |= nearly
+        seen.exists |= nearly
+        seen.colour, seen.weight = rough.colour, seen.weight * rough.colour
+        seen.image = dr.select(nearly, rough.share, 1 - rough.gloss)
+        if self.lobes.coated:
+            seen.parts = rough.gloss, rough.rest
+
+    def _distance(self, chain, hit, path):
+        """Distance of the image of what a chain meets, where it does; `path` is the optical one."""
         if not self.curvature:
             return path
-        return dr.select(hits > 0, crossing(moves, last, dr.select(hit, reach, FAR)), path)
+        reach = dr.select(hit, chain.reach, FAR)
+        return dr.select(chain.hits > 0, crossing(chain.moves, chain.ray, reach), path)
 
-    def _follow(self, scene, ray, met, branch):
-        """The chain: last piece, what it meets, how far from the last surface it starts, the radiance's share, the
-        optical length before and the index on it, hits, splits, whether P shows all its light, whether there is a
-        P, whether the ray was never bent, and ray differentials.
-        """
-        state = (
-            mi.Ray3f(ray),
-            mi.PreliminaryIntersection3f(met),
-            mi.Float(0),
-            mi.Color3f(1),
-            mi.Float(0),
-            mi.Float(1),
-            mi.UInt32(0),
-            mi.UInt32(0),
-            mi.Bool(True),
-            mi.Bool(False),
-            mi.Bool(True),
-            start(ray) if self.curvature else [],
-            _Rough.none(ray) if self.pupil else None,
-            mi.Bool(True),
+    def _followed(self, scene, ray, met, branch):
+        """The `_Chain` of a branch that begins with a ray and what it has met."""
+        chain = _Chain(
+            ray=mi.Ray3f(ray),
+            surface=mi.PreliminaryIntersection3f(met),
+            moves=start(ray) if self.curvature else [],
+            rough=_Rough(ray=mi.Ray3f(ray)) if self.pupil else None,
         )
 
-        def body(
-            ray,
-            surface,
-            ahead,
-            weight,
-            length,
-            index,
-            hits,
-            splits,
-            whole,
-            ended,
-            straight,
-            moves,
-            rough,
-            active,
-        ):
-            si = surface.compute_surface_interaction(ray, mi.RayFlags.All, active)
-            scatters, reflected, transmitted = self.lobes.at(si, active & si.is_valid())
-            free, parts = (splits < self.splits) & (hits < self.most_hits), None
-            if self.pupil:
-                free &= ~rough.surface.is_valid()
-                lobe, density, coated = self.lobes.glossy(si, active & si.is_valid())
-                path = length + index * (surface.t + ahead)
-                narrow = _narrow(lobe, density, path, self.pupil)
-                place = self._distance(moves, ray, surface.t + ahead, mi.Bool(True), hits, path)
-                over = narrow > 0
-                parts = over & coated & free
-                over &= ~coated | (parts & (((branch >> splits) & 1) == 1))
-                rough = rough.over(over, coated, narrow, ray, surface, place, path, lobe.weight)
-                rough.gloss = dr.select(parts & ~over, 1 - narrow, rough.gloss)
-                weight = dr.select(over & coated, weight * narrow, weight)
-                scatters &= ~over | coated
-                through = over & (dr.dot(lobe.direction, si.n) * dr.dot(ray.d, si.n) > 0)
-                lobe.weight = mi.Color3f(1)
-                reflected = dr.select(over & ~through, lobe, reflected)
-                transmitted = dr.select(over & through, lobe, transmitted)
-            leaves = reflected.exists | transmitted.exists
-            if parts is not None:
-                leaves |= parts
-            # stay at P, or go on
-            dividing = active & leaves & scatters
-            stays = ~leaves | (scatters & (~free | (((branch >> splits) & 1) == 0)))
-            whole &= ~(dividing & free & stays)
-            splits = dr.select(dividing & free, splits + 1, splits)
-            ended |= active & stays
-            active &= ~stays & (hits < self.most_hits)
-            # reflect, or transmit
-            both = active & reflected.exists & transmitted.exists
-            free &= splits < self.splits
-            stronger = dr.max(transmitted.weight) > dr.max(reflected.weight)
-            through = dr.select(both & free, ((branch >> splits) & 1) == 1, stronger)
-            splits = dr.select(both & free, splits + 1, splits)
-            # beyond a rough surface the chain is only followed to where the image lies
-            counts = active & ~rough.surface.is_valid() if self.pupil else active
-            weight = dr.select(
-                counts, weight * dr.select(through, transmitted.weight, reflected.weight), weight
-            )
-            if self.curvature:
-                after = after_hit(moves, ray, surface, ahead, ~through, transmitted.eta, active)
-                moves = [
-                    (dr.select(active, point, old_point), dr.select(active, turn, old_turn))
-                    for (point, turn), (old_point, old_turn) in zip(after, moves, strict=True)
-                ]
-            length = dr.select(active, length + (surface.t + ahead) * index, length)
-            if self.lobes.refracts:
-                index = dr.select(active & through, index * transmitted.eta, index)
-            hits = dr.select(active, hits + 1, hits)
-            straight &= ~active | (through & (transmitted.eta == 1))
-            direction = dr.select(through, transmitted.direction, reflected.direction)
-            # Mitsuba lets rays start a little off the surface, too much for lenses
-            onward = si.spawn_ray(direction)
-            ahead = dr.select(active, dr.dot(onward.o - si.p, direction), ahead)
-            ray = dr.select(active, onward, ray)
-            surface = dr.select(active, intersect(scene, ray, False, active), surface)
-            return (
-                ray,
-                surface,
-                ahead,
-                weight,
-                length,
-                index,
-                hits,
-                splits,
-                whole,
-                ended,
-                straight,
-                moves,
-                rough,
-                active,
-            )
+        def body(chain):
+            return (self._stepped(scene, chain, branch),)
 
-        return dr.while_loop(state, lambda *s: s[-1], body, label="specular chain")[:-1]
+        return dr.while_loop((chain,), lambda chain: chain.active, body, label="specular chain")[0]
+
+    def _stepped(self, scene, chain, branch):
+        """A chain that stays at the surface that it meets, or goes on to the next."""
+        si = chain.surface.compute_surface_interaction(chain.ray, mi.RayFlags.All, chain.active)
+        scatters, reflected, transmitted = self.lobes.at(si, chain.active & si.is_valid())
+        free, coat = (chain.splits < self.splits) & (chain.hits < self.most_hits), mi.Bool(False)
+        if self.pupil:
+            free &= ~chain.rough.surface.is_valid()
+            over, coat, coated, lobe = self._gone_over(chain, si, free, branch)
+            scatters &= ~over | coated
+            through = over & (dr.dot(lobe.direction, si.n) * dr.dot(chain.ray.d, si.n) > 0)
+            reflected = dr.select(over & ~through, lobe, reflected)
+            transmitted = dr.select(over & through, lobe, transmitted)
+        leaves = reflected.exists | transmitted.exists | coat
+        # stay at P, or go on
+        divides = chain.active & leaves & scatters & free
+        stays = ~leaves | (scatters & ~(free & chain.chooses(branch)))
+        chain.whole &= ~(divides & stays)
+        chain.splits = dr.select(divides, chain.splits + 1, chain.splits)
+        chain.ended |= chain.active & stays
+        chain.active &= ~stays & (chain.hits < self.most_hits)
+        # reflect, or transmit
+        divides = chain.active & reflected.exists & transmitted.exists & free & (chain.splits < self.splits)
+        stronger = dr.max(transmitted.weight) > dr.max(reflected.weight)
+        through = dr.select(divides, chain.chooses(branch), stronger)
+        chain.splits = dr.select(divides, chain.splits + 1, chain.splits)
+        return dr.select(chain.active, self._onward(scene, chain, si, reflected, transmitted, through), chain)
+
+    def _gone_over(self, chain, si, free, branch):
+        """Have a chain go over a nearly smooth surface: where it does, where that or the rest is a branch's choice,
+        where there is a rest, and the `Lobe` by which it goes.
+        """
+        lobe, density, coated = self.lobes.glossy(si, chain.active & si.is_valid())
+        narrow = _narrow(lobe, density, chain.path, self.pupil)
+        coat = (narrow > 0) & coated & free
+        over = (narrow > 0) & (~coated | (coat & chain.chooses(branch)))
+        place = self._distance(chain, mi.Bool(True), chain.path)
+        chain.rough = chain.rough.over(chain, place, narrow, lobe.weight, over, coated)
+        chain.rough.gloss = dr.select(coat & ~over, 1 - narrow, chain.rough.gloss)
+        chain.weight = dr.select(over & coated, chain.weight * narrow, chain.weight)
+        lobe.weight = mi.Color3f(1)
+        return over, coat, coated, lobe
+
+    def _onward(self, scene, chain, si, reflected, transmitted, through):
+        """A chain that is reflected or goes `through` a surface, to the next surface."""
+        way, eta = dr.select(through, transmitted, reflected), transmitted.eta
+        weight, index, moves = chain.weight * way.weight, chain.index, chain.moves
+        if self.pupil:
+            # beyond a rough surface the chain is only followed to where the image lies
+            weight = dr.select(chain.rough.surface.is_valid(), chain.weight, weight)
+        if self.lobes.refracts:
+            index = dr.select(through, index * eta, index)
+        if self.curvature:
+            moves = after_hit(moves, chain.ray, chain.surface, chain.ahead, ~through, eta, chain.active)
+        ray = si.spawn_ray(way.direction)
+        return replace(
+            chain,
+            ray=ray,
+            surface=intersect(scene, ray, False, chain.active),
+            # Mitsuba lets rays start a little off the surface, too much for lenses
+            ahead=dr.dot(ray.o - si.p, way.direction),
+            weight=weight,
+            length=chain.path,
+            index=index,
+            hits=chain.hits + 1,
+            straight=chain.straight & through & (eta == 1),
+            moves=moves,
+        )
 
 
 def optics_of(scene: mi.Scene, camera: Camera, plan: Plan) -> FirstHits | SpecularChains:
@@ -390,6 +401,6 @@ def _narrow(lobe, density, distance, pupil):
     return x * x * (3 - 2 * x)
 
 
-def _lit(scene, hit, sky):
+def lit(scene, hit, sky):
     """Whether there is anything to see: a surface, or beyond all surfaces an environment, where `sky` allows."""
     return hit if scene.environment() is None else hit | sky
