@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import drjit as dr
 import mitsuba as mi
@@ -159,18 +160,24 @@ def nested_in(part: mi.Object) -> list[mi.Object]:
 
 def held_by(part: mi.Object) -> list[tuple]:
     """Name and value of all that an object of Mitsuba's holds; of what is no object, its C++ type too, else None."""
-    visit = _Visit()
+    visit = _visit()()
     part.traverse(visit)
     return visit.found
 
 
-class _Visit(mi.TraversalCallback):
-    def __init__(self):
-        super().__init__()
-        self.found = []
+@cache
+def _visit():
+    """A traversal of one part only, defined when Mitsuba has a variant."""
 
-    def put(self, name, value, flags, cpptype=None):
-        self.found.append((name, value, cpptype))
+    class Visit(mi.TraversalCallback):
+        def __init__(self):
+            super().__init__()
+            self.found = []
+
+        def put(self, name, value, flags, cpptype=None):
+            self.found.append((name, value, cpptype))
+
+    return Visit
 
 
 def _surfaces(scene):
