@@ -11,7 +11,9 @@ from collections import Counter
 from pathlib import Path
 
 PACKAGE = "holopath_addon"
-# From low to high: modules of one know those of lower ones, and of their own.
+# Houses, and what they may know beside themselves.
+HOUSES = {"engine": (), "slm": ("engine",), "export": ("engine",)}
+# The engine's rooms from low to high: modules of one know those of lower ones, and of their own.
 ROOMS = ("scene", "waves", "light", "tracing", "encoding", "planning", "viewing", "baselines")
 TOP = "rendering"  # the module that knows all of them
 
@@ -79,14 +81,14 @@ def level(name: str) -> int:
 
 
 def upward(graph: dict[str, set[str]]) -> list[str]:
-    """Arrows of the engine that go up, or out of it."""
-    inside = {name: others for name, others in graph.items() if level(name) >= 0}
-    return sorted(
-        f"{name} imports {other}"
-        for name, others in inside.items()
-        for other in others
-        if level(other) > level(name) or level(other) < 0
-    )
+    """Arrows that go up within the engine, or out of a house to where it may not."""
+
+    def astray(name, other):
+        house, its = (f"{each}.".split(".")[1] for each in (name, other))
+        leaves = house in HOUSES and its not in (house, *HOUSES[house])
+        return leaves or level(other) > level(name) >= 0
+
+    return sorted(f"{name} imports {other}" for name in graph for other in graph[name] if astray(name, other))
 
 
 def sizes(root: Path) -> Counter:

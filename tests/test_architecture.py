@@ -37,6 +37,9 @@ def test_what_it_would_find(tmp_path):
         "engine/planning/planner.py": "def plan():\n    from .. import errors\n    from .pilot import Pilot",
         "engine/planning/pilot.py": "from . import planner",
         "engine/errors.py": "from .. import cli",
+        "export/__init__.py": "from .. import engine",
+        "slm/__init__.py": "from ..export import scene",
+        "export/scene.py": "from ..engine.scene import rays",
         "cli.py": "",
     }
     for name, text in files.items():
@@ -48,5 +51,6 @@ def test_what_it_would_find(tmp_path):
     assert imports.upward(graph) == [
         f"{engine}.errors imports {imports.PACKAGE}.cli",
         f"{engine}.scene.rays imports {engine}.planning.planner",
+        f"{imports.PACKAGE}.slm imports {imports.PACKAGE}.export.scene",
     ]
     assert imports.sizes(tmp_path)[f"{imports.PACKAGE}/engine/planning"] == 2

@@ -1,6 +1,6 @@
 """The settings that `engine.settings` declares, as options of a command and as the guide's table.
 
-python -m holopath_addon.command_line.settings_options docs/guide.md    writes the table anew
+python -m holopath_addon.command_line.options docs/guide.md    writes the table anew
 """
 
 import argparse

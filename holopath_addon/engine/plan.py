@@ -83,7 +83,7 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Choice(Generic[T]):
+class Decided(Generic[T]):
     """What was chosen, the decisions that say so, and what to warn of."""
 
     value: T

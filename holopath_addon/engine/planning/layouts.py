@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..plan import Choice, RecordingPlane
+from ..plan import Decided, RecordingPlane
 from ..slabs import EVERYWHERE, RAMP, Slab, binned, overlapping, partitions
 from ..tracing.kernel_table import Lattice, directions_of
 from ..tracing.regions import IMAGE_REACH, TILE, limit_of
@@ -151,11 +151,11 @@ class Scenery:
                 ]
         return Layout(tuple(parts), sum(rays for rays, _ in fits), self._shadows(parts))
 
-    def planes(self, layout: Layout) -> Choice[tuple[RecordingPlane, ...]]:
+    def planes(self, layout: Layout) -> Decided[tuple[RecordingPlane, ...]]:
         """The planes of a layout."""
         return self._planes([self._bounds(part) for part in layout.parts])
 
-    def plane(self, z: float) -> Choice[tuple[RecordingPlane, ...]]:
+    def plane(self, z: float) -> Decided[tuple[RecordingPlane, ...]]:
         """One plane for all."""
         part = Part("all", EVERYWHERE, EVERYWHERE, *self.ends, z, "")
         return self._planes([(z, part, self.ends, self.ends[0])])
@@ -197,7 +197,7 @@ class Scenery:
         ):
             each = (float((np.minimum(of_tiles, most) * where).mean()) for where in (~chains, chains))
             planes.append(RecordingPlane(z, part.sees, part.slab, part.images, beyond, limit, count, *each))
-        return Choice(tuple(planes), warnings=(too_few,) if settings.spp and max(few) < max(rays) else ())
+        return Decided(tuple(planes), warnings=(too_few,) if settings.spp and max(few) < max(rays) else ())
 
     def _held(self, part):
         """The places of what a plane records."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..light.baking import found_in
 from ..light.camera_view import Request
 from ..light.gathering import ROUND
-from ..plan import Choice, Decision
+from ..plan import Decided, Decision
 from ..scene.dispersion import wavelength_groups
 from ..scene.lobes import surfaces_of
 from ..waves.phase_fields import speckle_contrast
@@ -34,19 +34,19 @@ LEAST_DIFFUSE = 0.1  # of the view: the cache is for more
 GREY = 0.01  # of the radiance: channels that differ less are one
 
 
-def diffuse_light(survey: Survey, margin: int, store: BakeStore | None) -> Choice[dict[str, float] | None]:
+def diffuse_light(survey: Survey, margin: int, store: BakeStore | None) -> Decided[dict[str, float] | None]:
     """Whether diffuse light comes from the radiance cache: then the seconds of its stages.
 
     The radiance map has `margin` pixels beyond each edge of the hologram.
     """
     settings, diffuse, columns = survey.settings, survey.seen.diffuse, columns_of(survey, margin)
     if settings.method == "direct" or settings.max_depth < 2:
-        return Choice(None)
+        return Decided(None)
     asked = settings.method == "fast"
     if not asked and (settings.method == "full" or settings.radiance == "ray" or diffuse < LEAST_DIFFUSE):
         few = settings.method != "full" and settings.radiance != "ray"
         reason = f"only {diffuse:.0%} of the view is diffuse" if few else "as asked"
-        return Choice(None, (Decision("diffuse light", "paths of this view", reason),))
+        return Decided(None, (Decision("diffuse light", "paths of this view", reason),))
     paths = costs.map_seconds(survey.light, columns, *noise.likely(settings, survey.light), survey.slowness)
     if settings.radiance == "ray":
         paths = math.inf
@@ -66,11 +66,11 @@ def diffuse_light(survey: Survey, margin: int, store: BakeStore | None) -> Choic
         before += f" for {baked:.0%} of the view" if baked >= 0.005 else " for other views"
     compared = f"{before}, {about} {seconds:.1f} s, paths of this view about {paths:.1f} s"
     if asked:
-        return Choice(stages, (Decision("diffuse light", "radiance cache", f"as asked; {compared}"),))
+        return Decided(stages, (Decision("diffuse light", "radiance cache", f"as asked; {compared}"),))
     better = seconds < limit
     saving = f"about {abs(paths - seconds):.0f} s" if abs(paths - seconds) >= 1 else ""
     value = "radiance cache" if better else "paths of this view"
-    return Choice(stages if better else None, (Decision("diffuse light", value, compared, saving),))
+    return Decided(stages if better else None, (Decision("diffuse light", value, compared, saving),))
 
 
 class _Cache:
@@ -113,12 +113,12 @@ class _Cache:
         return costs.baking(self._survey, self._columns, self._few, baked, self._triangles)
 
 
-def light_bounces(survey: Survey, cached: bool) -> Choice[int]:
+def light_bounces(survey: Survey, cached: bool) -> Decided[int]:
     """Vertices of a radiance path."""
     light, most = survey.light, allowed_vertices(survey.settings)
     if cached:
         value, reason = f"{most} vertices", "the radiance cache has them all"
-        return Choice(most, (Decision("light bounces", value, reason),))
+        return Decided(most, (Decision("light bounces", value, reason),))
     if "max_depth" in survey.settings.fixed:
         reason = "as asked"
     elif light.max_depth < most:
@@ -127,15 +127,15 @@ def light_bounces(survey: Survey, cached: bool) -> Choice[int]:
         reason = "as many as are allowed"
     saving = f"{most - light.max_depth} vertices of {most}" if light.max_depth < most else ""
     value = f"{light.max_depth} vertices"
-    return Choice(light.max_depth, (Decision("light bounces", value, reason, saving, light.lost / 2),))
+    return Decided(light.max_depth, (Decision("light bounces", value, reason, saving, light.lost / 2),))
 
 
-def radiance_paths(survey: Survey, cached: bool) -> Choice[tuple[int, float]]:
+def radiance_paths(survey: Survey, cached: bool) -> Decided[tuple[int, float]]:
     """Radiance paths a pixel, and the error that their noise leaves in the field."""
     settings, light = survey.settings, survey.light
     if settings.radiance == "ray":
         reason = "as asked" if cached else "as asked; dark where light is indirect"
-        return Choice((0, 0.0), (Decision("radiance", f"{settings.paths} paths a ray", reason),))
+        return Decided((0, 0.0), (Decision("radiance", f"{settings.paths} paths a ray", reason),))
     passes, most = noise.passes_for(settings, noise.noise_left(settings, light)), noise.most_passes(settings)
     looks = noise.likely_textures(settings, light, passes)
     error = math.sqrt(
@@ -158,15 +158,15 @@ def radiance_paths(survey: Survey, cached: bool) -> Choice[tuple[int, float]]:
         )
     saving = f"{1 - passes / most:.0%} of the paths that may be taken" if passes < most and not cached else ""
     decision = Decision("radiance paths a pixel", value, reason, saving, 0.5 * error)
-    return Choice((passes, 0.5 * error), (decision,))
+    return Decided((passes, 0.5 * error), (decision,))
 
 
-def radiance_map(survey: Survey, margin: int) -> Choice[tuple[int, int]]:
+def radiance_map(survey: Survey, margin: int) -> Decided[tuple[int, int]]:
     """Depth slabs and pupil bins of the radiance map."""
     columns = columns_of(survey, margin)
     settings, seen, fixed = survey.settings, survey.seen, survey.settings.fixed
     if settings.radiance == "ray":
-        return Choice((1, 1))
+        return Decided((1, 1))
     draft = settings.quality == "draft"
     glossy = not draft and (seen.sharpest > ONE_BIN or seen.specular > LEAST_SHARE)
     bins = min(GLOSSY_BINS[0] + math.floor(1.5 * seen.turn), GLOSSY_BINS[1]) if glossy else 1
@@ -184,17 +184,17 @@ def radiance_map(survey: Survey, margin: int) -> Choice[tuple[int, int]]:
     cells, most = slabs * bins**2, MOST_SLABS * GLOSSY_BINS[1] ** 2
     saving = f"{1 - cells / most:.0%} of the largest map" if cells < most else ""
     value = f"{slabs} depth slabs, {bins} x {bins} pupil bins"
-    return Choice((slabs, bins), (Decision("radiance map", value, reason, saving),))
+    return Decided((slabs, bins), (Decision("radiance map", value, reason, saving),))
 
 
-def wavelengths(survey: Survey) -> Choice[tuple[bool, int]]:
+def wavelengths(survey: Survey) -> Decided[tuple[bool, int]]:
     """Whether all wavelengths share one radiance, and how often rays are traced."""
     fixed, colours, chroma = survey.settings.fixed, len(survey.hologram.wavelengths), survey.light.chroma
     groups = len(wavelength_groups(survey.scene, survey.hologram.wavelengths))
     if not fixed.get("dispersion", bool(survey.chains.longest)):
         groups = 1
     if colours == 1:
-        return Choice((False, groups))
+        return Decided((False, groups))
     grey = bool(fixed.get("grey", chroma < GREY)) and survey.settings.radiance == "grain"
     value = "rays for each" if groups > 1 else "rays once for all"
     reason = "glass in view disperses" if groups > 1 else "no glass that disperses is in view"
@@ -202,4 +202,4 @@ def wavelengths(survey: Survey) -> Choice[tuple[bool, int]]:
         value, reason = f"{value}, one radiance", f"{reason}; colors differ by {chroma:.1%}"
     saving = f"{colours - 1} of {colours} tracings" if groups == 1 else ""
     decision = Decision("wavelengths", value, reason, saving, 0.5 * chroma if grey else 0.0)
-    return Choice((grey, groups), (decision,))
+    return Decided((grey, groups), (decision,))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..plan import Choice, Decision, middle_of
+from ..plan import Decided, Decision, middle_of
 from ..waves.phase_fields import speckle_contrast
 from .layouts import CONE, Scenery, by_region
 
@@ -23,7 +23,7 @@ SHARED_WORK, PLANE_WORK, MOVE_WORK = 80.0, 3.0, 0.6
 LEAST_SHADOWS = 1e-4  # of the light: less is not told of
 
 
-def recording_planes(survey: Survey) -> Choice[tuple[RecordingPlane, ...]]:
+def recording_planes(survey: Survey) -> Decided[tuple[RecordingPlane, ...]]:
     """How many recording planes there are, and where, see `chosen`; and the rays that they need."""
     settings, scenery = survey.settings, Scenery(survey)
     if settings.method == "direct":
@@ -39,7 +39,7 @@ def recording_planes(survey: Survey) -> Choice[tuple[RecordingPlane, ...]]:
         _rays(settings, planes.value),
         *([_regions(planes.value, scenery.branches)] if by_region(settings) else []),
     )
-    return Choice(planes.value, decisions, planes.warnings)
+    return Decided(planes.value, decisions, planes.warnings)
 
 
 def candidates(scenery: Scenery) -> list[Layout]:

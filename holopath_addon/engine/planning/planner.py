@@ -9,7 +9,7 @@ import numpy as np
 
 from ..mapping import DepthMapping
 from ..memory import available, shortage
-from ..plan import Choice, Decision, Plan, gathered_on
+from ..plan import Decided, Decision, Plan, gathered_on
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
@@ -200,7 +200,7 @@ def _of_baseline(plan, settings, warnings):
     return replace(plan, decisions=decisions, stages={}, error=0.0, warnings=tuple(warnings))
 
 
-def _depth(survey: Survey) -> Choice[None]:
+def _depth(survey: Survey) -> Decided[None]:
     """The depths in view, which nothing is chosen of."""
     hologram, mapping, z_low, z_high = survey.hologram, survey.mapping, survey.z_low, survey.z_high
     end = "infinity" if z_low <= mapping.z_far else f"{mapping.z_to_depth(z_low):.3g} m"
@@ -209,10 +209,10 @@ def _depth(survey: Survey) -> Choice[None]:
     reason = (
         "the volume ends at the nearest surface in view" if nearest else f"{hologram.depth_mapping} mapping"
     )
-    return Choice(None, (Decision("depth", value, reason),))
+    return Decided(None, (Decision("depth", value, reason),))
 
 
-def _frames(survey: Survey) -> Choice[None]:
+def _frames(survey: Survey) -> Decided[None]:
     """Frames, what speckle they leave over the metres that eyes focus through, and steps against it."""
     hologram, settings, mapping = survey.hologram, survey.settings, survey.mapping
     ends = survey.z_low, survey.z_high, mapping.z_far, float(mapping.depth_to_z(survey.near))
@@ -225,22 +225,22 @@ def _frames(survey: Survey) -> Choice[None]:
         reason += f", {settings.speckle:.0%} wished"
     frames = Decision("frames", str(settings.frames), reason)
     if not settings.despeckle:
-        return Choice(None, (frames,))
+        return Decided(None, (frames,))
     reason = (
         f"towards the mean of {despeckle.BATCHES * SETS[-1]} frames of the same paths, which are traced too"
     )
-    return Choice(None, (frames, Decision("despeckling", f"{settings.despeckle} steps", reason)))
+    return Decided(None, (frames, Decision("despeckling", f"{settings.despeckle} steps", reason)))
 
 
-def _chunk(settings: Settings) -> Choice[int]:
+def _chunk(settings: Settings) -> Decided[int]:
     """Bytes of the sums of pixels that are traced at once."""
     asked = settings.fixed.get("chunk")
     chunk = asked or min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
     reason = "as asked" if asked else "an eighth of what is free at most"
-    return Choice(chunk, (Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason),))
+    return Decided(chunk, (Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason),))
 
 
-def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Choice[None]:
+def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Decided[None]:
     """The padding that `padded_shape` gives the farthest way of a field."""
     farthest, pixels = abs(gathered_on(planes).z), hologram.width * hologram.height
     size = hologram.height, hologram.width
@@ -248,7 +248,7 @@ def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Choice[Non
     reason = f"the least that {farthest * 1e3:.3g} mm to the SLM need without wrapping around"
     twice = 4 * pixels / (rows * columns)
     saving = f"{twice:.1f} x against twice the size" if rows * columns < 3.6 * pixels else ""
-    return Choice(None, (Decision("padding", f"{columns} x {rows} pixels", reason, saving, 0.0),))
+    return Decided(None, (Decision("padding", f"{columns} x {rows} pixels", reason, saving, 0.0),))
 
 
 def _cautions(survey: Survey) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..light.path_tracer import PathTracer
 from ..mapping import DepthMapping
-from ..plan import Choice, Decision
+from ..plan import Decided, Decision
 from ..scene.specular_chains import FirstHits, SpecularChains
 from . import noise
 from .machine import slowness
@@ -79,7 +79,7 @@ class Survey:
         World depth of the volume's near end, metres.
     pilot : Pilot
         Whom to ask for more.
-    hits : Choice of Chains
+    hits : Decided of Chains
         Made on the way, for what is seen depends on it.
     seen : Probe
         Without gloss that looks alike from all over the pupil.
@@ -97,7 +97,7 @@ class Survey:
     mapping: DepthMapping
     near: float
     pilot: Pilot
-    hits: Choice[Chains]
+    hits: Decided[Chains]
     seen: Probe
     light: Light
     z_low: float
@@ -150,7 +150,7 @@ def allowed_vertices(settings: Settings) -> int:
     return settings.fixed.get("max_depth", settings.max_depth)
 
 
-def specular_hits(pilot: Pilot, settings: Settings) -> Choice[Chains]:
+def specular_hits(pilot: Pilot, settings: Settings) -> Decided[Chains]:
     """How mirrors and clear surfaces are followed."""
     first, fixed, draft = pilot.first_hits(), settings.fixed, settings.quality == "draft"
     most = fixed.get("chain", 0 if draft else settings.most_hits)
@@ -158,14 +158,14 @@ def specular_hits(pilot: Pilot, settings: Settings) -> Choice[Chains]:
         return _followed(pilot, settings, first, most)
     chains = Chains(first, FirstHits(sky=pilot.camera.sees_sky), settings.virtual_image)
     if first.specular <= LEAST_SHARE:
-        return Choice(chains)
+        return Decided(chains)
     what = (
         f"{first.specular:.0%} of the view is mirror or clear glass: it is shown as a picture on its own "
         f"surface, not at the depth of what it reflects"
     )
     if draft and settings.most_hits:
-        return Choice(chains, (Decision("specular hits", "none", f"{what}, as drafts do"),))
-    return Choice(chains, warnings=(f"{what}; allow chains of mirrors to change that.",))
+        return Decided(chains, (Decision("specular hits", "none", f"{what}, as drafts do"),))
+    return Decided(chains, warnings=(f"{what}; allow chains of mirrors to change that.",))
 
 
 def _followed(pilot, settings, first, most):
@@ -188,4 +188,4 @@ def _followed(pilot, settings, first, most):
         f"{seen.cut:.0%} of the view is seen by way of more than {most} mirrors and clear surfaces and stays "
         "black: follow more of them (--most-hits, Mirrors, Glass)."
     )
-    return Choice(chains, (decision,), (cut_off,) if seen.cut > CUT_OFF else ())
+    return Decided(chains, (decision,), (cut_off,) if seen.cut > CUT_OFF else ())

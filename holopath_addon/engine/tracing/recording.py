@@ -106,7 +106,7 @@ class Recording:
         progress: PartProgress,
         out: np.ndarray,
     ) -> None:
-        """Add the wave field on a recording plane, as `tracer.trace_field`."""
+        """Add the wave field on a recording plane, as `wave_tracer.trace_field`."""
         with self.clock("kernel tables"):
             if plane not in self._parts:
                 self._parts[plane] = self._parts_of(plane, radiance)
