@@ -1,8 +1,8 @@
 """The wave path tracer: rays from the recording plane through the scene, and back as a wave field.
 
-The paper's stages (section 4) by name: s1 a direction at a pixel (`estimators`), s2 hologram space to world and
-s3 the first hit (`rays`), s4 the coherent chain (`specular_chains`), s5 the radiance at its end (`grains`, `path_tracer`), s6 the
-image point Q in hologram space (`rays`), s7 the path's phase (`estimators`), s8 one random phase a frame and s9 the
+The paper's stages (section 4) by name: s1 a direction at a pixel (`estimators`), s2 hologram space to world and s3 the
+first hit (`rays`), s4 the coherent chain (`specular_chains`), s5 the radiance at its end (`grains`, `path_tracer`), s6
+the image point Q in hologram space (`rays`), s7 the path's phase (`estimators`), s8 one random phase a frame and s9 the
 accumulation (here).
 """
 
