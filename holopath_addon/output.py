@@ -5,7 +5,6 @@ import os
 import platform
 import shutil
 import tempfile
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -202,7 +201,6 @@ def versions():
     return found
 
 
-@contextmanager
 def output_folder(folder):
     """Folder to fill; it takes the place of `folder` when the block ends well, and vanishes otherwise.
 
@@ -211,10 +209,10 @@ def output_folder(folder):
     folder : path
         New, empty, or an earlier HoloPath output, which stays until it is replaced.
 
-    Yields
-    ------
-    pathlib.Path
-        A hidden folder beside it.
+    Returns
+    -------
+    context manager
+        Of a hidden folder beside it, `pathlib.Path`.
 
     Raises
     ------
@@ -222,8 +220,7 @@ def output_folder(folder):
         At once if the folder holds something else or cannot be made.
     OSError
     """
-    with whole_folder(folder, _check_free) as part:
-        yield part
+    return whole_folder(folder, _check_free)
 
 
 def _check_free(folder):

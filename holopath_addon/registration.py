@@ -1,6 +1,7 @@
 """The one place that tells Blender about HoloPath's classes, settings, handlers and command."""
 
 from collections.abc import Callable
+from functools import partial
 
 import bpy
 
@@ -22,23 +23,21 @@ def register():
     try:
         for cls in _CLASSES:
             bpy.utils.register_class(cls)
-            _undo.append(lambda cls=cls: bpy.utils.unregister_class(cls))
-        preferences.attach()
-        _undo.append(preferences.detach)
-        properties.attach()
-        _undo.append(properties.detach)
-        ui.share_panels()
-        _undo.append(ui.unshare_panels)
-        ui.add_to_menus()
-        _undo.append(ui.remove_from_menus)
-        ui.show_overlay()
-        _undo.append(ui.hide_overlay)
-        session.attach()
-        _undo.append(session.detach)
-        devices.attach()
-        _undo.append(devices.detach)
-        viewport.attach()
-        _undo.append(viewport.detach)
+            _undo.append(partial(bpy.utils.unregister_class, cls))
+        for begin, end in (
+            (preferences.attach, preferences.detach),
+            (properties.attach, properties.detach),
+            (ui.share_panels, ui.unshare_panels),
+            (ui.add_to_menus, ui.remove_from_menus),
+            (ui.show_overlay, ui.hide_overlay),
+        ):
+            begin()
+            _undo.append(end)
+        for module in (session, devices, viewport):
+            _undo.append(module.detach)
+            for callbacks, handler in module.handlers():
+                callbacks.append(handler)
+                _undo.append(partial(_stop_listening, callbacks, handler))
         if hasattr(bpy.utils, "register_cli_command"):
             command = bpy.utils.register_cli_command("holopath", _run_command)
             _undo.append(lambda: bpy.utils.unregister_cli_command(command))
@@ -55,6 +54,11 @@ def unregister():
         except BaseException:
             unregister()
             raise
+
+
+def _stop_listening(callbacks, handler):
+    if handler in callbacks:  # another add-on may have cleared the list
+        callbacks.remove(handler)
 
 
 def _run_command(argv):

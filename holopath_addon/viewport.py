@@ -245,15 +245,11 @@ class Viewport:
 
     def trace(self):
         """Trace the view in a thread, where it is another one and the last has given way."""
-        if self._view is None:
+        stage, view = self._stage, self._view
+        if view is None:
             self.interrupt()
-        elif (
-            self._stage is not None
-            and not self._outdated
-            and not self._up_to_date(self._view)
-            and self.gives_way()
-        ):
-            self._start(self._stage, self._view)
+        elif stage is not None and not self._outdated and not self._up_to_date(view) and self.gives_way():
+            self._start(stage, view)
 
     def _start(self, stage, view):
         this = weakref.ref(self)
@@ -261,7 +257,7 @@ class Viewport:
         def show(picture):
             viewport = this()
             if viewport is not None:
-                viewport._pixels = _rgba(picture)
+                viewport._pixels = session.rgba(picture)
 
         self._error = ""
         self._traced = stage, view
@@ -323,12 +319,8 @@ def view_of(context, depsgraph, shrink):
     engine.InvalidInput
         Where it is not a perspective.
     """
-    scene, region, space, region_view = (
-        depsgraph.scene,
-        context.region,
-        context.space_data,
-        context.region_data,
-    )
+    scene, space = depsgraph.scene, context.space_data
+    region, region_view = context.region, context.region_data
     scale = unit_scale(scene)
     if region_view.view_perspective == "CAMERA":
         size = scene.render.resolution_x, scene.render.resolution_y
@@ -380,15 +372,7 @@ def _facts(depsgraph):
     return unit_scale(scene), scene.world and scene.world.session_uid, shown
 
 
-def _rgba(picture):
-    """As Blender's textures take it: bottom row first."""
-    pixels = np.ones((*picture.shape[:2], 4), np.float32)
-    pixels[..., :3] = picture[::-1]
-    return pixels
-
-
 def _texture(pixels):
-
     height, width = pixels.shape[:2]
     # pyrefly: ignore[bad-argument-count]  # neither is made in Blender's stubs
     data = gpu.types.Buffer("FLOAT", pixels.size, pixels.ravel())
@@ -496,7 +480,8 @@ def _forget(*_):
     _viewports.clear()
 
 
-def _handlers() -> tuple[tuple[list, Callable], ...]:
+def handlers() -> tuple[tuple[list, Callable], ...]:
+    """What listens to changes, to files being opened, and to scenes being exported: see `registration`."""
     handlers = bpy.app.handlers
     return (
         (handlers.depsgraph_update_post, _evaluated),
@@ -506,17 +491,8 @@ def _handlers() -> tuple[tuple[list, Callable], ...]:
     )
 
 
-def attach():
-    """Listen for changes, for files being opened, and for scenes being exported."""
-    for callbacks, handler in _handlers():
-        callbacks.append(handler)
-
-
 def detach():
     """End everything."""
-    for callbacks, handler in _handlers():
-        if handler in callbacks:  # another add-on may have cleared the list
-            callbacks.remove(handler)
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
     _forget()

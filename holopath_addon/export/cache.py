@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import bpy
 
 from . import baking
-from .materials import Materials
+from .materials import export_material
 from .notes import Notes
 from .textures import Reading, Textures
 
@@ -181,14 +181,18 @@ class Appearances:
         self._current = {}
 
     def get(self, material, can_bake=True):
-        """`ExportedMaterial` of a material or None, see `Materials.get`; its notes are its own."""
+        """`ExportedMaterial` of a material or None; its notes are its own.
+
+        Where it `can_bake`, what varies may be left to be baked, else it is replaced by constants.
+        """
+        unbaked = {} if can_bake else None
         return self._recall(
-            ("material", can_bake), material, lambda _: Materials(self.textures).get(material, can_bake)
+            ("material", can_bake), material, lambda _: export_material(material, self.textures, unbaked)
         )
 
     def baked(self, material, pictures):
-        """See `Materials.baked`; not kept."""
-        return Materials(self.textures).baked(material, pictures)
+        """`ExportedMaterial` with baked pictures, see `export_material`; not kept."""
+        return export_material(material, self.textures, pictures)
 
     def world(self, world, frame, export):
         """What ``export(world, frame, textures, notes)`` gives."""
@@ -207,8 +211,11 @@ class Appearances:
         return self._recall(("profile", name), light, lambda notes: read(light, name, frame, notes))
 
     def emitter(self, look, share):
-        """See `Materials.emitter`."""
-        return Materials(self.textures).emitter(look, share)
+        """A new `mitsuba.Emitter` of an area with an `ExportedMaterial`'s emission and share of the light samples."""
+        import mitsuba as mi
+
+        radiance = self.textures.build(look.emission)
+        return mi.load_dict({"type": "area", "radiance": radiance, "sampling_weight": share})
 
     def forget(self, uids):
         """Drop what was read from any of these datablocks."""

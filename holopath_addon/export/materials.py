@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .node_graph import Pin, first_link, follow, output_node
+from .node_graph import Pin, first_link, follow, output_node, uses_nodes
 from .notes import Notes
 from .textures import LUMINANCE, ImageValue, Reading
 
@@ -85,94 +85,46 @@ class ExportedMaterial:
     wanted: dict
 
 
-class Materials:
-    """Exports each material once.
+def export_material(material, textures, baked):
+    """Export a material.
 
     Parameters
     ----------
+    material : bpy.types.Material or None
+        None is Blender's default surface, a white of 80 %.
     textures : Textures
+    baked : dict of textures.RawImage, or None
+        What has been baked of its varying sockets on one object, by `textures.socket_key`, as
+        `ExportedMaterial.wanted` asks for; empty before that; None replaces by constants what would have to be baked.
+
+    Returns
+    -------
+    ExportedMaterial
     """
+    import mitsuba as mi
 
-    def __init__(self, textures):
-        self._textures = textures
-        self._exported = {}
-
-    def get(self, material, can_bake=True):
-        """Export a material.
-
-        Parameters
-        ----------
-        material : bpy.types.Material or None
-            None is Blender's default surface, a white of 80 %.
-        can_bake : bool
-            False replaces by constants what would have to be baked.
-
-        Returns
-        -------
-        ExportedMaterial
-        """
-        key = None if material is None else material.name_full, can_bake
-        if key not in self._exported:
-            self._exported[key] = self._export(material, Reading({} if can_bake else None))
-        return self._exported[key]
-
-    def baked(self, material, pictures):
-        """Export a material whose varying sockets have been baked on one object.
-
-        Parameters
-        ----------
-        material : bpy.types.Material
-        pictures : dict of textures.RawImage
-            By `textures.socket_key`, as `ExportedMaterial.wanted` asks for.
-
-        Returns
-        -------
-        ExportedMaterial
-        """
-        return self._export(material, Reading(pictures))
-
-    def _export(self, material, reading):
-        import mitsuba as mi
-
-        name = "default material" if material is None else material.name
-        notes = Notes(name)
-        with self._textures.reading(reading, notes):
-            try:
-                look, uv_names = read_material(material, self._textures, notes)
-            except RecursionError:
-                notes.add(name, "Nodes linked in a circle", "shown in the default gray")
-                look, uv_names = read_material(None, self._textures, notes)
-            if look.emission is not None and not np.any(self._textures.mean_colour(look.emission) > 0):
-                look.emission = None
-            if isinstance(look.emission, ImageValue):
-                uv_names.append(look.emission.uv_name)
-        if reading.incomplete:
-            bsdf = mi.load_dict(_BLACK)
-            return ExportedMaterial(name, bsdf, None, "", False, Notes(), reading.wanted)
-        distinct = list(dict.fromkeys(uv_names))
-        if len(distinct) > 1:
-            notes.add(name, "Several UV maps in one material", f"all use {distinct[0] or 'the active one'}")
-        uv_name = distinct[0] if distinct else ""
-        bsdf = mi.load_dict(look.both_sides)
-        return ExportedMaterial(name, bsdf, look.emission, uv_name, look.smooth, notes, {})
-
-    def emitter(self, material, share):
-        """A new area emitter with a material's emission, for one mesh.
-
-        Parameters
-        ----------
-        material : ExportedMaterial
-        share : float
-            Relative share of the light samples.
-
-        Returns
-        -------
-        mitsuba.Emitter
-        """
-        import mitsuba as mi
-
-        radiance = self._textures.build(material.emission)
-        return mi.load_dict({"type": "area", "radiance": radiance, "sampling_weight": share})
+    reading = Reading(baked)
+    name = "default material" if material is None else material.name
+    notes = Notes(name)
+    with textures.reading(reading, notes):
+        try:
+            look, uv_names = read_material(material, textures, notes)
+        except RecursionError:
+            notes.add(name, "Nodes linked in a circle", "shown in the default gray")
+            look, uv_names = read_material(None, textures, notes)
+        if look.emission is not None and not np.any(textures.mean_colour(look.emission) > 0):
+            look.emission = None
+        if isinstance(look.emission, ImageValue):
+            uv_names.append(look.emission.uv_name)
+    if reading.incomplete:
+        bsdf = mi.load_dict(_BLACK)
+        return ExportedMaterial(name, bsdf, None, "", False, Notes(), reading.wanted)
+    distinct = list(dict.fromkeys(uv_names))
+    if len(distinct) > 1:
+        notes.add(name, "Several UV maps in one material", f"all use {distinct[0] or 'the active one'}")
+    uv_name = distinct[0] if distinct else ""
+    bsdf = mi.load_dict(look.both_sides)
+    return ExportedMaterial(name, bsdf, look.emission, uv_name, look.smooth, notes, {})
 
 
 def read_material(material, textures, notes):
@@ -190,22 +142,19 @@ def read_material(material, textures, notes):
     uv_names : list of (str or None)
         UV maps that its BSDF reads, see `ExportedMaterial`.
     """
-    uv_names = []
-    if material is None:
-        reader = _ShaderReader("default material", None, textures, notes, uv_names)
-        return Appearance(reader.diffuse((0.8, 0.8, 0.8))), uv_names
-    return _ShaderReader(material.name, material, textures, notes, uv_names).read(), uv_names
+    reader = _ShaderReader(material, textures, notes)
+    return reader.read(), reader.uv_names
 
 
 class _ShaderReader:
     """Turns one material's node tree into an `Appearance`."""
 
-    def __init__(self, name, material, textures, notes, uv_names):
-        self._name = name
+    def __init__(self, material, textures, notes):
+        self._name = "default material" if material is None else material.name
         self._material = material
         self._textures = textures
         self._notes = notes
-        self._uv_names = uv_names
+        self.uv_names = []  # as `read_material` has them
         settings = getattr(material, "holopath", None)  # there once the properties are registered
         self._abbe = settings.abbe_number if settings else 0.0
         self._disperses = False
@@ -215,8 +164,10 @@ class _ShaderReader:
     # -- the material
 
     def read(self):
+        if self._material is None:
+            return Appearance(self._matt((0.8, 0.8, 0.8)))
         tree = self._material.node_tree
-        if tree is None or not _uses_nodes(self._material):
+        if tree is None or not uses_nodes(self._material):
             return self._viewport_look()
         output = output_node(tree)
         if output is None:
@@ -270,7 +221,7 @@ class _ShaderReader:
         return replace(look, bsdf={"type": "normalmap", "normalmap": self._build(normals), "bsdf": look.bsdf})
 
     def _fallback(self):
-        return Appearance(self.diffuse(tuple(self._material.diffuse_color)[:3]))
+        return Appearance(self._matt(tuple(self._material.diffuse_color)[:3]))
 
     def _linked_shader(self, pin):
         source = follow(pin)
@@ -348,8 +299,7 @@ class _ShaderReader:
 
     def _read_BsdfDiffuse(self, node):
         roughness = self._number(node, "Roughness", 0.0)
-        colour = self._colour(node, "Color")
-        return Appearance(self._matt(colour, roughness))
+        return Appearance(self._matt(self._colour(node, "Color"), roughness))
 
     def _read_BsdfTranslucent(self, node):
         bsdf = self._matt(self._colour(node, "Color")) | {"translucent": True}
@@ -357,7 +307,7 @@ class _ShaderReader:
 
     def _read_SubsurfaceScattering(self, node):
         self._note("Subsurface Scattering node", "shown as a diffuse surface of the same color")
-        return Appearance(self.diffuse(self._colour(node, "Color")))
+        return Appearance(self._matt(self._colour(node, "Color")))
 
     def _read_BsdfSheen(self, node):
         if node.node.distribution != "MICROFIBER":
@@ -501,10 +451,6 @@ class _ShaderReader:
 
     # -- closures
 
-    def diffuse(self, colour):
-        """A diffuse BSDF."""
-        return self._matt(colour)
-
     def _matt(self, colour, roughness=0.0):
         bsdf = {"type": "matt", "reflectance": self._build(colour, limit=1)}
         return bsdf if roughness == 0 else bsdf | {"roughness": self._build(roughness, grey=True, limit=1)}
@@ -543,7 +489,7 @@ class _ShaderReader:
             uv_name = tangent.uv_map or None
         else:
             self._note("Anisotropy about an axis", "along the U of the UV map, as a Tangent node may say")
-        self._uv_names.append(uv_name)
+        self.uv_names.append(uv_name)
         return {"aspect": aspect, "rotation": self._number(node, rotation_name, 0.0)}
 
     def _rough(self, roughness):
@@ -661,7 +607,7 @@ class _ShaderReader:
 
     def _build(self, value, grey=False, limit=None):
         if isinstance(value, ImageValue):
-            self._uv_names.append(value.uv_name)
+            self.uv_names.append(value.uv_name)
         return self._textures.build(value, grey, limit)
 
     def _note(self, feature, effect):
@@ -689,12 +635,6 @@ def _mean_by_angle(fresnel_ior=None, facing=None) -> float:
     if facing is not None:
         return facing / (facing + 2)
     return float(dr.slice(mi.fresnel_diffuse_reflectance(fresnel_ior)))
-
-
-def _uses_nodes(material):
-    import bpy
-
-    return bpy.app.version >= (5, 0, 0) or material.use_nodes  # always true, and deprecated, since 5.0
 
 
 def _times(value, factor):

@@ -107,6 +107,13 @@ def tree_of(owner) -> Any:
     return owner.node_tree
 
 
+def uses_nodes(owner):
+    """Whether a material or world is what its nodes make of it."""
+    import bpy
+
+    return bpy.app.version >= (5, 0, 0) or owner.use_nodes  # always true, and deprecated, since 5.0
+
+
 def output_node(tree):
     """The active output node that Cycles would render, or None."""
     return tree.get_output_node("CYCLES") or tree.get_output_node("ALL")

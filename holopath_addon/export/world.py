@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import baking
-from .node_graph import Pin, follow, output_node
+from .node_graph import Pin, follow, output_node, uses_nodes
 from .textures import MAGENTA, ImageValue
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
@@ -28,7 +28,7 @@ def export_world(world, frame, textures, notes):
     """
     if world is None:
         return None
-    if world.node_tree is None or not _uses_nodes(world):
+    if world.node_tree is None or not uses_nodes(world):
         return _uniform(world.color)
     output = output_node(world.node_tree)
     if output is None:
@@ -139,9 +139,3 @@ def _everywhere(radiance, rotation):
         "bitmap": mi.Bitmap(np.maximum(radiance, 0)),
         "to_world": mi.ScalarTransform4f(to_world),
     }
-
-
-def _uses_nodes(world):
-    import bpy
-
-    return bpy.app.version >= (5, 0, 0) or world.use_nodes  # always true, and deprecated, since 5.0

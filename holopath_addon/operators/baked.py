@@ -5,7 +5,9 @@ from bpy.props import BoolProperty
 
 from .. import preferences
 from . import session
-from .working import Working, export, free, present
+from .working import Working, export, free, present, ready
+
+ANEW = "Bake all of it again, and keep that in place of what was baked before"
 
 
 class HOLOPATH_OT_bake(Working, bpy.types.Operator):
@@ -15,11 +17,7 @@ class HOLOPATH_OT_bake(Working, bpy.types.Operator):
     bl_label = "Bake"
     doing = "baking"
 
-    anew: BoolProperty(
-        name="Anew",
-        description="Bake all of it again, and keep that in place of what was baked before",
-        options={"SKIP_SAVE"},
-    )
+    anew: BoolProperty(name="Anew", description=ANEW, options={"SKIP_SAVE"})
     show: BoolProperty(name="Show", description="Show the texture at the end", options={"SKIP_SAVE"})
 
     @classmethod
@@ -27,11 +25,7 @@ class HOLOPATH_OT_bake(Working, bpy.types.Operator):
         """Tooltip, by what the button does."""
         if settings.show:
             return HOLOPATH_OT_show_texture.__doc__
-        return (
-            "Bake all of it again, and keep that in place of what was baked before"
-            if settings.anew
-            else cls.__doc__
-        )
+        return ANEW if settings.anew else cls.__doc__
 
     def work(self, scene):
         anew = self.anew
@@ -58,10 +52,8 @@ class HOLOPATH_OT_show_texture(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if session.current.texture is None:
-            cls.poll_message_set("Nothing is baked yet: press Bake")
-            return False
-        return free(cls)
+        baked = session.current.texture is not None
+        return ready(cls, baked, "Nothing is baked yet: press Bake") and free(cls)
 
     def execute(self, context: bpy.types.Context):
         present(context, session.show_texture())
@@ -76,10 +68,7 @@ class HOLOPATH_OT_clear_baked(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if not preferences.store().files():
-            cls.poll_message_set("No baked light is kept on disk")
-            return False
-        return free(cls)
+        return ready(cls, preferences.store().files(), "No baked light is kept on disk") and free(cls)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         return bpy.data.window_managers[0].invoke_confirm(

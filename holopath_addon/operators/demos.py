@@ -5,6 +5,7 @@ from bpy.props import EnumProperty
 
 from .. import demo, properties
 from . import focus_list
+from .working import ready
 
 
 class HOLOPATH_OT_add_demo(bpy.types.Operator):
@@ -25,10 +26,7 @@ class HOLOPATH_OT_add_demo(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Change to Object Mode first")
-            return False
-        return True
+        return ready(cls, context.mode == "OBJECT", "Change to Object Mode first")
 
     def execute(self, context: bpy.types.Context):
         scene = demo.add(self.name)

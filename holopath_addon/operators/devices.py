@@ -164,18 +164,10 @@ def stop(wait=0.0):
 
 
 def leave(soon=False):
-    """Take the watching operator's timer away, once; `soon` as in `session.leave_soon`."""
+    """Take the watching operator's timer away, once; `soon` as in `session.take_back`."""
     timer, current.timer = current.timer, None
-    if timer is None:
-        return
-
-    def remove():
-        bpy.data.window_managers[0].event_timer_remove(timer)
-
-    if soon:
-        bpy.app.timers.register(remove, first_interval=0.5)
-    else:
-        remove()
+    if timer is not None:
+        session.end_timer(timer, soon)
 
 
 @bpy.app.handlers.persistent
@@ -193,15 +185,13 @@ def _let_go():
         threading.Thread(target=held.close, daemon=True).start()
 
 
-def attach():
-    """Begin to listen for files being opened."""
-    bpy.app.handlers.load_pre.append(_forget)
+def handlers():
+    """What listens to files being opened: see `registration`."""
+    return [(bpy.app.handlers.load_pre, _forget)]
 
 
 def detach():
     """Stop all work and forget everything."""
-    if _forget in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.remove(_forget)
     stop(PATIENCE)
     leave(soon=True)
     _let_go()

@@ -10,7 +10,7 @@ from bpy.props import StringProperty
 from .. import engine, properties
 from ..export import depth_of, unit_scale
 from . import session
-from .working import free
+from .working import free, ready, rendered
 
 
 class HOLOPATH_OT_refocus(bpy.types.Operator):
@@ -21,10 +21,7 @@ class HOLOPATH_OT_refocus(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if session.current.field is None:
-            cls.poll_message_set("Render a hologram first")
-            return False
-        return True
+        return rendered(cls)
 
     def execute(self, context: bpy.types.Context):
         props = properties.of(context.scene)
@@ -47,10 +44,7 @@ class HOLOPATH_OT_save_field(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if session.current.field is None:
-            cls.poll_message_set("Render a hologram first")
-            return False
-        return True
+        return rendered(cls)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         bpy.data.window_managers[0].fileselect_add(self)
@@ -78,10 +72,11 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context):
         scene = context.scene
-        if scene is None or scene.camera is None or context.active_object is None:
-            cls.poll_message_set("Select an object, and give the scene a camera")
-            return False
-        return context.active_object is not scene.camera
+        there = scene is not None and scene.camera is not None and context.active_object is not None
+        return (
+            ready(cls, there, "Select an object, and give the scene a camera")
+            and context.active_object is not scene.camera
+        )
 
     def execute(self, context: bpy.types.Context):
         scene, thing = context.scene, context.active_object
@@ -104,10 +99,7 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if session.current.field is None:
-            cls.poll_message_set("Render a hologram first")
-            return False
-        return free(cls)
+        return rendered(cls) and free(cls)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Begin, or stop what plays."""

@@ -1,28 +1,16 @@
 """The focus list: distances that focal stacks are made of."""
 
-from typing import TYPE_CHECKING
-
 import bpy
 
 from .. import properties
 from ..export import depth_of, unit_scale
 from . import session
-
-if TYPE_CHECKING:
-    _Operator = bpy.types.Operator
-else:
-    _Operator = object
+from .working import ready
 
 
-class _Filled(_Operator):
-    """For operators that need a distance in the list."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context):
-        if not properties.of(context.scene).focus_list:
-            cls.poll_message_set("The focus list is empty")
-            return False
-        return True
+def _filled(operator, context):
+    """Whether there is a distance in the list; as `ready`."""
+    return ready(operator, properties.of(context.scene).focus_list, "The focus list is empty")
 
 
 class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
@@ -40,12 +28,16 @@ class HOLOPATH_OT_focus_list_add(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_focus_list_remove(_Filled, bpy.types.Operator):
+class HOLOPATH_OT_focus_list_remove(bpy.types.Operator):
     """Remove the chosen distance from the list"""
 
     bl_idname = "holopath.focus_list_remove"
     bl_label = "Remove Distance"
     bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        return _filled(cls, context)
 
     def execute(self, context: bpy.types.Context):
         props = properties.of(context.scene)
@@ -55,12 +47,16 @@ class HOLOPATH_OT_focus_list_remove(_Filled, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_focus_list_sort(_Filled, bpy.types.Operator):
+class HOLOPATH_OT_focus_list_sort(bpy.types.Operator):
     """Sort the list, nearest first, and drop repeated distances"""
 
     bl_idname = "holopath.focus_list_sort"
     bl_label = "Sort Distances"
     bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        return _filled(cls, context)
 
     def execute(self, context: bpy.types.Context):
         props = properties.of(context.scene)
@@ -84,10 +80,8 @@ class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context):
         camera = context.scene and context.scene.camera
-        if camera is None or not any(thing != camera for thing in context.selected_objects):
-            cls.poll_message_set("Select objects, and give the scene a camera")
-            return False
-        return True
+        there = camera is not None and any(thing != camera for thing in context.selected_objects)
+        return ready(cls, there, "Select objects, and give the scene a camera")
 
     def execute(self, context: bpy.types.Context):
         scene, props = context.scene, properties.of(context.scene)

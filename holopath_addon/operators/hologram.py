@@ -8,7 +8,7 @@ from bpy.props import StringProperty
 from .. import engine, pipeline, preferences, properties
 from ..engine.scene import variants
 from . import session
-from .working import Working
+from .working import Working, encoded, rendered
 
 ENOUGH_BITS = 8  # from here on rounding costs nothing that can be seen
 
@@ -30,10 +30,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if session.current.field is None:
-            cls.poll_message_set("Render a hologram first")
-            return False
-        return super().poll(context)
+        return rendered(cls) and super().poll(context)
 
     def work(self, scene):
         field, task = session.rendered().field, session.current.task
@@ -89,10 +86,7 @@ class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if session.current.phase is None:
-            cls.poll_message_set("Encode a hologram first")
-            return False
-        return super().poll(context)
+        return encoded(cls) and super().poll(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
         """Ask for a folder, unless one is given."""

@@ -20,9 +20,8 @@ from .jobs import Job
 IMAGE = "HoloPath Reconstruction"
 TEXTURE = "HoloPath Baked Light"
 PHASE = "HoloPath Phase"
-AT_ONCE = (
-    0.3  # seconds in a thread, which is far less alone: one redraw then shows the slider and the picture
-)
+# seconds in a thread, which is far less alone: one redraw then shows the slider and the picture
+AT_ONCE = 0.3
 
 
 @dataclass
@@ -308,22 +307,28 @@ def fail(error):
     return current.error
 
 
-def leave():
-    """Take back what the running operator changed in the window, once."""
+def leave(soon=False):
+    """Take back what the running operator changed in the window, once; `soon` as in `take_back`."""
     undo, current.leave = current.leave, None
     if undo is not None:
-        undo()
+        take_back(undo, soon)
 
 
-def leave_soon():
-    """`leave` when the operator's timer has fired once more.
+def take_back(undo, soon):
+    """Call `undo` now, or `soon`: when the operator's timer has fired once more.
 
     Blender lets go of an unregistered operator at the window's next event, and crashes where another one
     starts before.
     """
-    undo, current.leave = current.leave, None
-    if undo is not None:
+    if soon:
         bpy.app.timers.register(undo, first_interval=0.5)
+    else:
+        undo()
+
+
+def end_timer(timer, soon=False):
+    """Take an operator's timer away; `soon` as in `take_back`."""
+    take_back(lambda: bpy.data.window_managers[0].event_timer_remove(timer), soon)
 
 
 def running():
@@ -343,10 +348,11 @@ def picture(image, wavelengths):
     -------
     numpy.ndarray, float32, shape (y, x, 4)
     """
-    return _rgba(engine.to_rgb(image, wavelengths))
+    return rgba(engine.to_rgb(image, wavelengths))
 
 
-def _rgba(rgb):
+def rgba(rgb):
+    """Rows of a picture, array [y, x, 3], as Blender takes them: see `picture`."""
     return np.concatenate([rgb[::-1], np.ones_like(rgb[..., :1])], axis=-1)
 
 
@@ -362,19 +368,19 @@ def show(image, wavelengths):
 
 def show_rgb(rgb):
     """Put a picture, array [y, x, 3], in the reconstruction's place, see `show`."""
-    return shown(IMAGE, _rgba(rgb))
+    return shown(IMAGE, rgba(rgb))
 
 
 def show_phase(frame):
     """Put a frame of the encoded hologram into an image datablock of its own: a turn is white, see `show`."""
     phase = encoded()
     levels = np.moveaxis(phase.data[min(frame, len(phase.data) - 1)], 0, -1) / (2 * math.pi)
-    return shown(PHASE, _rgba(engine.to_rgb(levels, phase.hologram.wavelengths)), light=False)
+    return shown(PHASE, rgba(engine.to_rgb(levels, phase.hologram.wavelengths)), light=False)
 
 
 def show_texture():
     """Put the picture of the baked light into an image datablock of its own, see `show`."""
-    return shown(TEXTURE, _rgba(current.texture))
+    return shown(TEXTURE, rgba(current.texture))
 
 
 def shown(name, pixels, light=True):
@@ -489,17 +495,11 @@ def refocusing():
 
 
 def stop_sweep(timer=None, soon=False):
-    """End the focus that plays; with a timer, only if it is the one of that timer; `soon` as in `leave_soon`."""
+    """End the focus that plays; with a timer, only if it is the one of that timer; `soon` as in `take_back`."""
     playing = current.sweep
-    if playing is None or timer not in (None, playing):
-        return
-    current.sweep = None
-    if soon:
-        bpy.app.timers.register(
-            lambda: bpy.data.window_managers[0].event_timer_remove(playing), first_interval=0.5
-        )
-    else:
-        bpy.data.window_managers[0].event_timer_remove(playing)
+    if playing is not None and timer in (None, playing):
+        current.sweep = None
+        end_timer(playing, soon)
 
 
 def _start_refocus():
@@ -582,7 +582,8 @@ def _show_frame_as_set(props):
         show_phase(props.phase_frame)
 
 
-def _handlers():
+def handlers():
+    """What listens to changed settings, to files being opened and to the end of F12's renders: see `registration`."""
     handlers = bpy.app.handlers
     return [
         (properties.looking_elsewhere, _refocus_as_set),
@@ -593,20 +594,11 @@ def _handlers():
     ]
 
 
-def attach():
-    """Begin to listen for changes of the settings, for files being opened and for the end of F12's renders."""
-    for callbacks, handler in _handlers():
-        callbacks.append(handler)
-
-
 def detach():
     """Stop all work and forget everything."""
-    for callbacks, handler in _handlers():
-        if handler in callbacks:  # another add-on may have cleared the list
-            callbacks.remove(handler)
     if bpy.app.timers.is_registered(_poll_refocus):
         bpy.app.timers.unregister(_poll_refocus)
-    leave_soon()
+    leave(soon=True)
     stop_sweep(soon=True)
     _forget()
     cache.close()

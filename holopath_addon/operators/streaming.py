@@ -9,7 +9,7 @@ from bpy.props import StringProperty
 
 from .. import device_properties, engine, failures, properties, slm
 from . import devices, session
-from .working import Working
+from .working import Working, encoded, ready
 
 POLL = 0.1  # seconds
 PATIENCE = 30.0  # seconds that a script waits for a lost device; in the window it is until it is stopped
@@ -23,13 +23,10 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        if session.current.phase is None:
-            cls.poll_message_set("Encode a hologram first")
-            return False
-        if devices.streaming():
-            cls.poll_message_set("A device shows a hologram: stop it first")
-            return False
-        return context.scene is not None
+        alone = encoded(cls) and ready(
+            cls, not devices.streaming(), "A device shows a hologram: stop it first"
+        )
+        return alone and context.scene is not None
 
     def _begin(self, context: bpy.types.Context, endless):
         """The job; `endless`: whether no number of loops means none."""

@@ -192,12 +192,26 @@ def export(job, progress, scene):
     return job.ask(read)
 
 
+def ready(operator, condition, otherwise):
+    """Whether a condition holds; for the `poll` of an operator class, which says `otherwise` where it does not."""
+    if not condition:
+        operator.poll_message_set(otherwise)
+    return bool(condition)
+
+
+def rendered(operator):
+    """Whether there is a wave field; as `ready`."""
+    return ready(operator, session.current.field is not None, "Render a hologram first")
+
+
+def encoded(operator):
+    """Whether that is encoded; as `ready`."""
+    return ready(operator, session.current.phase is not None, "Encode a hologram first")
+
+
 def free(operator):
-    """Whether nothing is at work; for the `poll` of an operator class, which says so where something is."""
-    if session.running():
-        operator.poll_message_set("HoloPath is at work: wait for it or cancel it")
-        return False
-    return True
+    """Whether nothing is at work; as `ready`."""
+    return ready(operator, not session.running(), "HoloPath is at work: wait for it or cancel it")
 
 
 def _failing(error):

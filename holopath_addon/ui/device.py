@@ -5,7 +5,7 @@ from bpy.types import Context, UILayout
 from .. import properties
 from ..device_properties import HoloPathDevice
 from ..operators import devices
-from .text import wrapped
+from .text import alert, wrapped
 
 
 def device(layout: UILayout, context: Context) -> None:
@@ -73,17 +73,11 @@ def _progress(layout: UILayout, context: Context) -> None:
     if text:
         wrapped(layout, context, text, icon="INFO")
     if devices.streaming() and counts is not None and counts.lost:
-        _alert(layout, context, f"{counts.lost} Waiting for it.")
+        alert(layout, context, f"{counts.lost} Waiting for it.")
     elif current.error:
-        _alert(layout, context, current.error)
+        alert(layout, context, current.error)
     elif devices.streaming() and current.driver is not None and current.driver.info.note:
         wrapped(layout, context, f"{current.driver.info.name}: {current.driver.info.note}")
-
-
-def _alert(layout: UILayout, context: Context, text: str) -> None:
-    box = layout.column()
-    box.alert = True
-    wrapped(box, context, text, icon="ERROR")
 
 
 def _focus(layout: UILayout, context: Context, props: HoloPathDevice) -> None:

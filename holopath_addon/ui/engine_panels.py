@@ -3,10 +3,12 @@
 import bpy
 
 from .. import properties
-from .text import layout_of
+from .text import split_layout_of
 
 
-class _Engine:
+class EnginePanel:
+    """Is shown where the render engine is HoloPath."""
+
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     COMPAT_ENGINES = {"HOLOPATH"}
@@ -16,16 +18,14 @@ class _Engine:
         return context.engine in cls.COMPAT_ENGINES
 
 
-class HOLOPATH_PT_passes(_Engine, bpy.types.Panel):
+class HOLOPATH_PT_passes(EnginePanel, bpy.types.Panel):
     """What F12 delivers beside the picture, in the View Layer properties."""
 
     bl_label = "Passes"
     bl_context = "view_layer"
 
     def draw(self, context: bpy.types.Context):
-        layout, layer = layout_of(self), properties.of_layer(context.view_layer)
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        layout, layer = split_layout_of(self), properties.of_layer(context.view_layer)
         column = layout.column(heading="Pictures", align=True)
         column.prop(layer, "use_pass_focus")
         column = layout.column(heading="Wave Field", align=True)
@@ -35,7 +35,7 @@ class HOLOPATH_PT_passes(_Engine, bpy.types.Panel):
         column.prop(layer, "use_pass_depth")
 
 
-class HOLOPATH_PT_animation(_Engine, bpy.types.Panel):
+class HOLOPATH_PT_animation(EnginePanel, bpy.types.Panel):
     """What animation renders keep, below Blender's own output of pictures."""
 
     bl_label = "Wave Fields"
@@ -43,9 +43,7 @@ class HOLOPATH_PT_animation(_Engine, bpy.types.Panel):
     bl_parent_id = "RENDER_PT_output"
 
     def draw(self, context: bpy.types.Context):
-        layout, props = layout_of(self), properties.of(context.scene)
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        layout, props = split_layout_of(self), properties.of(context.scene)
         layout.prop(props, "keep_fields", text="Keep")
         row = layout.row()
         row.active = props.keep_fields

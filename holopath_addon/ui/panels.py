@@ -7,7 +7,8 @@ import bpy
 from . import sections
 from .device import device
 from .display_presets import HOLOPATH_PT_display_presets
-from .text import layout_of
+from .engine_panels import EnginePanel
+from .text import layout_of, split_layout_of
 
 # In the order of work: name, label (none: no header), sections, closed at first
 _SUBPANELS = (
@@ -39,10 +40,7 @@ class _Section(_Panel):
         raise NotImplementedError
 
     def draw(self, context: bpy.types.Context):
-        layout = layout_of(self)
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        self.section(layout, context)
+        self.section(split_layout_of(self), context)
 
 
 class _View3D:
@@ -51,33 +49,22 @@ class _View3D:
     bl_category = "HoloPath"
 
 
-class _Properties:
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
+class _Properties(EnginePanel):
     bl_context = "render"
-    COMPAT_ENGINES = {"HOLOPATH"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context):
-        return context.engine in cls.COMPAT_ENGINES
 
 
-class HOLOPATH_PT_view3d(_View3D, bpy.types.Panel):
+class HOLOPATH_PT_view3d(_Section, _View3D, bpy.types.Panel):
     """Main panel of the sidebar's HoloPath tab."""
 
     bl_label = "HoloPath"
-
-    def draw(self, context: bpy.types.Context):
-        sections.summary(layout_of(self), context)
+    section = staticmethod(sections.summary)
 
 
-class HOLOPATH_PT_render(_Properties, bpy.types.Panel):
+class HOLOPATH_PT_render(_Section, _Properties, bpy.types.Panel):
     """Main panel of the Render properties."""
 
     bl_label = "HoloPath"
-
-    def draw(self, context: bpy.types.Context):
-        sections.summary(layout_of(self), context)
+    section = staticmethod(sections.summary)
 
 
 class HOLOPATH_PT_image(_Section, bpy.types.Panel):

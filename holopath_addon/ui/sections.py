@@ -10,7 +10,7 @@ from ..operators import session
 from ..operators.rendering import output_size, own_size
 from ..properties import HoloPathSettings, display_of, property_of
 from .focus_list import HOLOPATH_UL_focus
-from .text import count, wrapped
+from .text import alert, count, wrapped
 
 
 def summary(layout: UILayout, context: Context) -> None:
@@ -166,9 +166,7 @@ def render(layout: UILayout, context: Context) -> None:
     layout.use_property_split = False
     missing = preferences.missing()
     if missing:
-        box = layout.box().column()
-        box.alert = True
-        wrapped(box, context, missing, icon="ERROR")
+        alert(layout.box(), context, missing)
         row = layout.row(align=True)
         row.operator("holopath.check", icon="FILE_REFRESH")
         show = row.operator("preferences.addon_show", text="Preferences", icon="PREFERENCES")
@@ -194,9 +192,7 @@ def render(layout: UILayout, context: Context) -> None:
 def failure(layout: UILayout, context: Context) -> None:
     """The last failure, if there was one."""
     if session.current.error:
-        box = layout.column()
-        box.alert = True
-        wrapped(box, context, session.current.error, icon="ERROR")
+        alert(layout, context, session.current.error)
 
 
 def f12(layout: UILayout, context: Context) -> None:

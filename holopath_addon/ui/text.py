@@ -16,6 +16,21 @@ def layout_of(drawn: Panel | Menu) -> UILayout:
     return drawn.layout
 
 
+def split_layout_of(drawn: Panel) -> UILayout:
+    """`layout_of` with labels at the left, as in Blender's properties."""
+    layout = layout_of(drawn)
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    return layout
+
+
+def alert(layout: UILayout, context: Context, text: str) -> None:
+    """What went wrong, in red."""
+    column = layout.column()
+    column.alert = True
+    wrapped(column, context, text, icon="ERROR")
+
+
 def wrapped(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> None:
     """Label that wraps at the region's width."""
     assert context.preferences is not None and context.region is not None  # while a panel is drawn

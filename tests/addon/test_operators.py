@@ -178,7 +178,6 @@ def test_ending_takes_back_what_an_operator_changed(scene):
     assert undone == [True] and session.current.leave is None
     session.current.leave = undo
     session.detach()
-    session.attach()
     assert bpy.app.timers.is_registered(undo) and session.current.leave is None
     bpy.app.timers.unregister(undo)
 

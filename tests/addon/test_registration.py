@@ -48,7 +48,7 @@ def test_failure_leaves_nothing(addon, monkeypatch):
         raise RuntimeError("no")
 
     with monkeypatch.context() as patch:
-        patch.setattr("holopath_addon.operators.session.attach", fail)
+        patch.setattr("holopath_addon.operators.session.handlers", fail)
         with pytest.raises(RuntimeError):
             addon.register()
     assert traces() == gone

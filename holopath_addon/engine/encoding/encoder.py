@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -284,11 +285,8 @@ class _Work:
 
     def joint(self, colour):
         """All frames together, towards the field's own pictures."""
-        field, pitch, wavelength = (
-            self.field,
-            self.field.hologram.pitch,
-            self.field.hologram.wavelengths[colour],
-        )
+        field, hologram = self.field, self.field.hologram
+        pitch, wavelength = hologram.pitch, hologram.wavelengths[colour]
         vantages = spread_vantages(pitch, wavelength, *self._volume(), self._asked.effort.seed)
         pictures = Pictures(field.data.shape[-2:], pitch, wavelength, vantages)
         begun = SHARE["joint"] + (1 - SHARE["joint"]) * self.colours.index(colour) / len(self.colours)
@@ -362,44 +360,26 @@ class _Work:
         if self._asked.bits is not None:
             self.phases[:] = Modulator(self._asked.bits).shown(self.phases)
 
+    @contextmanager
     def _phases(self, group, colour):
-        return _UnderWay(self.phases, group, colour, self._threads)
+        """`Phases` of some frames in one wavelength, which are put back however the work ends."""
+        phases = Phases(self.phases[group, colour], self._threads)
+        try:
+            yield phases
+        finally:
+            self.phases[group, colour] = phases.values()
 
+    @contextmanager
     def _stage(self, name, colour):
-        return _Stage(
-            self.report["stages"], name, None if colour is None else self.field.hologram.wavelengths[colour]
-        )
-
-
-class _UnderWay:
-    """`Phases` of some frames in one wavelength, which are put back however the work ends."""
-
-    def __init__(self, all_phases, group, colour, threads):
-        self._all, self._group, self._colour = all_phases, group, colour
-        self._state = Phases(all_phases[group, colour], threads)
-
-    def __enter__(self):
-        return self._state
-
-    def __exit__(self, *_):
-        self._all[self._group, self._colour] = self._state.values()
-
-
-class _Stage(dict):
-    """What a stage reports, with its seconds."""
-
-    def __init__(self, stages, name, wavelength):
-        super().__init__(stage=name)
-        if wavelength is not None:
-            self["wavelength_m"] = wavelength
-        self._stages, self._begun = stages, time.perf_counter()
-
-    def __enter__(self):
-        self._stages.append(self)
-        return self
-
-    def __exit__(self, *_):
-        self["seconds"] = time.perf_counter() - self._begun
+        """What a stage reports, with its seconds."""
+        stage, begun = {"stage": name}, time.perf_counter()
+        if colour is not None:
+            stage["wavelength_m"] = self.field.hologram.wavelengths[colour]
+        self.report["stages"].append(stage)
+        try:
+            yield stage
+        finally:
+            stage["seconds"] = time.perf_counter() - begun
 
 
 def _root_mean_square(fields):

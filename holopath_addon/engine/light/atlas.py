@@ -136,16 +136,15 @@ class Triangles:
             scale[owner.number] = owner.scale
         self.scale = loaded(mi.Float, scale)
         meshes = [mesh for family in self.families for mesh in family.meshes]
-        meshes.sort(key=lambda mesh: mesh.first)
-        self.meshes = meshes
-        shapes = [np.full(len(m.faces), m.shape, np.uint32) for m in meshes] or [np.zeros(1, np.uint32)]
-        indices = [np.full(len(m.faces), m.index, np.uint32) for m in meshes] or [np.zeros(1, np.uint32)]
-        numbers = [np.arange(len(m.faces), dtype=np.uint32) for m in meshes] or [np.zeros(1, np.uint32)]
-        part = [m.parts[m.faces[:, 0]].astype(np.uint32) for m in meshes] or [np.zeros(1, np.uint32)]
-        self.shape_of = loaded(mi.UInt32, np.concatenate(shapes))
-        self.index_of = loaded(mi.UInt32, np.concatenate(indices))
-        self.number_of = loaded(mi.UInt32, np.concatenate(numbers))
-        self.part_of = loaded(mi.UInt32, np.concatenate(part))
+        self.meshes = sorted(meshes, key=lambda mesh: mesh.first)
+        self.shape_of = self._rows(lambda mesh: np.full(len(mesh.faces), mesh.shape))
+        self.index_of = self._rows(lambda mesh: np.full(len(mesh.faces), mesh.index))
+        self.number_of = self._rows(lambda mesh: np.arange(len(mesh.faces)))
+        self.part_of = self._rows(lambda mesh: mesh.parts[mesh.faces[:, 0]])
+
+    def _rows(self, of):
+        """A number for each row, of each mesh's triangles."""
+        return loaded(mi.UInt32, np.concatenate([of(mesh) for mesh in self.meshes] or [np.zeros(1)]))
 
     def areas(self) -> np.ndarray:
         """Area of each part, square metres of its own mesh."""
@@ -384,64 +383,52 @@ class Atlas:
 
         Where several meet, the last: what is baked once must find the same texels ever after.
         """
-        count, covers = self.triangles.count, []
-        for margin in (0.0, 1.0) if count else ():
-            row = dr.zeros(mi.UInt32, self.width * height)  # one more than the row
-            dr.make_opaque(row)
-            number = dr.arange(mi.UInt32, count)
-            u, v, *edges = gather_row(self._corners, number, 6)
-            x, y, w, h = gather_row(base, number, 4)
-            u, v = u + x, v + y
-            a, b = mi.Vector2f(edges[0], edges[1]), mi.Vector2f(edges[2], edges[3])
-            area = a.x * b.y - a.y * b.x
-            left, right = (f(0, f(a.x, b.x)) for f in (dr.minimum, dr.maximum))
-            low, high = (f(0, f(a.y, b.y)) for f in (dr.minimum, dr.maximum))
-            # not beyond the sheet, where another one begins
-            left, right = dr.maximum(u + left - margin, x), dr.minimum(u + right + margin, x + w - 1)
-            low, high = dr.maximum(v + low - margin, y), dr.minimum(v + high + margin, y + h - 1)
-            x0, x1, y0, y1 = (mi.Int(dr.floor(end)) for end in (left, right, low, high))
-            point = dr.abs(area) < 1e-9
-            x0, x1, y0, y1 = (
-                dr.select(point, mi.Int(dr.floor(where)), end)
-                for where, end in ((u, x0), (u, x1), (v, y0), (v, y1))
-            )
-            # barycentric coordinates may fall below zero by the margin over each height
-            sides = (dr.norm(a), dr.norm(b), dr.norm(b - a))
-            slack = [margin * side / dr.maximum(dr.abs(area), 1e-9) for side in sides]
-
-            def body(
-                column,
-                line,
-                x=x,
-                x0=x0,
-                x1=x1,
-                u=u,
-                v=v,
-                a=a,
-                b=b,
-                area=area,
-                slack=slack,
-                point=point,
-                row=row,
-            ):
-                p = mi.Vector2f(column + 0.5 - u, line + 0.5 - v)
-                c = (a.x * p.y - a.y * p.x) / area
-                s = (p.x * b.y - p.y * b.x) / area
-                inside = (s >= -slack[1]) & (c >= -slack[0]) & (1 - s - c >= -slack[2])
-                inside &= (column >= 0) & (column < self.width) & (line >= 0) & (line < height)
-                at = mi.UInt32(line) * self.width + mi.UInt32(column)
-                number = dr.arange(mi.UInt32, count) + 1
-                dr.scatter_reduce(dr.ReduceOp.Max, row, number, at, (inside | point) & (x >= 0))
-                last = column >= x1
-                return dr.select(last, x0, column + 1), dr.select(last, line + 1, line)
-
-            dr.while_loop((x0, y0), lambda column, line, y1=y1: line <= y1, body, label="texels of triangles")
-            dr.eval(row)
-            covers.append(np.array(row).reshape(height, self.width) - np.uint32(1))  # 0 becomes NONE
-        if not covers:
+        if not self.triangles.count:
             return np.full((height, self.width), NONE, np.uint32)
-        within, beyond = covers
+        within, beyond = (self._covered_with(margin, base, height) for margin in (0.0, 1.0))
         return np.where(within != NONE, within, beyond)
+
+    def _covered_with(self, margin, base, height):
+        """`_covered`, with one margin."""
+        count = self.triangles.count
+        row = dr.zeros(mi.UInt32, self.width * height)  # one more than the row
+        dr.make_opaque(row)
+        number = dr.arange(mi.UInt32, count)
+        u, v, *edges = gather_row(self._corners, number, 6)
+        x, y, w, h = gather_row(base, number, 4)
+        u, v = u + x, v + y
+        a, b = mi.Vector2f(edges[0], edges[1]), mi.Vector2f(edges[2], edges[3])
+        area = a.x * b.y - a.y * b.x
+        left, right = (f(0, f(a.x, b.x)) for f in (dr.minimum, dr.maximum))
+        low, high = (f(0, f(a.y, b.y)) for f in (dr.minimum, dr.maximum))
+        # not beyond the sheet, where another one begins
+        left, right = dr.maximum(u + left - margin, x), dr.minimum(u + right + margin, x + w - 1)
+        low, high = dr.maximum(v + low - margin, y), dr.minimum(v + high + margin, y + h - 1)
+        x0, x1, y0, y1 = (mi.Int(dr.floor(end)) for end in (left, right, low, high))
+        point = dr.abs(area) < 1e-9
+        x0, x1, y0, y1 = (
+            dr.select(point, mi.Int(dr.floor(where)), end)
+            for where, end in ((u, x0), (u, x1), (v, y0), (v, y1))
+        )
+        # barycentric coordinates may fall below zero by the margin over each height
+        sides = (dr.norm(a), dr.norm(b), dr.norm(b - a))
+        slack = [margin * side / dr.maximum(dr.abs(area), 1e-9) for side in sides]
+
+        def body(column, line):
+            p = mi.Vector2f(column + 0.5 - u, line + 0.5 - v)
+            c = (a.x * p.y - a.y * p.x) / area
+            s = (p.x * b.y - p.y * b.x) / area
+            inside = (s >= -slack[1]) & (c >= -slack[0]) & (1 - s - c >= -slack[2])
+            inside &= (column >= 0) & (column < self.width) & (line >= 0) & (line < height)
+            at = mi.UInt32(line) * self.width + mi.UInt32(column)
+            number = dr.arange(mi.UInt32, count) + 1
+            dr.scatter_reduce(dr.ReduceOp.Max, row, number, at, (inside | point) & (x >= 0))
+            last = column >= x1
+            return dr.select(last, x0, column + 1), dr.select(last, line + 1, line)
+
+        dr.while_loop((x0, y0), lambda column, line: line <= y1, body, label="texels of triangles")
+        dr.eval(row)
+        return np.array(row).reshape(height, self.width) - np.uint32(1)  # 0 becomes NONE
 
     def texel(
         self,
@@ -531,9 +518,8 @@ def _groups(scene):
     names = [group.id() for group in groups]
     try:
         for place, group in enumerate(groups):
-            group.set_id(
-                str(place)
-            )  # an instance tells nothing of its group but the name, in its description
+            # an instance tells nothing of its group but the name, in its description
+            group.set_id(str(place))
         return {number_of(shape): groups[int(GROUP_NAME.search(str(shape))[1])] for shape in instances}
     finally:
         for group, name in zip(groups, names, strict=True):

@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 VERSION = 4  # of the format, and of the light: another one is baked again
 SUFFIX = ".holobake.npz"
 MOST_BYTES = 2 << 30  # of all files; the oldest go first
+KINDS = {
+    "digest": str,
+    "coarse": str,
+    "noise": float,
+    "coarser": float,
+    "dense": int,
+    "most": int,
+}  # of numbers
 
 
 @dataclass(frozen=True)
@@ -261,14 +269,7 @@ class BakeStore:
                 values = {name: arrays[name] for name in arrays.files}
             if int(values.pop("version")) != VERSION:
                 return None, ""
-            for name, kind in (
-                ("digest", str),
-                ("coarse", str),
-                ("noise", float),
-                ("coarser", float),
-                ("dense", int),
-                ("most", int),
-            ):
+            for name, kind in KINDS.items():
                 values[name] = kind(values[name])
             values["size"] = tuple(int(n) for n in values["size"])
             stored = Stored(**values)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
+from ..progress import Clock
 from ..scene.fingerprint import scene_digest
 from ..scene.lobes import DIFFUSE, TRANSLUCENT, surfaces_of
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
@@ -203,36 +203,34 @@ def bake(
     RadianceCache, Bake
     """
     progress = progress or (lambda done, message: None)
-    clock = _Clock()
+    clock = Clock()
     progress(0.0, "Looking for baked light")
-    request = Request(
-        scene, camera, hologram, plan.near, optics, settings, plan.texel_noise, plan.texel_samples
-    )
-    found = store.take(request) if store and not anew else None
-    found = found or find(request, None if anew else store)
+    with clock("look"):
+        request = Request(
+            scene, camera, hologram, plan.near, optics, settings, plan.texel_noise, plan.texel_samples
+        )
+        found = store.take(request) if store and not anew else None
+        found = found or find(request, None if anew else store)
     request, cache, missing = found.request, found.cache, found.missing
     fresh, charted, gathered = cache is None, False, Gathered(0, None, None)
-    clock("look")
     if cache is None:
-        cache, charted = _laid_out(found, lambda done: progress(0.1 * done, "Unwrapping"))
-        missing, _ = _coverage(found.seen, cache)
-        clock("unwrap")
-        solve(request, cache, lambda done: progress(0.1 + 0.3 * done, "Baking light between surfaces"))
-        clock("solve")
-    texels, side = found.view.seen(cache.atlas)
-    new = ~cache.baked(texels)
-    if (fresh or missing > MISSING) and new.any():
-        gathered = gather(
-            request,
-            cache,
-            Groups.of(cache.atlas, texels[new], side[new]),
-            plan.radiance_limit or math.inf,  # a view in the dark says nothing of others
-            lambda done: progress(0.4 + 0.6 * done, "Baking light in view"),
-        )
+        with clock("unwrap"):
+            cache, charted = _laid_out(found, lambda done: progress(0.1 * done, "Unwrapping"))
+            missing, _ = _coverage(found.seen, cache)
+        with clock("solve"):
+            solve(request, cache, lambda done: progress(0.1 + 0.3 * done, "Baking light between surfaces"))
+    with clock("gather"):
+        texels, side = found.view.seen(cache.atlas)
+        new = ~cache.baked(texels)
+        if (fresh or missing > MISSING) and new.any():
+            groups = Groups.of(cache.atlas, texels[new], side[new])
+            limit = plan.radiance_limit or math.inf  # a view in the dark says nothing of others
+            gathered = gather(
+                request, cache, groups, limit, lambda done: progress(0.4 + 0.6 * done, "Baking light in view")
+            )
     progress(1.0, "Baking light in view")
-    clock("gather")
-    size, note = _stored(store, found, cache, fresh or gathered.samples) if store else (0, found.note)
-    clock("store")
+    with clock("store"):
+        size, note = _stored(store, found, cache, fresh or gathered.samples) if store else (0, found.note)
     return cache, Bake(
         reused=("charts" if charted else "nothing") if fresh else "part" if gathered.samples else "all",
         texels=len(texels),
@@ -276,14 +274,3 @@ def _traced(scene, triangles):
     cached = {mesh.shape for mesh in triangles.meshes}
     shapes = (s for s in surfaces_of(scene) if s.bsdf().flags() & DIFFUSE and number_of(s) not in cached)
     return tuple(sorted(shape.id() for shape in shapes))
-
-
-class _Clock:
-    """Seconds since the last call, by stage."""
-
-    def __init__(self):
-        self.seconds, self._before = {}, time.perf_counter()
-
-    def __call__(self, stage):
-        now = time.perf_counter()
-        self.seconds[stage], self._before = now - self._before, now

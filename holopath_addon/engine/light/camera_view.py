@@ -203,12 +203,9 @@ class CameraView:
         texel, known = atlas.texel(seen.surface, front, mi.Point2f(0.5), seen.exists)
         slot = dr.gather(mi.UInt32, cache.slots, 2 * texel, known)
         coarse = known & (self._pixel(atlas, seen, known) < 0.5 / atlas.layout.coarser)
+        missing, lost = known & (slot == 0), wanted & ~known
         count = max(1, _count(wanted))
-        return (
-            _count(known & (slot == 0)) / count,
-            _count(wanted & ~known) / count,
-            _count(coarse) / count,
-        )
+        return _count(missing) / count, _count(lost) / count, _count(coarse) / count
 
     def _pixel(self, atlas, seen, known):
         """Side of a pixel, in texels of the surface that is seen."""

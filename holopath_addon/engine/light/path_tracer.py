@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -19,33 +19,6 @@ DIRECT = (2,)  # vertices of a path that ends at the first surface that lamps li
 CANDIDATES = 8  # lamps that one is drawn of
 
 
-class LightCache(Protocol):
-    """What surfaces scatter diffusely, known before.
-
-    Attributes
-    ----------
-    complete : bool
-        Whether it knows all surfaces.
-    others : mitsuba.BSDFContext
-        The lobes that it does not tell of.
-    """
-
-    complete: bool
-    others: mi.BSDFContext
-
-    def diffuse(
-        self,
-        surface: mi.PreliminaryIntersection3f,
-        si: mi.SurfaceInteraction3f,
-        bsdf: mi.BSDFPtr,
-        sampler: mi.Sampler,
-        first: mi.Bool,
-        active: mi.Bool,
-    ) -> tuple[mi.Color3f, mi.Bool]:
-        """Radiance that diffuse lobes send to si.wi, and whether it is known."""
-        ...
-
-
 class PathTracer:
     """Path tracing with next-event estimation and multiple importance sampling (Veach 1997, balance and power
     heuristics as in Mitsuba's `path`), from a surface that is already found.
@@ -57,11 +30,11 @@ class PathTracer:
     limit : float
         Most that light which was scattered twice or more may add to a path, in radiance: a rare path of great
         weight (a firefly) then spoils no grain. What is cut is lost.
-    cache : LightCache, optional
-        Tells what surfaces scatter diffusely, so that paths follow their other lobes only.
+    cache : RadianceCache, optional
+        Its `diffuse` tells what surfaces scatter diffusely, so that paths follow their other lobes only.
     """
 
-    def __init__(self, max_depth: int, limit: float = dr.inf, cache: LightCache | None = None) -> None:
+    def __init__(self, max_depth: int, limit: float = dr.inf, cache: Any = None) -> None:
         # no literals: one kernel for all
         self.max_depth, self.limit = dr.opaque(mi.UInt32, max_depth), dr.opaque(mi.Float, limit)
         self.cache = cache
