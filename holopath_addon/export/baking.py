@@ -16,7 +16,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from .node_graph import Pin, first_link, tree_of
+from .node_graph import Pin, by_identifier, first_link, group_output, tree_of
 
 ATLAS = "HoloPath atlas"
 _NORMAL, _TANGENT, _GENERATED = "HoloPath normal", "HoloPath tangent", "HoloPath generated"
@@ -357,16 +357,14 @@ def _expose(tree, pin):
         node = inner.nodes[group.name]
         path.append((inner, node))
         inner = node.node_tree
-    twin = next(s for s in inner.nodes[pin.node.name].inputs if s.identifier == pin.socket.identifier)
-    link = first_link(twin)
+    link = first_link(by_identifier(inner.nodes[pin.node.name].inputs, pin.socket.identifier))
     assert link is not None  # something feeds the pin
     source = link.from_socket
     kind = {"RGBA": "NodeSocketColor", "VALUE": "NodeSocketFloat"}.get(source.type, "NodeSocketVector")
     for outer, node in reversed(path):
-        exit = next(n for n in inner.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output)
         item = inner.interface.new_socket("HoloPath", in_out="OUTPUT", socket_type=kind)
-        inner.links.new(source, next(s for s in exit.inputs if s.identifier == item.identifier))
-        source = next(s for s in node.outputs if s.identifier == item.identifier)
+        inner.links.new(source, by_identifier(group_output(inner).inputs, item.identifier))
+        source = by_identifier(node.outputs, item.identifier)
         inner = outer
     return source
 

@@ -114,7 +114,7 @@ class Contents:
             bpy.data.window_managers[0].progress_end()
             for flat, *_ in self._flats.values():
                 flat.remove()
-        self._note_missing(self._shown)
+        self._note_missing()
 
     def _instances(self):
         """Instances that renders show, with their object and the original object that they belong to."""
@@ -212,26 +212,24 @@ class Contents:
             found = [get(material, self._can_bake) for material in materials]
             self._looks_of[uids] = found, any(look.wanted for look in found)
         looks, unfinished = self._looks_of[uids]
+        bake, kept.bake = kept.bake, None
         if not unfinished:
-            kept.bake = None
             return looks
         if object.type == "CURVES" or not (_held_elsewhere(object) or len(object.data.polygons) > 0):
-            kept.bake = None
             return [get(material, False) for material in materials]
         placed = self._finite(matrix, object.name)
         corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
-        bake = kept.bake
         read = matrix, tuple(object.color), object.pass_index
         if bake and _same(bake.unbaked, looks) and bake.read == read and bake.pixel <= 1.5 * pixel:
+            kept.bake = bake
             return bake.looks
-        kept.bake = Bake(looks, read, pixel)
         try:
             flat = baking.Flat(object, self._layout(object, placed, pixel))
         except baking.BakingFailed as error:
             self._notes.add(object.name, "Baking", f"failed: {error}")
-            kept.bake = None
             return [get(material, False) for material in materials]
+        kept.bake = Bake(looks, read, pixel)
         self._flats[key] = flat, materials, object.name
         return looks
 
@@ -443,12 +441,12 @@ class Contents:
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
 
-    def _note_missing(self, shown):
+    def _note_missing(self):
         """Objects to be rendered that this depsgraph does not hold, as it serves the viewport."""
         if self._depsgraph.mode == "RENDER":
             return
         for object in self._depsgraph.view_layer.objects:
-            if object.name not in shown or object.hide_render:
+            if object.name not in self._shown or object.hide_render:
                 continue
             if object.type in MESH_TYPES | {"LIGHT"} and (object.hide_viewport or object.hide_get()):
                 self._notes.add(object.name, "Hidden in the viewport", "left out, though shown in renders")

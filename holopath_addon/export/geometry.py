@@ -294,16 +294,9 @@ def split_by_slot(data, slot_count, uv_of_slot):
         used, faces = slice(None), triangles
         if len(used_slots) > 1:
             used, faces = _compact(triangles, len(data.corner_vertices))
-        yield (
-            slot,
-            Surface(
-                data.vertices,
-                data.corner_vertices[used],
-                None if normals is None else normals[used],
-                None if uv is None else uv[used],
-                faces,
-            ),
-        )
+        normals = None if normals is None else normals[used]
+        uv = None if uv is None else uv[used]
+        yield slot, Surface(data.vertices, data.corner_vertices[used], normals, uv, faces)
 
 
 def _compact(faces, count):

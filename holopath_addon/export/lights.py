@@ -48,12 +48,12 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
         colour = colour * emitted
         for feature in ignored:
             notes.add(name, feature, "ignored")
-    if not np.isfinite(matrix).all() or np.linalg.norm(matrix[:3, :3], axis=0).min() < 1e-20:
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not np.isfinite(matrix).all() or lengths.min() < 1e-20:
         notes.add(name, "Lamp with a degenerate transform", "left out")
         return None
     if np.any(colour < 0):
         notes.add(name, "Negative light", "ignored")
-    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     emitter = {"POINT": _point, "SPOT": _spot, "SUN": _sun, "AREA": _area}[light.type](
         light, np.maximum(colour, 0), lengths, scale
     )

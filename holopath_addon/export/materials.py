@@ -196,10 +196,8 @@ class _ShaderReader:
 
     def _shader(self, source):
         node = source.node
-        reader = (
-            None if node.mute else getattr(self, "_read_" + node.bl_idname.removeprefix("ShaderNode"), None)
-        )
-        if reader is None:
+        reader = getattr(self, "_read_" + node.bl_idname.removeprefix("ShaderNode"), None)
+        if reader is None or node.mute:
             self._note(f"{node.bl_label} node", "not supported: shown as the material's viewport color")
             return self._fallback()
         look = reader(source)
@@ -384,12 +382,10 @@ class _ShaderReader:
     def _by_angle(self, source):
         """How `engine.mixture` has a Fresnel or Layer Weight node; empty for other sockets."""
         node, name = source.node, source.socket.name
-        if not source.socket.is_output or node.bl_idname not in (
-            "ShaderNodeFresnel",
-            "ShaderNodeLayerWeight",
-        ):
+        read = {"ShaderNodeFresnel": "IOR", "ShaderNodeLayerWeight": "Blend"}.get(node.bl_idname)
+        if read is None or not source.socket.is_output:
             return {}
-        amount = follow(source.input("IOR" if node.bl_idname == "ShaderNodeFresnel" else "Blend"))
+        amount = follow(source.input(read))
         if amount.socket.is_output or follow(source.input("Normal")).socket.is_output:
             return {}
         amount = amount.socket.default_value
@@ -561,10 +557,8 @@ class _ShaderReader:
         pin = node.input(name)
         if pin is None:
             return False
-        source = follow(pin)
-        return source.socket.is_output or not np.allclose(
-            _first(source.socket.default_value, neutral), neutral
-        )
+        socket = follow(pin).socket
+        return socket.is_output or not np.allclose(_first(socket.default_value, neutral), neutral)
 
     def _textured(self, node, name, fallback):
         return self._textures.value(node.input(name), self._name, fallback)

@@ -43,30 +43,19 @@ def follow(pin):
         if link is None:
             return pin
         source, node = link.from_socket, link.from_node
-        if pin in passed:
+        beyond, groups = None, pin.groups
+        if node.mute or node.bl_idname == "NodeReroute":
+            beyond = _passed_through(node, source)
+        elif node.bl_idname == "NodeGroupInput" and groups:
+            beyond, groups = by_identifier(groups[-1].inputs, source.identifier), groups[:-1]
+        elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
+            output = group_output(node.node_tree)
+            if output is not None and node not in groups:  # else a group inside itself
+                beyond, groups = by_identifier(output.inputs, source.identifier), (*groups, node)
+        if beyond is None or pin in passed:
             return Pin(source, pin.groups)
         passed.add(pin)
-        if node.mute or node.bl_idname == "NodeReroute":
-            inner = _passed_through(node, source)
-            if inner is None:
-                return Pin(source, pin.groups)
-            pin = Pin(inner, pin.groups)
-        elif node.bl_idname == "NodeGroupInput" and pin.groups:
-            outer = _by_identifier(pin.groups[-1].inputs, source.identifier)
-            if outer is None:
-                return Pin(source, pin.groups)
-            pin = Pin(outer, pin.groups[:-1])
-        elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
-            output = next(
-                (n for n in node.node_tree.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output),
-                None,
-            )
-            inner = output and _by_identifier(output.inputs, source.identifier)
-            if inner is None or node in pin.groups:  # a group inside itself
-                return Pin(source, pin.groups)
-            pin = Pin(inner, (*pin.groups, node))
-        else:
-            return Pin(source, pin.groups)
+        pin = Pin(beyond, groups)
 
 
 def first_link(socket):
@@ -96,7 +85,8 @@ def _passed_through(node, source):
     return next((link.from_socket for link in node.internal_links if link.to_socket == source), None)
 
 
-def _by_identifier(sockets, identifier):
+def by_identifier(sockets, identifier) -> Any:
+    """The socket of an identifier, or None."""
     return next((socket for socket in sockets if socket.identifier == identifier), None)
 
 
@@ -112,6 +102,11 @@ def uses_nodes(owner):
     import bpy
 
     return bpy.app.version >= (5, 0, 0) or owner.use_nodes  # always true, and deprecated, since 5.0
+
+
+def group_output(tree) -> Any:
+    """The active output node of a group's tree, or None."""
+    return next((n for n in tree.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output), None)
 
 
 def output_node(tree):

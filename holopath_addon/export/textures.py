@@ -230,10 +230,8 @@ class Textures:
         if pin is None:
             return fallback
         source = follow(pin)
-        if not source.socket.is_output:
-            return _plain(source.socket.default_value)
         node = source.node
-        if node.bl_idname in _CONSTANT:
+        if not source.socket.is_output or node.bl_idname in _CONSTANT:
             return _plain(source.socket.default_value)
         feature = f"{node.bl_label} node into {pin.socket.name}"
         reading = self._reading
@@ -445,8 +443,7 @@ class Textures:
         """
         if isinstance(value, ImageValue):
             return self._bitmap(value, grey, limit)
-        colour = np.broadcast_to(np.asarray(value, float), 3)
-        colour = np.clip(colour, 0, limit)
+        colour = np.clip(np.broadcast_to(np.asarray(value, float), 3), 0, limit)
         if grey:
             return float(colour @ LUMINANCE)
         return {"type": "rgb", "value": [float(v) for v in colour]}

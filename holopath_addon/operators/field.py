@@ -10,7 +10,7 @@ from bpy.props import StringProperty
 from .. import engine, properties
 from ..export import depth_of, unit_scale
 from . import session
-from .working import free, ready, rendered
+from .working import free, ready, refused, rendered
 
 
 class HOLOPATH_OT_refocus(bpy.types.Operator):
@@ -28,8 +28,7 @@ class HOLOPATH_OT_refocus(bpy.types.Operator):
         try:
             session.refocus(*properties.seen_of(props))
         except Exception as error:
-            self.report({"ERROR"}, session.fail(error))
-            return {"CANCELLED"}
+            return refused(self, session.fail(error))
         session.redraw()
         return {"FINISHED"}
 
@@ -57,8 +56,7 @@ class HOLOPATH_OT_save_field(bpy.types.Operator):
             folder = Path(bpy.path.abspath(self.directory)) / "wavefield"
             session.rendered().field.save(folder)
         except Exception as error:
-            self.report({"ERROR"}, session.fail(error))
-            return {"CANCELLED"}
+            return refused(self, session.fail(error))
         self.report({"INFO"}, f"Wave field saved in {folder}.")
         return {"FINISHED"}
 
@@ -71,20 +69,17 @@ class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        scene = context.scene
-        there = scene is not None and scene.camera is not None and context.active_object is not None
-        return (
-            ready(cls, there, "Select an object, and give the scene a camera")
-            and context.active_object is not scene.camera
-        )
+        scene, thing = context.scene, context.active_object
+        camera = scene and scene.camera
+        there = camera is not None and thing is not None
+        return ready(cls, there, "Select an object, and give the scene a camera") and thing is not camera
 
     def execute(self, context: bpy.types.Context):
         scene, thing = context.scene, context.active_object
         assert scene is not None and thing is not None  # as `poll` has it
         depth = depth_of(scene.camera, thing, unit_scale(scene))
         if depth <= 0:
-            self.report({"ERROR"}, f"'{thing.name}' is behind the camera: select another object.")
-            return {"CANCELLED"}
+            return refused(self, f"'{thing.name}' is behind the camera: select another object.")
         properties.set_focus(properties.of(scene), depth)
         return {"FINISHED"}
 

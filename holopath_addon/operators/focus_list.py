@@ -5,7 +5,7 @@ import bpy
 from .. import properties
 from ..export import depth_of, unit_scale
 from . import session
-from .working import ready
+from .working import ready, refused
 
 
 def _filled(operator, context):
@@ -94,8 +94,7 @@ class HOLOPATH_OT_focus_list_from_selected(bpy.types.Operator):
         behind = ", ".join(name for name, depth in depths.items() if depth <= 0)
         seen = sorted(depth for depth in depths.values() if depth > 0)
         if not seen:
-            self.report({"ERROR"}, f"Behind the camera: {behind}. Select objects in front of it.")
-            return {"CANCELLED"}
+            return refused(self, f"Behind the camera: {behind}. Select objects in front of it.")
         for depth in seen:
             add(props, depth)
         if behind:

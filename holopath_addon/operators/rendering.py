@@ -4,7 +4,7 @@ import bpy
 
 from .. import preferences, properties
 from . import session
-from .working import Working, export, free
+from .working import Working, export, free, refused
 
 
 class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
@@ -110,8 +110,7 @@ class HOLOPATH_OT_plan(bpy.types.Operator):
             plan = task.plan()
             session.keep_plan(task, plan)
         except Exception as error:
-            self.report({"ERROR"}, session.fail(error))
-            return {"CANCELLED"}
+            return refused(self, session.fail(error))
         session.redraw()
         if plan.seconds:
             self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")

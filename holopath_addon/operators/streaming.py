@@ -9,7 +9,7 @@ from bpy.props import StringProperty
 
 from .. import device_properties, engine, failures, properties, slm
 from . import devices, session
-from .working import Working, encoded, ready
+from .working import Working, encoded, ready, refused
 
 POLL = 0.1  # seconds
 PATIENCE = 30.0  # seconds that a script waits for a lost device; in the window it is until it is stopped
@@ -56,8 +56,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             job = self._begin(context, endless=False)
             job.run()
         except Exception as error:
-            self.report({"ERROR"}, devices.fail(error))
-            return {"CANCELLED"}
+            return refused(self, devices.fail(error))
         return self._end(job)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
@@ -68,8 +67,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
             job = self._begin(context, endless=True)
             job.start()
         except Exception as error:
-            self.report({"ERROR"}, devices.fail(error))
-            return {"CANCELLED"}
+            return refused(self, devices.fail(error))
         self._job, self._lost = job, ""
         devices.current.timer = bpy.data.window_managers[0].event_timer_add(POLL, window=context.window)
         bpy.data.window_managers[0].modal_handler_add(self)
@@ -106,8 +104,7 @@ class HOLOPATH_OT_stream(bpy.types.Operator):
         counts = devices.current.counts
         session.redraw()
         if job.error is not None and not failures.cancelled(job.error):
-            self.report({"ERROR"}, devices.fail(job.error))
-            return {"CANCELLED"}
+            return refused(self, devices.fail(job.error))
         self.report(
             {"INFO"}, f"{'Stopped' if job.error else 'Done'}: {job.result or counts or 'nothing was shown'}."
         )
@@ -223,8 +220,7 @@ class HOLOPATH_OT_new_planes(bpy.types.Operator):
                 )
             slm.FocusPlanes.spread().save(path)
         except Exception as error:
-            self.report({"ERROR"}, devices.fail(error))
-            return {"CANCELLED"}
+            return refused(self, devices.fail(error))
         properties.of(context.scene).device.planes = str(path)
         self.report({"INFO"}, f"Five focus planes are in {path}.")
         return {"FINISHED"}

@@ -155,10 +155,9 @@ class Working(_Operator):
         except BaseException as error:
             if self._presented:
                 session.show_again()
-            if failures.cancelled(error):
-                self.report({"INFO"}, f"HoloPath: {self.stopped()}.")
-            else:
-                self.report({"ERROR"}, session.fail(error))
+            if not failures.cancelled(error):
+                return refused(self, session.fail(error))
+            self.report({"INFO"}, f"HoloPath: {self.stopped()}.")
             return {"CANCELLED"}
         finally:
             self._job = None  # Blender keeps its last operators, and would keep the scene and its field
@@ -197,6 +196,12 @@ def ready(operator, condition, otherwise):
     if not condition:
         operator.poll_message_set(otherwise)
     return bool(condition)
+
+
+def refused(operator, sentence):
+    """The end of an operator that cannot do what it is asked for, and says why."""
+    operator.report({"ERROR"}, sentence)
+    return {"CANCELLED"}
 
 
 def rendered(operator):

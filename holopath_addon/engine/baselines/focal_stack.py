@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..progress import parts, stage
 from ..waves.pictures import Pictures, Vantage
 from .shots import through_pupil
 from .supervised import phases_for
@@ -22,15 +23,13 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     hologram = job.hologram
     slope = hologram.widest_slope
     planes = np.linspace(job.z_low, job.z_high, DEPTHS if job.z_high > job.z_low else 1)
-    stack = []
-    for number, z in enumerate(planes):
-
-        def told(done, what, number=number):
-            progress(0.4 * (number + done) / len(planes), what)
-
-        # noise of the pictures is what such phases are worst at
-        paths = job.paths * len(hologram.wavelengths)
-        stack.append(through_pupil(job, z, [(0.0, 0.0, slope)], told, paths)[0])
+    # noise of the pictures is what such phases are worst at
+    paths = job.paths * len(hologram.wavelengths)
+    told = parts(stage(progress, 0.0, 0.4), len(planes))
+    stack = [
+        through_pupil(job, z, [(0.0, 0.0, slope)], of_plane, paths)[0]
+        for z, of_plane in zip(planes, told, strict=True)
+    ]
 
     def pictures(k):
         vantages = [Vantage(float(z)) for z in planes]
@@ -38,4 +37,4 @@ def field(job: Job, progress: Progress) -> np.ndarray:
         wanted.wanted[:] = [picture[k] for picture in stack]
         return wanted
 
-    return phases_for(job, pictures, lambda done, what: progress(0.4 + 0.6 * done, what))
+    return phases_for(job, pictures, stage(progress, 0.4, 1.0))

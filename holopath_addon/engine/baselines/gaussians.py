@@ -98,9 +98,8 @@ class Gaussians:
             off = depths - depths.mean(-1, keepdims=True) - (slope[..., None] * place).sum(0)
             fits = (np.abs(off).max(-1) <= thickness) & (np.ptp(shades, -1) <= contrast).all(0)
             chosen = _cells(left, side).all(-1) & (fits | (side == 1))
-            left[: chosen.shape[0] * side, : chosen.shape[1] * side] &= ~np.kron(
-                chosen, np.ones((side, side), bool)
-            )
+            taken = np.kron(chosen, np.ones((side, side), bool))
+            left[: taken.shape[0], : taken.shape[1]] &= ~taken
             rows, columns = np.nonzero(chosen)
             down, right = slope[:, chosen]
             found.append(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..progress import parts, stage
 from ..waves.pictures import Pictures, Vantage
 from .shots import through_pupil
 from .supervised import phases_for
@@ -31,28 +32,25 @@ PICTURES = 7  # of a focal stack: a light field takes as many paths in all
 def field(job: Job, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
-    parts, colours = parts_of_pupil(), len(hologram.wavelengths)
-    paths = math.ceil(job.paths * PICTURES / (len(parts) * colours))
+    disks, colours = parts_of_pupil(), len(hologram.wavelengths)
+    paths = math.ceil(job.paths * PICTURES / (len(disks) * colours))
     views = []
-    for k, wavelength in enumerate(hologram.wavelengths):
-
-        def told(done, what, k=k):
-            progress(0.4 * (k + done) / colours, what)
-
+    told = parts(stage(progress, 0.0, 0.4), colours)
+    for wavelength, of_colour in zip(hologram.wavelengths, told, strict=True):
         slope = hologram.max_slope(wavelength)
         own = replace(job, hologram=replace(hologram, wavelengths=(wavelength,)))
-        scaled = [(x * slope, y * slope, PART * slope) for x, y in parts]
-        views.append(through_pupil(own, z, scaled, told, paths)[:, 0])
+        scaled = [(x * slope, y * slope, PART * slope) for x, y in disks]
+        views.append(through_pupil(own, z, scaled, of_colour, paths)[:, 0])
 
     def pictures(k):
         # the edge of the cone is at half a cycle a pixel; rows go down
-        vantages = [Vantage(z, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in parts]
+        vantages = [Vantage(z, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
         wanted = _Views(job.shape, hologram.pitch, hologram.wavelengths[k], vantages)
         for number, view in enumerate(views[k]):
             wanted.wanted[number] = wanted.share(number) * view
         return wanted
 
-    return phases_for(job, pictures, lambda done, what: progress(0.4 + 0.6 * done, what))
+    return phases_for(job, pictures, stage(progress, 0.4, 1.0))
 
 
 def parts_of_pupil() -> list[tuple[float, float]]:
@@ -69,11 +67,7 @@ class _Views(Pictures):
         vantage, space = self.vantages[number], self.space
         inside = []
         for count, frequency in zip(self.shape, (vantage.part[1], vantage.part[0]), strict=True):
-            walk = (
-                vantage.distance
-                * math.tan(math.asin(space.wavelength * frequency / space.pitch))
-                / space.pitch
-            )
-            start = np.arange(count) - walk
+            slope = math.tan(math.asin(space.wavelength * frequency / space.pitch))
+            start = np.arange(count) - vantage.distance * slope / space.pitch
             inside.append((start >= 0) & (start <= count - 1))
         return np.where(inside[0][:, None] & inside[1], super().weight(number), 0)

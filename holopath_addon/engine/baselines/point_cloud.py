@@ -26,6 +26,7 @@ import numpy as np
 import scipy.fft
 import scipy.ndimage
 
+from ..progress import named, parts, stage
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, gather_row, loaded, packed, packed_phasors
 from ..slabs import depth_slabs
 from ..tracing.kernel_table import LEVELS, LEVELS_A_GRAIN
@@ -59,7 +60,7 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
     """
     hologram, frames = job.hologram, range(job.settings.frames)
-    radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
+    radiance, z = picture_with_depth(job, stage(progress, 0.0, 0.3))
     slabs = slabs_of(hologram, z)
     planes = [0.5 * (low + high) for low, high in slabs]
     slab = np.searchsorted([0.5 * (below[1] + above[0]) for below, above in pairwise(slabs)], z)
@@ -70,15 +71,13 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     ]
     amplitude = np.sqrt(radiance) * np.float32(GAIN)
     out = np.zeros((len(frames), *radiance.shape), np.complex64)
-    for begun, number in enumerate(reversed(range(len(planes)))):  # towards the SLM
-
-        def told(done, begun=begun):
-            progress(0.3 + 0.7 * (begun + done) / len(planes), "Points")
-
+    told = parts(stage(progress, 0.3, 1.0), len(planes))
+    for number, of_plane in zip(reversed(range(len(planes))), told, strict=True):  # towards the SLM
         here = np.where(slab == number, amplitude, 0)
-        gather(out, waves, planes[number] - z, here, groups, phasors, lambda done: told(0.7 * done))
+        gathered, propagated = (named(stage(of_plane, *ends), "Points") for ends in ((0.0, 0.7), (0.7, 1.0)))
+        gather(out, waves, planes[number] - z, here, groups, phasors, gathered)
         step = (planes[number - 1] if number else 0.0) - planes[number]
-        propagate(out, hologram, step, lambda done: told(0.7 + 0.3 * done))
+        propagate(out, hologram, step, propagated)
     return out
 
 

@@ -35,10 +35,9 @@ import scipy.fft
 from scipy.ndimage import minimum_filter
 from scipy.special import jv
 
-from ..hologram import channel
 from ..waves.propagation import circular_band, field_of, lag, propagate, spectrum, transfer_function
 from .layers import GAIN, random_phasor
-from .shots import picture_with_depth
+from .shots import in_each_wavelength, picture_with_depth
 
 if TYPE_CHECKING:
     from ..progress import Progress
@@ -220,7 +219,6 @@ def hidden(job: Job, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Pr
     import mitsuba as mi
 
     from ..scene.buffers import loaded
-    from ..scene.dispersion import tuned, wavelength_groups
     from ..scene.rays import Rays
 
     hologram, mapping = job.hologram, job.mapping
@@ -246,12 +244,9 @@ def hidden(job: Job, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Pr
     depths = np.full(z.size, np.nan)
     depths[pixels[found]] = np.clip(np.asarray(place)[found], job.z_low, job.z_high)
     radiance = np.zeros((len(hologram.wavelengths), z.size), np.float32)
-    for group in wavelength_groups(job.scene, hologram.wavelengths):
-        with tuned(job.scene, group):
-            colours = _radiance(job, origins, directions, progress)
-        for k, wavelength in enumerate(hologram.wavelengths):
-            if wavelength in group:
-                radiance[k, pixels[found]] = colours[channel(wavelength)]
+    radiance[:, pixels[found]] = in_each_wavelength(
+        job, lambda: _radiance(job, origins, directions, progress)
+    )
     return Sheet(radiance.reshape(-1, *z.shape), depths.reshape(z.shape))
 
 

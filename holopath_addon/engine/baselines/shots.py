@@ -14,7 +14,7 @@ from ..viewing.preview import Preview
 from ..viewing.reference import reference
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from ..progress import Progress
     from . import Job
@@ -35,20 +35,38 @@ def picture_with_depth(job: Job, progress: Progress) -> tuple[np.ndarray, np.nda
     z : numpy.ndarray, float64, shape (y, x)
         Metres from the SLM, of the surface at each pixel's centre; the volume's far end where there is none.
     """
-    from ..scene.dispersion import tuned, wavelength_groups
+    settings, size = job.settings, (job.hologram.width, job.hologram.height)
 
-    hologram, settings = job.hologram, job.settings
-    size = hologram.width, hologram.height
-    radiance = np.empty((len(hologram.wavelengths), *job.shape), np.float32)
-    for group in wavelength_groups(job.scene, hologram.wavelengths):
-        with tuned(job.scene, group):
-            pinhole = Preview(job.scene, job.camera, *size, max_depth=settings.max_depth, seed=settings.seed)
-            picture = pinhole.refine(job.paths, lambda done, _: progress(done, "Picture"))
-        for k, wavelength in enumerate(hologram.wavelengths):
-            if wavelength in group:
-                radiance[k] = picture[..., channel(wavelength)]
+    def picture():
+        pinhole = Preview(job.scene, job.camera, *size, max_depth=settings.max_depth, seed=settings.seed)
+        return np.moveaxis(pinhole.refine(job.paths, lambda done, _: progress(done, "Picture")), -1, 0)
+
+    radiance = in_each_wavelength(job, picture)
     z = job.mapping.depth_to_z(depth_map(job.scene, job.camera, *size))
     return radiance, np.clip(z, job.z_low, job.z_high)
+
+
+def in_each_wavelength(job: Job, colours: Callable[[], np.ndarray]) -> np.ndarray:
+    """Radiance in each wavelength of a hologram, as far as the scene tells them apart.
+
+    Parameters
+    ----------
+    job : Job
+    colours : callable
+        ``colours()`` gives red, green and blue along the first axis, of the scene as it is tuned then.
+
+    Returns
+    -------
+    numpy.ndarray, shape (wavelength, ...)
+    """
+    from ..scene.dispersion import tuned, wavelength_groups
+
+    radiance = {}
+    for group in wavelength_groups(job.scene, job.hologram.wavelengths):
+        with tuned(job.scene, group):
+            found = colours()
+        radiance |= {wavelength: found[channel(wavelength)] for wavelength in group}
+    return np.stack([radiance[wavelength] for wavelength in job.hologram.wavelengths])
 
 
 def through_pupil(

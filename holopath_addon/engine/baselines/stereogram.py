@@ -27,6 +27,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..hologram import channel
+from ..progress import named, parts
 from ..scene.rays import Rays, intersect
 from ..viewing.preview import path_tracer
 from ..waves.propagation import carrier, circular_band, field_of, padded_shape, spectrum, transfer_function
@@ -51,19 +52,16 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     hologram = job.hologram
     plane = 0.5 * (job.z_low + job.z_high)
     out = np.empty((job.settings.frames, len(hologram.wavelengths), *job.shape), np.complex64)
+    told = parts(progress, len(hologram.wavelengths))
     for k, wavelength in enumerate(hologram.wavelengths):
-
-        def told(done, k=k):
-            progress((k + done) / len(hologram.wavelengths), "Stereogram")
-
         side = hogel_side(hologram.pitch, wavelength, job.z_high - plane)
         with tuned(job.scene, (wavelength,)):
-            waves = stereogram(job, plane, k, side, told)
+            waves = stereogram(job, plane, k, side, named(told[k], "Stereogram"))
         padded = padded_shape(job.shape, hologram.pitch, wavelength, plane)
         transfer = transfer_function(padded, hologram.pitch, wavelength, -plane) * carrier(wavelength, -plane)
         for m, wave in enumerate(waves):
             out[m, k] = field_of(spectrum(wave, padded) * transfer, job.shape)
-            told(1.0)
+            told[k](1.0, "Stereogram")
     return out
 
 

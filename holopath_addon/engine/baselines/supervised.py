@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..progress import Progress
-    from ..settings import Settings
     from ..waves.pictures import Pictures
     from . import Job
 
@@ -47,7 +46,7 @@ def phases_for(job: Job, pictures_of: Callable[[int], Pictures], progress: Progr
     frames, colours = job.settings.frames, len(job.hologram.wavelengths)
     out = np.empty((frames, colours, *job.shape), np.complex64)
     rng = np.random.default_rng(job.settings.seed)
-    steps = steps_of(job.settings)
+    steps = job.settings.fixed.get("steps", STEPS[job.settings.quality])  # in each wavelength
     with Frames() as threads:
         for k in range(colours):
             pictures = pictures_of(k)
@@ -66,11 +65,6 @@ def phases_for(job: Job, pictures_of: Callable[[int], Pictures], progress: Progr
                 progress((k + (step + 1) / steps) / colours, "Phases")
             out[:, k] = mean.gain * phases.light
     return out
-
-
-def steps_of(settings: Settings) -> int:
-    """Steps of the descent in each wavelength."""
-    return settings.fixed.get("steps", STEPS[settings.quality])
 
 
 class _Brightness:

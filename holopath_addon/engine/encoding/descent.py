@@ -165,9 +165,8 @@ def kaczmarz(
         psnr = _psnr(loss, pictures.wanted[number])
         told(steps / (steps + (lasts + len(pictures) if left is None else left)), psnr)
         stage.update(steps=steps, loss=float(errors.mean()), psnr_db=psnr)
-    stage.update(
-        psnr_db=float(np.mean([_psnr(e, w) for e, w in zip(errors, pictures.wanted, strict=True) if w.any()]))
-    )
+    reached = [_psnr(e, w) for e, w in zip(errors, pictures.wanted, strict=True) if w.any()]
+    stage["psnr_db"] = float(np.mean(reached))
     if bits is not None:
         phases.fix(1, bits)
 

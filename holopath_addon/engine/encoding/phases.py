@@ -68,9 +68,8 @@ class Phases:
         slope = np.empty_like(self._angle)
 
         def fill(frame, block, rows):
-            slope[frame, block] = self._slope(
-                frame, block, back[frame, rows], 1 if factors is None else factors[frame]
-            )
+            factor = 1 if factors is None else factors[frame]
+            slope[frame, block] = self._slope(frame, block, back[frame, rows], factor)
 
         self._each(fill)
         return slope

@@ -70,11 +70,8 @@ class ComplexTarget:
         overlaps = (overlaps + self._energies) / used
         gain = np.abs(overlaps).sum() / energies.sum()
         self.factors = gain * np.exp(-1j * np.angle(overlaps))
-        return (
-            float(errors.real.sum()) / self.energy,
-            self._waves,
-            np.conj(used) * (light[0].size / self.energy),
-        )
+        loss = float(errors.real.sum()) / self.energy
+        return loss, self._waves, np.conj(used) * (light[0].size / self.energy)
 
     def _compare(self, light, frame, factor):
         """c U - T, back on the plane, into `_waves`; its square and its product with T."""

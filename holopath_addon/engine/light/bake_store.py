@@ -84,7 +84,9 @@ class Stored:
     @classmethod
     def of(cls, cache: RadianceCache, digest: str, noise: float, most: int) -> Stored:
         """What a cache holds."""
-        pool, counts = (_joined([getattr(g, name) for g in cache.groups]) for name in ("pool", "counts"))
+        nothing = np.zeros(0, np.uint32)
+        pool = np.concatenate([nothing, *(groups.pool for groups in cache.groups)])
+        counts = np.concatenate([nothing, *(groups.counts for groups in cache.groups)])
         return cls(
             digest=digest,
             noise=noise,
@@ -156,10 +158,6 @@ class Stored:
         )
         if not right:
             raise ValueError("its parts do not fit")
-
-
-def _joined(arrays):
-    return np.concatenate(arrays) if arrays else np.zeros(0, np.uint32)
 
 
 @dataclass(frozen=True)

@@ -109,18 +109,7 @@ def find(request: Request, store: BakeStore | None, triangles: Triangles | None 
             missing, lacking = _coverage(seen, cache)
             if lacking > COARSE:
                 cache, missing = None, 1.0
-    return Found(
-        request=request,
-        triangles=triangles,
-        view=view,
-        seen=seen,
-        translucent=translucent,
-        stored=stored,
-        cache=cache,
-        missing=missing,
-        digest=digest,
-        note=note,
-    )
+    return Found(request, triangles, view, seen, translucent, stored, cache, missing, digest, note)
 
 
 def found_in(store: BakeStore, request: Request, worth: Callable[[int], bool]) -> float | None:

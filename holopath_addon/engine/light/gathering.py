@@ -233,9 +233,7 @@ class _Filter:
                 near = dr.norm(there - place) <= reach * (1 - turn / SMOOTH_OVER)
                 inside &= near | (over == down == 0)
                 value = dr.gather(mi.Vector4f, light, at, inside)
-                w = dr.select(inside, dr.gather(mi.Float, weight, at, inside), 0) / (
-                    1 << abs(over) + abs(down)
-                )
+                w = dr.gather(mi.Float, weight, at, inside) / (1 << abs(over) + abs(down))
                 total += w * mi.Color3f(value.x, value.y, value.z)
                 variance += dr.square(w) * value.w
                 share += w

@@ -96,7 +96,6 @@ class PathTracer:
         si: mi.SurfaceInteraction3f,
         context: mi.BSDFContext,
         turn: tuple[mi.Point2f, mi.Point2f],
-        active: mi.Bool | bool = True,
     ) -> tuple[mi.Color3f, mi.Color3f, mi.Float]:
         """Light from lamps, and from what they light, that some lobes of a surface scatter to si.wi; one path.
 
@@ -109,7 +108,6 @@ class PathTracer:
             Which lobes.
         turn : pair of mitsuba.Point2f
             Uniform in the unit square: for a point on the lamps, and for a direction.
-        active : mitsuba.Bool
 
         Returns
         -------
@@ -118,9 +116,9 @@ class PathTracer:
             To where the path went, metres.
         """
         bsdf, (lamp_turn, bsdf_turn) = si.bsdf(), turn
-        light = self._next_event(scene, sampler, si, bsdf, [(context, active)], lamp_turn, active)
-        sample, value = bsdf.sample(context, si, sampler.next_1d(), bsdf_turn, active)
-        path = _Path(None, None, sampler, active & (dr.max(value) > 0))
+        light = self._next_event(scene, sampler, si, bsdf, [(context, True)], lamp_turn)
+        sample, value = bsdf.sample(context, si, sampler.next_1d(), bsdf_turn)
+        path = _Path(None, None, sampler, dr.max(value) > 0)
         path.leave(scene, si, sample, value)
         distance = path.surface.t
         direct, indirect = self._followed(scene, path, mi.Bool(True)).found
@@ -164,7 +162,7 @@ class PathTracer:
                 lobes = [(self.cache.others, active & cached & ~matt), *others]
             active &= path.depth + 1 < self.max_depth
             lobes = [(context, lanes & active) for context, lanes in lobes]
-            near = self._next_event(scene, path.sampler, si, bsdf, lobes, path.sampler.next_2d(), active)
+            near = self._next_event(scene, path.sampler, si, bsdf, lobes, path.sampler.next_2d())
             path.gather(1, path.share * near)
             chance, turn = path.sampler.next_1d(), path.sampler.next_2d()
             sample, value = dr.zeros(mi.BSDFSample3f), mi.Color3f(0)
@@ -184,7 +182,7 @@ class PathTracer:
 
         return _Path.of(dr.while_loop(state, lambda *s: s[-1], body, label="radiance path"), ends)
 
-    def _next_event(self, scene, sampler, si, bsdf, lobes, turn, active):
+    def _next_event(self, scene, sampler, si, bsdf, lobes, turn):
         """Light that comes straight from a lamp and that these lobes scatter to si.wi.
 
         Of several lamps one is drawn by what each would give if nothing stood before it: resampled importance sampling

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 TRIES = 20  # presentations by which to see whether the window waits for the monitor
 READY = 6  # pictures that lie ready when time begins
 PATIENCE = 0.2  # seconds to wait for them
+IN_MEMORY = {b"dummy", b"offscreen", b"evdev"}  # drivers of SDL that show nothing on a screen
 HINTS = {
     b"SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS": b"0",
     b"SDL_WINDOW_NO_ACTIVATION_WHEN_SHOWN": b"1",
@@ -272,12 +273,7 @@ def main(words: Sequence[str]) -> None:
     sdl2 = module
     for name, value in HINTS.items():
         sdl2.SDL_SetHint(name, value)
-    # SDL also has drivers that draw into memory alone
-    if sdl2.SDL_Init(sdl2.SDL_INIT_VIDEO) or sdl2.SDL_GetCurrentVideoDriver() in (
-        b"dummy",
-        b"offscreen",
-        b"evdev",
-    ):
+    if sdl2.SDL_Init(sdl2.SDL_INIT_VIDEO) or sdl2.SDL_GetCurrentVideoDriver() in IN_MEMORY:
         raise Trouble(f"There is no screen that can be used ({error()}): log in at a desktop.")
     if request is None:
         tell(monitors=monitors())

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 VERSION = 1
 SYNC = b"\xa5\x5a"
-HEADER = struct.Struct(
-    "<2sBBHHI"
-)  # sync, kind, session, sequence, length, CRC-32 of the six bytes in between
+# sync, kind, session, sequence, length, CRC-32 of the six bytes in between
+HEADER = struct.Struct("<2sBBHHI")
 CHECK = struct.Struct("<I")  # CRC-32 of the payload, where there is one
 OVERHEAD = HEADER.size + CHECK.size
 LONGEST = 0xFFFF  # bytes of payload
@@ -26,10 +25,8 @@ TRIGGER = struct.Struct("<II")  # number, microseconds
 FOCUS = struct.Struct("<i")  # position
 # version, 1 if the stream goes on, longest payload, window, next sequence, frames, position, width, height, bits, can
 WELCOME = struct.Struct("<BBHHHIiHHBB")  # and the name, UTF-8
-REPORT = struct.Struct(
-    "<HBBIIi"
-)  # next sequence, 1 if something was damaged or missing, 1 in motion, frames, triggers,
-#                                    position
+# next sequence, 1 if something was damaged or missing, 1 in motion, frames, triggers, position
+REPORT = struct.Struct("<HBBIIi")
 
 
 class Kind(enum.IntEnum):

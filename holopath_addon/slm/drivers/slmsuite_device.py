@@ -33,11 +33,6 @@ DEVICES = {
 INSTALL = "install it with `pip install slmsuite` for the Python that runs HoloPath"
 
 
-def installed() -> bool:
-    """Whether slmsuite can be imported."""
-    return importlib.util.find_spec("slmsuite") is not None
-
-
 def options_of(text: str, device: str, size: tuple[int, int]) -> dict:
     """Arguments of a device's class from JSON; the simulated one gets the pictures' size where none is given.
 
@@ -79,7 +74,7 @@ class SlmsuiteDriver:
     """
 
     def __init__(self, device: str, options: dict | None = None) -> None:
-        if not installed():
+        if importlib.util.find_spec("slmsuite") is None:
             raise InvalidInput(f"The driver slmsuite needs slmsuite, which is not there: {INSTALL}.")
         self._path = DEVICES.get(device, device)
         if self._path.count(".") != 1:
