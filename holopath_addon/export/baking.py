@@ -413,7 +413,7 @@ def bake_lamp(light, width, height, frame):
     Returns
     -------
     float32 [y, x, 3]
-        Factor on the lamp's own light by direction, one unit away, as `engine.lamps` has it.
+        Factor on the lamp's own light by direction, one unit away, as `engine.scene.lamps` has it.
     """
     with _Studio(frame) as studio:
         image = studio.image(width, height)

@@ -1,4 +1,4 @@
-"""Blender's lamps to the engine's (`engine.lamps`), which are as invisible."""
+"""Blender's lamps to the engine's (`engine.scene.lamps`), which are as invisible."""
 
 import math
 
@@ -29,7 +29,7 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
         Metres a Blender unit.
     notes : Notes
     profile : array, shape (v, u, 3), optional
-        What the lamp's node tree emits over directions in its own frame, as `engine.lamps` has it, in place of
+        What the lamp's node tree emits over directions in its own frame, as `engine.scene.lamps` has it, in place of
         the tree; for trees of which `emission_varies`.
 
     Returns

@@ -1,7 +1,7 @@
 """Blender materials to Mitsuba BSDFs and emission.
 
-Shader nodes become the closures of `engine.closures`, which take Blender's roughness as it is, put together by
-`engine.mixture` as Cycles layers them.
+Shader nodes become the closures of `engine.scene.closures`, which take Blender's roughness as it is, put together by
+`engine.scene.mixture` as Cycles layers them.
 """
 
 import math
@@ -380,7 +380,7 @@ class _ShaderReader:
         return self._blend(*looks, self._grey(self._textures.value(factor, self._name, 0.5)))
 
     def _by_angle(self, source):
-        """How `engine.mixture` has a Fresnel or Layer Weight node; empty for other sockets."""
+        """How `engine.scene.mixture` has a Fresnel or Layer Weight node; empty for other sockets."""
         node, name = source.node, source.socket.name
         read = {"ShaderNodeFresnel": "IOR", "ShaderNodeLayerWeight": "Blend"}.get(node.bl_idname)
         if read is None or not source.socket.is_output:
@@ -405,7 +405,7 @@ class _ShaderReader:
         weight : float or ImageValue
             Share of the second.
         **by_angle
-            How the share depends on the angle as well, see `engine.mixture`.
+            How the share depends on the angle as well, see `engine.scene.mixture`.
 
         Returns
         -------
@@ -440,7 +440,7 @@ class _ShaderReader:
 
     @staticmethod
     def _joined(first, second, **how):
-        """BSDF of two looks, see `engine.mixture`."""
+        """BSDF of two looks, see `engine.scene.mixture`."""
         through = first.transmissive or second.transmissive
         parts = [look.both_sides if through else look.bsdf or _BLACK for look in (first, second)]
         return {"type": "mixture", "first": parts[0], "second": parts[1], **how}
@@ -477,7 +477,7 @@ class _ShaderReader:
         return self._stretch(node, math.sqrt(1 - 0.9 * amount), rotation_name)
 
     def _stretch(self, node, aspect, rotation_name):
-        """Anisotropy as `engine.closures` takes it, along the U of a UV map."""
+        """Anisotropy as `engine.scene.closures` takes it, along the U of a UV map."""
         if abs(aspect - 1) < 1e-4:
             return {}
         tangent, uv_name = follow(node.input("Tangent")).node, None
@@ -508,7 +508,7 @@ class _ShaderReader:
         return self._gloss(gloss, ior=max(ior, 1.001), reflectance=self._build(tint, limit=1))
 
     def _mirror(self, gloss, **colours):
-        """What reflects with these colours of `engine.closures`."""
+        """What reflects with these colours of `engine.scene.closures`."""
         colours = {name: self._build(colour, limit=1) for name, colour in colours.items()}
         return Appearance(self._gloss(gloss, **colours), smooth=_at_most(gloss["roughness"], SMOOTH))
 
@@ -622,7 +622,7 @@ def _two_sided(bsdf):
 
 
 def _mean_by_angle(fresnel_ior=None, facing=None) -> float:
-    """Mean over the hemisphere, weighted by the cosine, of a share of `engine.mixture`."""
+    """Mean over the hemisphere, weighted by the cosine, of a share of `engine.scene.mixture`."""
     import drjit as dr
     import mitsuba as mi
 
