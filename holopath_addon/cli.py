@@ -341,7 +341,7 @@ def _load(args, source):
     """Scene in its current frame, hologram and settings that the words ask for."""
     hologram, settings = (
         _hologram_of(args, source.hologram),
-        options.settings_of(args, source.settings),
+        options.asked(args, source.settings),
     )
     with sources.native_output_to_stderr():
         loaded = source.load(hologram.width, hologram.height, args.camera)

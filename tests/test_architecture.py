@@ -1,5 +1,7 @@
 """The house that ARCHITECTURE.md describes: rooms that know lower ones only, and none too full."""
 
+import ast
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,16 @@ def test_no_room_knows_a_higher_one(graph):
 
 def test_no_folder_is_too_full():
     assert {name: count for name, count in imports.sizes(ROOT).items() if count > FULL} == {}
+
+
+def test_a_class_name_means_one_thing():
+    names = Counter(
+        node.name
+        for path in imports.modules(ROOT).values()
+        for node in ast.parse(path.read_text("utf-8")).body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    )
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_what_it_would_find(tmp_path):

@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.baselines import Job, layers, shots
+from holopath_addon.engine.baselines import BaselineInput, layers, shots
 from holopath_addon.engine.waves.propagation import padded_shape
 
 PEERS = {"rgbd-torchoptics": "torchoptics", "rgbd-odak": "odak"}
@@ -36,7 +36,7 @@ def render(name, scene, camera, hologram, settings, plan=None, progress=None):
     progress = progress or (lambda done, message: None)
     start = time.perf_counter()
     plan = plan or engine.plan(scene, camera, hologram, settings)
-    job = Job(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
+    job = BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
     radiance, z = shots.picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
     depths, number = layers.sliced(job, z)
     steps = [*np.diff(depths), -depths[-1]]

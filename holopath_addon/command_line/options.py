@@ -70,7 +70,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         )
 
 
-def settings_of(args: argparse.Namespace, base: Settings) -> Settings:
+def asked(args: argparse.Namespace, base: Settings) -> Settings:
     """The settings that words ask for, over a scene's own."""
     given = {name: getattr(args, name) for name in DECLARED if getattr(args, name) is not None}
     others = {name: default_of(name) for name, each in DECLARED.items() if each.instead_of in given}

@@ -82,7 +82,7 @@ def render(
         with clock("plan"):
             plan = planner.plan(scene, camera, hologram, settings, store)
     if settings.method in BASELINES:
-        job = baselines.Job(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
+        job = baselines.BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
         with clock(settings.method):
             field = baselines.field(job, progress)
         report = {"seconds": clock.seconds, "frames": settings.frames}

@@ -16,7 +16,7 @@ import bpy
 from . import baking
 from .materials import export_material
 from .notes import Notes
-from .textures import Reading, Textures
+from .textures import MaterialReading, Textures
 
 _listening = weakref.WeakSet()
 
@@ -104,7 +104,7 @@ class ExportCache:
 
 
 @dataclass
-class Bake:
+class MeshBake:
     """What was baked of a mesh.
 
     Attributes
@@ -146,7 +146,7 @@ class KeptMesh:
         UV maps that were asked for in vain.
     shapes : dict
         Finished Mitsuba shapes by all that they depend on.
-    bake : Bake or None
+    bake : MeshBake or None
         Where its materials had to be baked.
     """
 
@@ -156,7 +156,7 @@ class KeptMesh:
     slots: list = field(default_factory=list)
     lacking: set = field(default_factory=set)
     shapes: dict = field(default_factory=dict)
-    bake: Bake | None = None
+    bake: MeshBake | None = None
 
 
 @dataclass
@@ -236,7 +236,7 @@ class Appearances:
                 kept = None
             if kept is None:
                 notes = Notes()
-                with self.textures.reading(Reading(None), notes):
+                with self.textures.reading(MaterialReading(None), notes):
                     kept = self._kept[key] = _Kept(export(notes), notes, sources, signatures)
             for note in kept.notes:
                 self._notes.add(note.object, note.feature, note.effect)

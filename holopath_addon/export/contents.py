@@ -10,7 +10,7 @@ import numpy as np
 from ..engine import InvalidInput
 from ..engine.light.unwrapping import LACKING, unwrap
 from . import baking
-from .cache import Bake
+from .cache import MeshBake
 from .geometry import read_mesh, split_by_slot
 from .hair import curve_tubes, particle_tubes
 from .lights import emission_varies, export_lamp, read_profile
@@ -229,7 +229,7 @@ class Contents:
         except baking.BakingFailed as error:
             self._notes.add(object.name, "Baking", f"failed: {error}")
             return [get(material, False) for material in materials]
-        kept.bake = Bake(looks, read, pixel)
+        kept.bake = MeshBake(looks, read, pixel)
         self._flats[key] = flat, materials, object.name
         return looks
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .node_graph import Pin, first_link, follow, output_node, uses_nodes
 from .notes import Notes
-from .textures import LUMINANCE, ImageValue, Reading
+from .textures import LUMINANCE, ImageValue, MaterialReading
 
 # Below this roughness a glass, mirror or polished surface is exported as perfectly smooth.
 SMOOTH = 0.02
@@ -103,7 +103,7 @@ def export_material(material, textures, baked):
     """
     import mitsuba as mi
 
-    reading = Reading(baked)
+    reading = MaterialReading(baked)
     name = "default material" if material is None else material.name
     notes = Notes(name)
     with textures.reading(reading, notes):

@@ -149,7 +149,7 @@ def _encoded(colour):
 PENDING = ImageValue(RawImage("pending", np.ones((1, 1, 3), np.float32)))
 
 
-class Reading:
+class MaterialReading:
     """What one reading of a material needs.
 
     Parameters
@@ -199,7 +199,7 @@ class Textures:
         self._notes = notes
         self._pixels = {}
         self._built = {}
-        self._reading = Reading(None)
+        self._reading = MaterialReading(None)
 
     @contextlib.contextmanager
     def reading(self, reading, notes):

@@ -13,7 +13,7 @@ RGB = (640e-9, GREEN, 455.4e-9)
 @pytest.fixture
 def show(backend, monkeypatch):
     """The field of points given by radiance, shape (wavelength, y, x), and z, shape (y, x); and its job."""
-    from holopath_addon.engine.baselines import Job, point_cloud
+    from holopath_addon.engine.baselines import BaselineInput, point_cloud
 
     def show(radiance, z, frames, progress=lambda done, message: None, wavelengths=RGB, **constants):
         for name, value in constants.items():
@@ -21,7 +21,7 @@ def show(backend, monkeypatch):
         monkeypatch.setattr(point_cloud, "picture_with_depth", lambda job, told: (radiance, z))
         hologram = engine.Hologram(SIDE, SIDE, PITCH, wavelengths, 1e-3, 6e-3)
         settings = engine.Settings(frames=frames, method="point", seed=5)
-        job = Job(None, None, hologram, settings, 1.0, z.min(), z.max())
+        job = BaselineInput(None, None, hologram, settings, 1.0, z.min(), z.max())
         return point_cloud.field(job, progress), job
 
     return show

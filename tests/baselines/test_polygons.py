@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.scenes import GREEN
 from holopath_addon import engine
-from holopath_addon.engine.baselines import Job, polygons
+from holopath_addon.engine.baselines import BaselineInput, polygons
 from holopath_addon.engine.baselines.layers import random_phasor
 
 PITCH, FAR, NEAR = 8e-6, 1e-3, 6e-3
@@ -18,7 +18,7 @@ def job_of(side, frames=1, wavelength=GREEN, seed=0):
     """What the field of given facets takes."""
     hologram = engine.Hologram(side, side, PITCH, (wavelength,), FAR, NEAR)
     settings = engine.Settings(method="polygon", frames=frames, seed=seed)
-    return Job(None, None, hologram, settings, 0.5, FAR, NEAR)
+    return BaselineInput(None, None, hologram, settings, 0.5, FAR, NEAR)
 
 
 def field_of(monkeypatch, job, *sheets):
@@ -146,7 +146,7 @@ def test_hidden_facets_keep_their_place_and_radiance(build, camera):
     hologram = engine.Hologram(96, 96, PITCH, (GREEN,), FAR, NEAR)
     plan = engine.plan(scene, camera, hologram, engine.Settings())
     settings = engine.Settings(method="polygon", frames=1, spp=8)
-    job = Job(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
+    job = BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
     seen, behind = polygons.sheets_of(job, lambda done, what: None)
     hidden = ~np.isnan(behind.z)
     wall = float(job.mapping.depth_to_z(2.0))

@@ -25,7 +25,7 @@ def render(scene, camera, hologram, frames, **settings):
 @pytest.mark.parametrize("height", [-1.8e-3, 0.0, 1.3e-3])
 def test_the_wave_of_a_plane_is_that_of_its_pixels(build, camera, height):
     """sqrt(L) exp(i phi) on the pixels, by the exact transfer function; above, on and below the hogels' plane."""
-    from holopath_addon.engine.baselines import Job
+    from holopath_addon.engine.baselines import BaselineInput
     from holopath_addon.engine.baselines.layers import random_phasor
     from holopath_addon.engine.baselines.stereogram import hogel_side, stereogram
 
@@ -33,7 +33,7 @@ def test_the_wave_of_a_plane_is_that_of_its_pixels(build, camera, height):
     hologram = display(144, 112)
     z = float(DepthMapping.of(hologram, camera, 0.5).depth_to_z(1.0))
     settings = engine.Settings(frames=2, max_depth=1, spp=4)
-    job = Job(scene, camera, hologram, settings, 0.5, z - 2e-3, z + 2e-3)
+    job = BaselineInput(scene, camera, hologram, settings, 0.5, z - 2e-3, z + 2e-3)
     side = hogel_side(PITCH, GREEN, 2e-3)
     waves = stereogram(job, z - height, 0, side, lambda done: None)
     assert waves.shape == (2, 112, 144) and waves.dtype == np.complex64

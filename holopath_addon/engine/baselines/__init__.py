@@ -26,7 +26,7 @@ PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # of a pixel o
 
 
 @dataclass(frozen=True)
-class Job:
+class BaselineInput:
     """What a baseline is to show.
 
     Attributes
@@ -66,12 +66,12 @@ class Job:
         return self.hologram.height, self.hologram.width
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """The wave at the SLM by the method of a job's settings, one of the `BASELINES`.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     progress : callable
         ``progress(done, message)``, may raise.
 

@@ -13,12 +13,12 @@ from .supervised import phases_for
 
 if TYPE_CHECKING:
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 DEPTHS = 7
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
     slope = hologram.widest_slope

@@ -41,7 +41,7 @@ from .shots import picture_with_depth
 
 if TYPE_CHECKING:
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 SIDES = (8, 4, 2, 1)  # pixels, of cells
 SIGMA = 0.5  # of a cell's side: opacities then add up to 1 or more at its corners
@@ -156,8 +156,8 @@ class Gaussians:
         return np.minimum(total, 1).reshape(shape), light.reshape(-1, *shape)
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
+    """The wave field at the SLM; parameters as of `baselines.BaselineInput`, progress may raise.
 
     Returns
     -------
@@ -169,7 +169,7 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     return blended(job, gaussians, depths, lambda done, what: progress(0.3 + 0.7 * done, what))
 
 
-def blended(job: Job, gaussians: Gaussians, depths: np.ndarray, progress: Progress) -> np.ndarray:
+def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progress: Progress) -> np.ndarray:
     """The wave at the SLM of Gaussians that are each blended in the plane next to it; parameters as of `field`.
 
     Parameters

@@ -20,14 +20,14 @@ from .shots import picture_with_depth
 
 if TYPE_CHECKING:
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 MOST_LAYERS = 64
 GAIN = math.sqrt(4 / math.pi)  # of amplitudes with independent phases: the band keeps pi / 4 of their light
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
+    """The wave field at the SLM; parameters as of `baselines.BaselineInput`, progress may raise.
 
     Returns
     -------
@@ -54,12 +54,12 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     return out
 
 
-def sliced(job: Job, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sliced(job: BaselineInput, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Layers half a depth of focus apart, where there are surfaces.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     z : numpy.ndarray, shape (y, x)
         Metres from the SLM.
 
@@ -77,7 +77,7 @@ def sliced(job: Job, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low + (filled + 0.5) * (high - low) / count, number.reshape(z.shape)
 
 
-def random_phasor(job: Job, frame: int, colour: int) -> np.ndarray:
+def random_phasor(job: BaselineInput, frame: int, colour: int) -> np.ndarray:
     """exp(i phi) with phases independent from pixel to pixel, frame to frame and colour to colour."""
     rng = np.random.default_rng((job.settings.seed, frame, colour))
     return np.exp(np.complex64(2j * math.pi) * rng.random(job.shape, dtype=np.float32))

@@ -21,7 +21,7 @@ from .supervised import phases_for
 
 if TYPE_CHECKING:
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 # parts of the pupil, the whole of radius 1: how many on rings of what radius, and their own radius
 RINGS = ((1, 0.0), (6, 0.475), (12, 0.85))
@@ -29,7 +29,7 @@ PART = 0.5
 PICTURES = 7  # of a focal stack: a light field takes as many paths in all
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
     disks, colours = parts_of_pupil(), len(hologram.wavelengths)

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 VARIABLE = "HOLOPATH_NETWORK"
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, by the function that HOLOPATH_NETWORK names."""
     name = os.environ.get(VARIABLE, "")
     function = named(name)

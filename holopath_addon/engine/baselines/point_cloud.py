@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from ..hologram import Hologram
     from ..progress import PartProgress, Progress
-    from . import Job
+    from . import BaselineInput
 
 CONE, TAIL = 1.15, 2.0  # reach of a sub-hologram: times the recordable cone, and pixels more
 PLANE_POINTS = 100  # each pixel gathers in the time in which fields are propagated on to the next plane
@@ -52,8 +52,8 @@ CHUNK_POINTS = 1 << 24  # gathered between two looks at progress and cancel
 CHUNK_BYTES = 1 << 27  # of their sums
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
+    """The wave field at the SLM; parameters as of `baselines.BaselineInput`, progress may raise.
 
     Returns
     -------

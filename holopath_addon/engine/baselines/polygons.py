@@ -41,7 +41,7 @@ from .shots import in_each_wavelength, picture_with_depth
 
 if TYPE_CHECKING:
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 MOST_SLABS = 64
 TOLERANCE = 0.05  # of the kernel where the band ends
@@ -66,8 +66,8 @@ class Sheet:
     z: np.ndarray
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM; parameters as of `baselines.Job`, progress may raise.
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
+    """The wave field at the SLM; parameters as of `baselines.BaselineInput`, progress may raise.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def field(job: Job, progress: Progress) -> np.ndarray:
     return out
 
 
-def slabs_of(job: Job) -> tuple[int, float]:
+def slabs_of(job: BaselineInput) -> tuple[int, float]:
     """Number of slabs, a quarter of a depth of focus thick or as thick as `MOST_SLABS` are, and half the thickness."""
     thickness = job.z_high - job.z_low
     count = int(np.clip(math.ceil(thickness / (0.25 * job.hologram.depth_of_focus)), 1, MOST_SLABS))
@@ -171,12 +171,12 @@ def _masked(waves, blocked):
     return spectrum(wave, waves.shape)
 
 
-def sheets_of(job: Job, progress: Progress) -> list[Sheet]:
+def sheets_of(job: BaselineInput, progress: Progress) -> list[Sheet]:
     """Facets that the pinhole sees, and those they hide where others in the pupil may see them.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     progress : callable
         ``progress(done, message)``, may raise.
 
@@ -196,12 +196,12 @@ def sheets_of(job: Job, progress: Progress) -> list[Sheet]:
     return [Sheet(radiance, z), behind]
 
 
-def hidden(job: Job, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Progress) -> Sheet:
+def hidden(job: BaselineInput, z: np.ndarray, gap: float, pixels: np.ndarray, progress: Progress) -> Sheet:
     """The nearest facets behind the first ones that face the viewer.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     z : numpy.ndarray, shape (y, x)
         Of the first ones, metres from the SLM.
     gap : float

@@ -18,10 +18,10 @@ from .supervised import phases_for
 
 if TYPE_CHECKING:
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
     radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))

@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from ..progress import Progress
-    from . import Job
+    from . import BaselineInput
 
 
-def picture_with_depth(job: Job, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
+def picture_with_depth(job: BaselineInput, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
     """Radiance and depth of what is seen from the pupil's centre.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     progress : callable
         ``progress(done, message)``, may raise.
 
@@ -46,12 +46,12 @@ def picture_with_depth(job: Job, progress: Progress) -> tuple[np.ndarray, np.nda
     return radiance, np.clip(z, job.z_low, job.z_high)
 
 
-def in_each_wavelength(job: Job, colours: Callable[[], np.ndarray]) -> np.ndarray:
+def in_each_wavelength(job: BaselineInput, colours: Callable[[], np.ndarray]) -> np.ndarray:
     """Radiance in each wavelength of a hologram, as far as the scene tells them apart.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     colours : callable
         ``colours()`` gives red, green and blue along the first axis, of the scene as it is tuned then.
 
@@ -70,13 +70,13 @@ def in_each_wavelength(job: Job, colours: Callable[[], np.ndarray]) -> np.ndarra
 
 
 def through_pupil(
-    job: Job, z: float, parts: Sequence[tuple[float, float, float]], progress: Progress, paths: int
+    job: BaselineInput, z: float, parts: Sequence[tuple[float, float, float]], progress: Progress, paths: int
 ) -> np.ndarray:
     """Pictures focused at a depth through parts of the pupil.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     z : float
         Metres from the SLM.
     parts : sequence of (float, float, float)

@@ -37,7 +37,7 @@ from .light_field import PICTURES
 
 if TYPE_CHECKING:
     from ..progress import PartProgress, Progress
-    from . import Job
+    from . import BaselineInput
 
 ZONE = 2.5  # width of a hogel, of sqrt(wavelength dz)
 LEAST, MOST = 8, 32  # pixels along a side of a hogel
@@ -45,7 +45,7 @@ HEIGHTS = 33  # over the plane, that g is tabulated at
 CHUNK_RAYS = 1 << 20  # between two looks at progress and cancel
 
 
-def field(job: Job, progress: Progress) -> np.ndarray:
+def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`."""
     from ..scene.dispersion import tuned
 
@@ -104,12 +104,12 @@ def point_energy(side: int, spread: float) -> float:
     return (np.abs(np.fft.fft2(wave, shape)[circular_band(shape)]) ** 2).sum() / math.prod(shape)
 
 
-def stereogram(job: Job, plane: float, k: int, side: int, progress: PartProgress) -> np.ndarray:
+def stereogram(job: BaselineInput, plane: float, k: int, side: int, progress: PartProgress) -> np.ndarray:
     """The waves of all frames on a plane.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     plane : float
         Metres from the SLM.
     k : int

@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
     from ..progress import Progress
     from ..waves.pictures import Pictures
-    from . import Job
+    from . import BaselineInput
 
 STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # each a look at one picture
 RATE = 0.12  # radians, Adam's longest step; from 0.2 on it finds no rest
 
 
-def phases_for(job: Job, pictures_of: Callable[[int], Pictures], progress: Progress) -> np.ndarray:
+def phases_for(job: BaselineInput, pictures_of: Callable[[int], Pictures], progress: Progress) -> np.ndarray:
     """The light of phases that show pictures.
 
     Parameters
     ----------
-    job : Job
+    job : BaselineInput
     pictures_of : callable
         ``pictures_of(k)`` gives the `Pictures` of wavelength number k.
     progress : callable

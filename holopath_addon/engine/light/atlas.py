@@ -192,7 +192,7 @@ class Triangles:
 
 
 @dataclass
-class Layout:
+class AtlasLayout:
     """Where each triangle lies in the texture: all that an `Atlas` is made of.
 
     Attributes
@@ -260,7 +260,7 @@ def unfit(triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]]) 
 
 def lay_out(
     triangles: Triangles, texel: np.ndarray, sides: set[tuple[int, int]], progress: PartProgress
-) -> Layout:
+) -> AtlasLayout:
     """Lay out a scene's triangles.
 
     Parameters
@@ -275,7 +275,7 @@ def lay_out(
 
     Returns
     -------
-    Layout
+    AtlasLayout
     """
     place_of = {owner.number: number for number, owner in enumerate(triangles.owners)}
     families = []
@@ -307,7 +307,7 @@ def lay_out(
             table.append((owner, side, *place, *size, *first))
     table = np.array(table, np.int64).reshape(-1, 8)
     laid = np.array([mesh.first for mesh in triangles.meshes], np.int64)
-    return Layout(texel, corners, table, (width, height), coarser, dense, laid)
+    return AtlasLayout(texel, corners, table, (width, height), coarser, dense, laid)
 
 
 def _sheet(meshes, texel, corners, charted):
@@ -336,7 +336,7 @@ class Atlas:
     Parameters
     ----------
     triangles : Triangles
-    layout : Layout
+    layout : AtlasLayout
         Of these triangles.
 
     Attributes
@@ -351,7 +351,7 @@ class Atlas:
         Side of a texel on each part, metres.
     """
 
-    def __init__(self, triangles: Triangles, layout: Layout) -> None:
+    def __init__(self, triangles: Triangles, layout: AtlasLayout) -> None:
         self.triangles, self.layout = triangles, layout
         self.width, height = layout.size
         self.size = self.width * height

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InvalidInput
 
 if TYPE_CHECKING:
-    from .atlas import Layout, Triangles
+    from .atlas import AtlasLayout, Triangles
     from .camera_view import CameraView, Request
     from .radiance_cache import RadianceCache
 
@@ -101,11 +101,11 @@ class Stored:
         )
 
     @property
-    def layout(self) -> Layout:
-        """The `Layout`."""
-        from .atlas import Layout
+    def layout(self) -> AtlasLayout:
+        """The `AtlasLayout`."""
+        from .atlas import AtlasLayout
 
-        return Layout(**{field.name: getattr(self, field.name) for field in fields(Layout)})
+        return AtlasLayout(**{field.name: getattr(self, field.name) for field in fields(AtlasLayout)})
 
     def cache(self, triangles: Triangles, complete: bool, translucent: bool) -> RadianceCache | None:
         """The `RadianceCache` of these triangles, None where it groups texels otherwise."""

@@ -47,7 +47,7 @@ RIM = 0.25  # of the light in as many pixels along a shadow's edge as waves ther
 
 
 @dataclass(frozen=True)
-class Part:
+class PlannedPlane:
     """What one plane records, `sees`, `slab` and `images` as of `RecordingPlane`: depths from `low` to `high`; where it
     is put, z, and why; metres from the SLM.
     """
@@ -67,7 +67,7 @@ class Layout:
 
     Attributes
     ----------
-    parts : tuple of Part
+    parts : tuple of PlannedPlane
         From the far end to the near one; images follow the surfaces that show them.
     rays : float
         Estimated rays a pixel, a mean; one over mirrors counts as many as it takes as long as.
@@ -75,7 +75,7 @@ class Layout:
         Estimated share of the light that straight rays put on the wrong side of shadows' edges.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[PlannedPlane, ...]
     rays: float
     shadows: float
 
@@ -107,7 +107,7 @@ class Scenery:
         """Layouts of `most` planes at most, each of which needs few rays; the first has one plane."""
         if not self._exists.any():
             (low, high), reason = self.ends, "in the middle of the volume"
-            nothing = Part("all", EVERYWHERE, EVERYWHERE, low, high, 0.5 * (low + high), reason)
+            nothing = PlannedPlane("all", EVERYWHERE, EVERYWHERE, low, high, 0.5 * (low + high), reason)
             return [Layout((nothing,), 0.0, 0.0)]
         (rays, ranges), *more = self._fits(self._exists, "all", 1 if self.branches else most)
         found = [self._layout([(rays, ranges)], "all")]
@@ -142,12 +142,13 @@ class Scenery:
         (_, ranges), *images = fits
         slabs, parts = overlapping([(low, high) for low, high, *_ in ranges]), []
         for number, (slab, surface) in enumerate(zip(slabs, ranges, strict=True)):
-            parts.append(Part(sees, slab, EVERYWHERE, *surface))
+            parts.append(PlannedPlane(sees, slab, EVERYWHERE, *surface))
             if images and images[number][1]:
                 shown = images[number][1]
                 bounds = overlapping([(low, high) for low, high, *_ in shown])
                 parts += [
-                    Part("images", slab, bound, *each) for bound, each in zip(bounds, shown, strict=True)
+                    PlannedPlane("images", slab, bound, *each)
+                    for bound, each in zip(bounds, shown, strict=True)
                 ]
         return Layout(tuple(parts), sum(rays for rays, _ in fits), self._shadows(parts))
 
@@ -157,7 +158,7 @@ class Scenery:
 
     def plane(self, z: float) -> Decided[tuple[RecordingPlane, ...]]:
         """One plane for all."""
-        part = Part("all", EVERYWHERE, EVERYWHERE, *self.ends, z, "")
+        part = PlannedPlane("all", EVERYWHERE, EVERYWHERE, *self.ends, z, "")
         return self._planes([(z, part, self.ends, self.ends[0])])
 
     def _bounds(self, part):
@@ -205,7 +206,7 @@ class Scenery:
         return held & part.images.holds(self.places.z)
 
     def _limit(self, z, part, ends):
-        """Depth limit of a plane at z for a `Part` whose depths have some `ends`."""
+        """Depth limit of a plane at z for a `PlannedPlane` whose depths have some `ends`."""
         hologram, thickness = self.hologram, max(ends[1] - z, z - ends[0])
         if self.branches and part.sees != "surfaces":
             thickness = max(thickness, IMAGE_REACH * hologram.pitch / (self._cone * self._slope))
