@@ -61,11 +61,15 @@ def python_of(blender):
     return re.search(r"^python=([\d.]+)$", output, re.MULTILINE)[1]
 
 
+@pytest.fixture(scope="session", autouse=True)
+def there_is_one():
+    if not BLENDER:
+        pytest.skip("HOLOPATH_BLENDER names no Blender")
+
+
 @pytest.fixture(scope="session")
 def blender(tmp_path_factory):
     """A Blender with the extension installed from its zip and enabled; for all tests, which leave it there."""
-    if not BLENDER:
-        pytest.skip("HOLOPATH_BLENDER names no Blender")
     folder = tmp_path_factory.mktemp("blender")
     blender = Blender(folder / "user")
     python = python_of(blender)
