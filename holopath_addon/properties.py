@@ -60,7 +60,7 @@ def _declared_properties():
                 told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
             elif declared.bounds[1] == 1.0:
                 told |= {"subtype": "FACTOR", "precision": 2}
-            kind = FloatProperty if isinstance(default, float) else IntProperty
+            kind = FloatProperty if declared.kind is float else IntProperty
             made[property_of(name)] = kind(**told)
     return made
 

@@ -105,18 +105,17 @@ def _value(name, declared):
 def _type(name, declared):
     if name == "fixed":
         return argument(engine.parse_fixed)
-    number = float if float in (type(default_of(name)), type(declared.initial)) else int
 
     def parse(text):
         if text == "auto":
             return text
         try:
-            return number(text) * (1e-3 if declared.unit else 1)
+            return declared.kind(text) * (1e-3 if declared.unit else 1)
         except ValueError:
             what = "a distance in millimeters" if declared.unit else "a whole number"
             raise engine.InvalidInput(f"'{text}' is neither auto nor {what}") from None
 
-    return argument(parse) if default_of(name) == "auto" else number
+    return argument(parse) if default_of(name) == "auto" else declared.kind
 
 
 def listed(chosen: Mapping[str, Choice], form: str) -> str:

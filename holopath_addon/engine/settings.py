@@ -184,7 +184,7 @@ class Declaration:
     section : str
         The panel that shows it.
     bounds : (float, float)
-        Least and most of a number.
+        Least and most of a number; whole numbers where these are.
     soft : (float, float), optional
         What a slider in Blender covers.
     chosen : dict of str to Choice
@@ -226,8 +226,14 @@ class Declaration:
                 raise InvalidInput(f"Unknown {self.label.lower()} '{value}': choose {self.allowed}.")
             return
         least, most = self.bounds
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and least <= value <= most):
+        number = isinstance(value, (int, self.kind)) and math.isfinite(value)
+        if not (number and least <= value <= most):
             raise InvalidInput(f"{self.label} must be {self.allowed}, not {value}.")
+
+    @property
+    def kind(self) -> type:
+        """Of a number: `int` or `float`."""
+        return type(self.bounds[0])
 
     @property
     def allowed(self) -> str:
@@ -448,7 +454,8 @@ DECLARED: dict[str, Declaration] = {each.name: each.metadata["declared"] for eac
 
 
 Settings.__doc__ = f"{Settings.__doc__}\n    Parameters\n    ----------\n" + "".join(
-    f"    {name} : {declared.allowed}\n        {declared.help}.\n" for name, declared in DECLARED.items()
+    f"    {name} : {declared.allowed}\n        {declared.help.replace('millimeters', 'meters')}.\n"
+    for name, declared in DECLARED.items()
 )
 
 

@@ -105,6 +105,9 @@ def test_values_out_of_bounds_are_refused(name):
     if math.isfinite(declared.bounds[1]):
         with pytest.raises(engine.InvalidInput, match=f"to {declared.bounds[1]}, not"):
             Settings(**{name: declared.bounds[1] + 1})
+    if not declared.chosen and declared.kind is int:
+        with pytest.raises(engine.InvalidInput, match=declared.label):
+            Settings(**{name: declared.bounds[0] + 0.5})
     assert Settings(**{name: default_of(name)}) == Settings()
 
 

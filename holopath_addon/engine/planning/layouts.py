@@ -32,7 +32,7 @@ BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus,
 LOOKS = 64  # probe rays in a tile
 DRAFT_RAYS = 25  # a pixel, on average
 
-MOST_SLABS, MOST_IMAGES = 8, 3  # planes where mirrors are: of surfaces, and of what each slab's show
+MOST_SURFACES, MOST_IMAGES = 8, 3  # planes where mirrors are: of surfaces, and of what each slab's show
 LEAST_SHOWN = 1e-4  # of the view: fewer images are not worth a plane
 FIT_BINS = 48  # of depth, that slabs are fitted to
 CELLS = 20  # of the view along its longer side, for which the rays are foretold
@@ -114,7 +114,9 @@ class Scenery:
         if not self.branches:
             return found + [self._layout([fit], "all") for fit in more]
         known: dict[Slab, list] = {}  # layouts share many
-        for rays, ranges in self._fits(np.isfinite(self.places.first), "surfaces", min(most - 1, MOST_SLABS)):
+        for rays, ranges in self._fits(
+            np.isfinite(self.places.first), "surfaces", min(most - 1, MOST_SURFACES)
+        ):
             slabs = overlapping([(low, high) for low, high, *_ in ranges])
             for slab in slabs:
                 if slab not in known:
