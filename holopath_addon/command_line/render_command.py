@@ -1,0 +1,314 @@
+"""`holopath render`: a still, or every frame of an animation. What its words mean, and the work that they ask for."""
+
+import math
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from .. import engine, failures, lengths, output, stills
+from ..engine import displays
+from ..engine.progress import stage
+from ..engine.settings import DEPTH_MAPPINGS, ENCODINGS
+from . import options, sources
+from .console import Progress
+from .options import argument
+
+
+def add(command, store):
+    """Add the command.
+
+    Parameters
+    ----------
+    command : callable
+        ``command(name, run, text)`` gives its parser.
+    store : engine.BakeStore
+        Where baked light is kept if the words do not say.
+    """
+    render = command("render", _render, "Render a scene's wave field and refocused pictures of it.")
+    add_scene(render, store)
+    render.add_argument(
+        "--out", required=True, metavar="DIR", help="results: a new or empty folder, or HoloPath's own"
+    )
+    render.add_argument(
+        "--animation",
+        action="store_true",
+        help="every frame of the .blend's frame range, into DIR/frame_0001 and so on; frames that are there, made of "
+        "the same scene with the same settings, are skipped",
+    )
+    add_focus(render, "three depths spread over the visible range")
+    render.add_argument(
+        "--encode",
+        choices=("none", *ENCODINGS),
+        default="none",
+        help="also write phases for an SLM into DIR/hologram (default none); auto is refine with --method full, joint "
+        "with several frames, sgd with one",
+    )
+    add_bits(render)
+    render.add_argument(
+        "--compare-reference",
+        action="store_true",
+        help="also render every picture with a thin-lens camera, and report PSNR and SSIM",
+    )
+
+
+def add_scene(parser, store):
+    add = parser.add_argument
+    add("scene", metavar="SCENE", help="a .blend, a Mitsuba .xml, or demo:NAME")
+    add(
+        "--display",
+        type=argument(displays.display),
+        metavar="PRESET",
+        help=f"resolution and pitch of a device: {', '.join(engine.DISPLAYS)}",
+    )
+    add("--resolution", type=argument(_resolution), metavar="WxH", help="default: the file's, 512x512")
+    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometres (default: the file's, 8)")
+    add(
+        "--wavelengths",
+        type=_numbers(0, "a list of wavelengths", "nanometres"),
+        metavar="NM[,NM..]",
+        help="default: the file's, 640,516.5,455.4",
+    )
+    baked = parser.add_mutually_exclusive_group()
+    add_cache(baked, store)
+    baked.add_argument(
+        "--no-cache", dest="store", action="store_const", const=None, help="bake for this run only"
+    )
+    add(
+        "--depth-range",
+        type=_numbers(2, "FAR,NEAR", "millimetres"),
+        metavar="FAR_MM,NEAR_MM",
+        help="infinity's and the near end's distances from the SLM (default: what the display can show)",
+    )
+    add(
+        "--depth-mapping",
+        choices=tuple(DEPTH_MAPPINGS),
+        help="fit the scene into the depth range, or map it as an eyepiece does",
+    )
+    add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
+    options.add(parser)
+    add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
+
+
+def add_cache(parser, store):
+    parser.add_argument(
+        "--cache",
+        dest="store",
+        type=engine.BakeStore,
+        default=store,
+        metavar="DIR",
+        help=f"folder of baked light (default: {store.folder})".replace("%", "%%"),
+    )
+
+
+def bits(text):
+    if not text.isdigit() or not 1 <= int(text) <= 16:
+        raise engine.InvalidInput(f"An SLM has 1 to 16 bits, not {text}")
+    return int(text)
+
+
+def add_bits(parser):
+    parser.add_argument(
+        "--bits",
+        type=argument(bits),
+        metavar="N",
+        help="of phase that a pixel of the SLM takes, where they are few: the phases are the best of its levels",
+    )
+
+
+def add_focus(parser, default):
+    parser.add_argument(
+        "--focus",
+        type=argument(lengths.parse_focus),
+        metavar="0.5m,1m,inf",
+        help=f"focus distances in m, cm, mm, D (dioptres) or inf (default: {default})",
+    )
+    parser.add_argument(
+        "--pupil",
+        type=_numbers(3, "X,Y,DIAMETER", "millimetres"),
+        metavar="X,Y,DIAMETER",
+        help="part of the viewer's pupil, mm right and up of the axis (default: all of it)",
+    )
+
+
+def _numbers(count, shape, unit):
+    def parse(text):
+        try:
+            values = [float(part) for part in text.split(",")]
+        except ValueError:
+            values = []
+        if not values or (count and len(values) != count):
+            raise engine.InvalidInput(f"'{text}' is not {shape} in {unit}")
+        return values
+
+    return argument(parse)
+
+
+def _resolution(text):
+    width, x, height = text.lower().partition("x")
+    if not (x and width.isdigit() and height.isdigit()):
+        raise engine.InvalidInput(f"'{text}' is not WIDTHxHEIGHT in pixels, for example 512x512")
+    return int(width), int(height)
+
+
+def _hologram_of(args, base):
+    """Hologram from the flags over the scene's own."""
+    changes = {}
+    if args.display is not None:
+        if args.resolution or args.pitch:
+            raise engine.InvalidInput(
+                "--display sets resolution and pitch: leave out --resolution and --pitch."
+            )
+        changes.update(width=args.display.width, height=args.display.height, pitch=args.display.pitch)
+    if args.resolution is not None:
+        changes.update(width=args.resolution[0], height=args.resolution[1])
+    if args.pitch is not None:
+        changes["pitch"] = args.pitch * 1e-6
+    if args.depth_range is not None:
+        changes.update(depth_far=args.depth_range[0] * 1e-3, depth_near=args.depth_range[1] * 1e-3)
+    elif changes:
+        changes.update(depth_far=None, depth_near=None)
+    if args.wavelengths is not None:
+        changes["wavelengths"] = tuple(w * 1e-9 for w in args.wavelengths)
+    if args.depth_mapping is not None:
+        changes["depth_mapping"] = args.depth_mapping
+    if args.near is not None:
+        changes["near"] = args.near
+    return replace(base, **changes)
+
+
+def pupil_of(args):
+    if args.pupil is None:
+        return None
+    return engine.Pupil(*(v * 1e-3 for v in args.pupil))
+
+
+def load(args, source):
+    """Scene in its current frame, hologram and settings that the words ask for."""
+    hologram, settings = (
+        _hologram_of(args, source.hologram),
+        options.asked(args, source.settings),
+    )
+    with sources.native_output_to_stderr():
+        loaded = source.load(hologram.width, hologram.height, args.camera)
+    return loaded, hologram, settings
+
+
+def _still(args, source, pupil):
+    """The `Still` that the words ask for, of the scene in its current frame."""
+    loaded, hologram, settings = load(args, source)
+    return stills.Still(
+        args.scene,
+        loaded.scene,
+        loaded.camera,
+        hologram,
+        settings,
+        args.focus,
+        pupil,
+        args.store,
+        loaded.notes,
+        args.compare_reference,
+        args.encode,
+        args.bits,
+    )
+
+
+def _render(args):
+    progress = Progress(quiet=args.quiet)
+    pupil = pupil_of(args)
+    if args.animation:
+        _animate(args, pupil, progress)
+        return
+    start = time.perf_counter()
+    with output.output_folder(args.out) as folder:
+        progress(0.0, "Opening the scene")
+        source = sources.open_source(args.scene)
+        progress(0.03, "Exporting the scene")
+        still = _still(args, source, pupil)
+        spent = time.perf_counter() - start
+        _, report = stills.write(folder, still, stage(progress, 0.05, 1.0), spent)
+    if report.get("encoding", {}).get("stopped"):
+        raise engine.Cancelled(
+            f"Cancelled while encoding: {args.out} holds the render, and the phases as they were then."
+        )
+    progress(1.0, f"Done in {report['seconds']['total']:.1f} s: {args.out}")
+    for line in _remarks(report):
+        progress.say(line)
+
+
+def _animate(args, pupil, progress):
+    """Every frame of a .blend's frame range, but those that are done."""
+    if Path(args.scene).suffix.lower() != ".blend":
+        raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out --animation.")
+    if Path(args.out).exists() and not Path(args.out).is_dir():
+        raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
+    progress(0.0, "Opening the scene")
+    source = sources.open_source(args.scene)
+    assert isinstance(source, sources.BlenderSource)  # of a .blend
+    numbers, start, made, told = source.frames, time.perf_counter(), 0, set()
+    try:
+        for index, number in enumerate(numbers):
+            folder = output.frame_folder(args.out, number)
+            at = _frame_progress(progress, index, number, numbers)
+            with _naming(number):
+                began = time.perf_counter()
+                at(0.0, "Exporting the scene")
+                source.go_to(number)
+                still = _still(args, source, pupil)
+                spent = time.perf_counter() - began
+                result, report = stills.update(
+                    folder,
+                    still,
+                    stage(at, 0.05, 1.0),
+                    spent,
+                    lambda text, name=folder.name: progress.say(f"{name}: {text}"),
+                )
+            if result is not None:
+                made += 1
+                for line in [line for line in _remarks(report) if line not in told]:
+                    progress.say(f"{folder.name}: {line}")
+                    told.add(line)
+    except (Exception, KeyboardInterrupt) as error:
+        if not failures.cancelled(error):
+            raise
+        raise engine.Cancelled(
+            f"Cancelled: the frames that are done are in {args.out}, and the same command goes on after them."
+        ) from error
+    seconds = time.perf_counter() - start
+    before = f", {len(numbers) - made} done before" if made < len(numbers) else ""
+    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
+
+
+def _frame_progress(progress, index, number, numbers):
+    """Progress of one of the frames."""
+    part = stage(progress, index / len(numbers), (index + 1) / len(numbers))
+    return lambda done, message: part(min(done, 0.999), f"Frame {number}: {message}")
+
+
+@contextmanager
+def _naming(number):
+    """Errors of bad input name the frame."""
+    try:
+        yield
+    except engine.InvalidInput as error:
+        raise engine.InvalidInput(f"Frame {number}: {error}") from error
+
+
+def _remarks(report):
+    """Lines on what is to be known of a result."""
+    lines = [f"note: {text}" for text in [*report["warnings"], *map(note_text, report["export_notes"])]]
+    for row in report.get("comparison", []):
+        depth = row["focus_m"]
+        where = "infinity" if math.isinf(depth) else f"{lengths.format_distance(depth)} m"
+        lines.append(
+            f"focus {where}: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}; "
+            f"a perfect hologram of this pitch: {row['psnr_ceiling_db']:.1f} dB"
+        )
+    return lines
+
+
+def note_text(note):
+    """One line about what the exporter changed or left out."""
+    from ..export.notes import Note
+
+    return str(Note(**note))
