@@ -228,8 +228,21 @@ def _check_free(folder):
         return
     if not folder.is_dir():
         raise InvalidInput(f"The output {folder} is a file: choose a folder.")
-    names = {entry.name for entry in folder.iterdir()} - _BROWSED
-    if names and (read_report(folder).get("format") != FORMAT or not names <= _OWN):
+    names, own = _contents(folder)
+    if names and not (own and names <= _OWN):
         raise InvalidInput(
             f"The output folder {folder} holds files that are not HoloPath's: choose a new folder."
         )
+
+
+def _contents(folder):
+    """Names in a folder, and whether it has a report of ours; of one and the same folder where others replace it."""
+    while True:
+        try:
+            before = folder.stat().st_ino
+            names = {entry.name for entry in folder.iterdir()} - _BROWSED
+            own = read_report(folder).get("format") == FORMAT
+            if folder.stat().st_ino == before:
+                return names, own
+        except FileNotFoundError:  # moved away just now
+            return set(), False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 from contextlib import contextmanager, suppress
@@ -13,6 +14,11 @@ from .errors import InvalidInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+LEFT = re.compile(
+    r"\.(.+)\.(part|old)-[^.]+"
+)  # names of folders and files that are unfinished, or moved away
+BEGUN = ".begun"  # file in an unfinished folder: a folder that was swept away and made again has none
 
 
 @contextmanager
@@ -49,7 +55,10 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
             f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
         ) from error
     try:
+        begun = part / BEGUN
+        begun.touch()
         yield part
+        begun.unlink()  # not there if another process took this one for gone, see `sweep`
         os.chmod(part, 0o755)
         check(folder)
         _put_in_place(part, folder)
@@ -79,21 +88,96 @@ def earlier(kind: str, *files) -> Callable[[Path], None]:
     return check
 
 
-def _put_in_place(part, folder):
-    if not folder.exists():
-        os.replace(part, folder)
-        return
-    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
-    old = beside / folder.name  # Windows puts no folder in the place of another
+def write_whole(file: Path, text: str, owner: Path | None = None) -> None:
+    """Write a file that appears whole or not at all.
+
+    Parameters
+    ----------
+    file : path
+    text : str
+    owner : path, optional
+        Of what the unfinished file is taken to be a part, and lies beside, see `sweep`. Default: the file.
+
+    Raises
+    ------
+    OSError
+    """
+    owner = owner or file
+    handle, part = tempfile.mkstemp(prefix=f".{owner.name}.part-", dir=owner.parent)
     try:
-        os.replace(folder, old)
-        try:
-            os.replace(part, folder)
-        except BaseException:
-            os.replace(old, folder)
-            raise
+        with os.fdopen(handle, "w") as stream:
+            stream.write(text)
+        os.chmod(part, 0o644)
+        os.replace(part, file)
     except BaseException:
         with suppress(OSError):
-            beside.rmdir()  # unless it holds what could not be put back
+            os.unlink(part)
         raise
-    shutil.rmtree(beside, ignore_errors=True)
+
+
+def unfinished(folder: Path) -> set[str]:
+    """Names in a folder beside which a killed process left something, unless one is at work on them."""
+    found = (LEFT.fullmatch(path.name) for path in folder.iterdir())
+    return {match[1] for match in found if match}
+
+
+def sweep(path: Path) -> None:
+    """Clear away what a killed process left beside a path; what it had moved away is put back where nothing is.
+
+    Parameters
+    ----------
+    path : path
+        Which no other process works on.
+    """
+    for left in list(path.parent.iterdir()):
+        match = LEFT.fullmatch(left.name)
+        if match is None or match[1] != path.name:
+            continue
+        if match[2] == "old" and not os.path.lexists(path):
+            with suppress(OSError):
+                os.replace(left / path.name, path)
+        apart = Path(tempfile.mkdtemp(prefix=f".{path.name}.part-", dir=path.parent))
+        with suppress(
+            OSError
+        ):  # a slow process put it in its place just now, or this one moves it away from there
+            os.replace(left, apart / left.name)
+        _remove(apart)
+
+
+def _put_in_place(part, folder):
+    """Replace a folder. Of several processes that do so at once each has its turn, and the last one's stays."""
+    while True:
+        beside = _moved_away(folder)  # Windows puts no folder in the place of another
+        try:
+            os.replace(part, folder)
+        except BaseException as error:
+            if isinstance(error, OSError) and folder.exists():  # another process was quicker
+                _remove(beside)
+                continue
+            if beside is not None:
+                with suppress(OSError):  # what cannot be put back stays beside
+                    os.replace(beside / folder.name, folder)
+                    beside.rmdir()
+            raise
+        _remove(beside)
+        return
+
+
+def _moved_away(folder):
+    """Hidden folder that a folder has been moved into; None if there was none."""
+    if not folder.exists():
+        return None
+    beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old-", dir=folder.parent))
+    try:
+        os.replace(folder, beside / folder.name)
+    except BaseException as error:
+        beside.rmdir()
+        if isinstance(error, FileNotFoundError):  # another process moved it away
+            return None
+        raise
+    return beside
+
+
+def _remove(folder):
+    if folder is not None:
+        shutil.rmtree(folder, ignore_errors=True)

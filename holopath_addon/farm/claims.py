@@ -1,0 +1,225 @@
+"""Who makes what: claims on pieces of work, as files in the folder that all processes share.
+
+A claim is a file that only one process can make (``O_EXCL``, which network file systems keep, too). No locks, and no
+clocks of different machines: the age of a claim is told by its file's time and that of a file touched now, which are
+both the file server's. To take over what a killed process held, a process first claims the taking over of that very
+claim, by the token in it, so that of two that find it at once one removes it, and never what has come in its place.
+A process that was only slow may find its claim taken over: both then make the same, which does no harm.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from . import processes
+
+FOLDER = ".claims"
+BEAT = 5.0  # seconds from one touch of a claim to the next
+STALE = 60.0  # seconds without one after which a process of another machine is taken for gone
+WAIT = 0.1  # seconds from one look at what another process holds for moments to the next
+TRIES = 10
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a claim tells of the process that holds it.
+
+    Attributes
+    ----------
+    host : str
+        Name of its machine.
+    place, pid, started
+        Which process it is, see `processes`.
+    tag : str
+        What it works for.
+    token : str
+        Unlike any other claim's.
+    """
+
+    host: str = "another machine"
+    place: str = ""
+    pid: int = 0
+    started: str = ""
+    tag: str = ""
+    token: str = ""
+
+
+class Claims:
+    """Claims of this process in a folder, while the block runs.
+
+    Parameters
+    ----------
+    folder : path
+        Which there is.
+    tag : str
+        What this process works for: a digest of all that decides the results.
+
+    Raises
+    ------
+    OSError
+        On entering, and from `claim`, if the folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path | str, tag: str) -> None:
+        self._folder, self._tag = Path(folder) / FOLDER, tag
+        self._held: dict[str, Claim] = {}  # by name
+        self._here = (
+            f".{secrets.token_hex(8)}"  # tells that this process works here, and what the server's clock says
+        )
+        self._ended = threading.Event()
+        self._heart = threading.Thread(target=self._beat, name="claims", daemon=True)
+
+    def __enter__(self) -> Claims:
+        while True:
+            self._folder.mkdir(exist_ok=True)
+            with suppress(FileNotFoundError):  # another process ended just now and took the folder along
+                self._make(self._here)
+                break
+        self._heart.start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._ended.set()
+        self._heart.join()
+        for name in list(self._held):
+            if name != self._here:
+                self._release(name)
+        with suppress(OSError):
+            for name in os.listdir(self._folder):
+                with self.claim(name):  # what killed processes left goes
+                    pass
+        self._release(self._here)
+        with suppress(OSError):
+            self._folder.rmdir()  # unless others work here
+
+    @contextmanager
+    def claim(self, name: str) -> Iterator[bool]:
+        """Hold the claim on a piece of work while the block runs, if no other process does.
+
+        Yields
+        ------
+        bool
+            Whether this process holds it.
+        """
+        held = self._claimed(name)
+        try:
+            yield held
+        finally:
+            if held:
+                self._release(name)
+
+    @contextmanager
+    def wait(self, name: str) -> Iterator[None]:
+        """Hold a claim that nobody holds for longer than moments."""
+        while True:
+            with self.claim(name) as held:
+                if held:
+                    yield
+                    return
+            time.sleep(WAIT)
+
+    def lost(self, name: str) -> bool:
+        """Whether another process has taken over a claim that this one holds."""
+        found = self._read(name)
+        return found is None or found[0] != self._held[name]
+
+    def holder(self, name: str) -> Claim | None:
+        """The living process that holds a claim; None where there is none."""
+        found = self._read(name)
+        return None if found is None or self._gone(*found) else found[0]
+
+    def others(self) -> dict[str, Claim]:
+        """Claims of living processes that work for something else; a dot begins names of those on no piece of work."""
+        found = {name: self.holder(name) for name in sorted(os.listdir(self._folder))}
+        return {name: claim for name, claim in found.items() if claim and claim.tag not in ("", self._tag)}
+
+    def _claimed(self, name):
+        for _ in range(2):
+            if self._make(name):
+                return True
+            found = self._read(name)
+            if found is None:
+                continue  # released meanwhile
+            if not self._gone(*found):
+                return False
+            with self.claim(f".{name.lstrip('.')}.{found[0].token}") as mine:
+                again = self._read(name)
+                if mine and again is not None and again[0] == found[0]:
+                    self._remove(name)
+        return False
+
+    def _make(self, name):
+        """Whether there was no such claim before."""
+        path, pid = self._folder / name, os.getpid()
+        try:
+            handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
+        except FileExistsError:
+            return False
+        claim = Claim(
+            processes.host(),
+            processes.place(),
+            pid,
+            processes.started(pid),
+            self._tag,
+            secrets.token_hex(8),
+        )
+        try:
+            with os.fdopen(handle, "w") as stream:
+                json.dump(asdict(claim), stream)
+        except BaseException:
+            self._remove(name)
+            raise
+        self._held[name] = claim
+        return True
+
+    def _release(self, name):
+        if not self.lost(name):
+            self._remove(name)
+        del self._held[name]
+
+    def _remove(self, name):
+        for _ in range(TRIES):
+            try:
+                (self._folder / name).unlink(missing_ok=True)
+                return
+            except OSError:  # Windows deletes nothing that another process reads just now
+                time.sleep(WAIT / TRIES)
+
+    def _read(self, name):
+        """A claim and the server's time of its last touch, seconds; None where there is none.
+
+        A claim is empty for the moment in which it is made. That it is opened has network file systems ask the server.
+        """
+        try:
+            with open(self._folder / name) as stream:
+                touched, text = os.fstat(stream.fileno()).st_mtime, stream.read()
+        except OSError:
+            return None
+        try:
+            return Claim(**json.loads(text)), touched
+        except (ValueError, TypeError):
+            return Claim(), touched
+
+    def _gone(self, claim, touched):
+        """Whether the process that holds a claim runs no more."""
+        if claim.place == processes.place():
+            return processes.started(claim.pid) != claim.started
+        with suppress(OSError):
+            os.utime(self._folder / self._here)
+        now = self._read(self._here)
+        return now is not None and now[1] - touched > STALE
+
+    def _beat(self):
+        while not self._ended.wait(BEAT):
+            for name in list(self._held):
+                with suppress(OSError, KeyError):  # released meanwhile, or the server is away
+                    if not self.lost(name):
+                        os.utime(self._folder / name)

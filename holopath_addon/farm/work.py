@@ -1,0 +1,78 @@
+"""To make what nobody else makes, until all is there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from ..engine import InvalidInput, files
+from ..engine.progress import Progress, stage
+from .claims import Claims
+from .units import Unit
+
+POLL = 1.0  # seconds from one look at what others make to the next
+
+
+def work_off(
+    folder: Path | str, units: Iterable[Unit], tag: str, progress: Progress, say: Callable[[str], None]
+) -> None:
+    """Have units made: those that no other process makes by this one, in order.
+
+    Parameters
+    ----------
+    folder : path
+        Which there is, of the units' results: each is at the unit's name.
+    units : iterable of Unit
+        What they need is among them, or done.
+    tag : str
+        Digest of the job that they are of, see `claims.Claims`.
+    progress : callable
+        ``progress(done, message)``, may raise `engine.Cancelled`.
+    say : callable
+        ``say(text)`` of what was there before, and what is waited for.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled, OSError
+        What a unit's making raises; its claim is given back.
+    """
+    folder, todo = Path(folder), {unit.name: unit for unit in units}
+    count, names, found = len(todo), set(todo), "done before, skipped"
+    with Claims(folder, tag) as claims:
+        while todo:
+            before = len(todo)
+            for unit in list(todo.values()):
+                if unit.done():
+                    say(f"{unit.name}: {found}")
+                elif todo.keys() & set(unit.needs):
+                    continue
+                else:
+                    at = stage(progress, 1 - len(todo) / count, 1 - (len(todo) - 1) / count)
+                    if not _made(folder, unit, claims, at):
+                        continue
+                del todo[unit.name]
+            if todo and len(todo) == before:
+                found = "done by another process"
+                progress(1 - len(todo) / count, f"Waiting for {next(iter(todo))}, made by another process")
+                time.sleep(POLL)
+        for name in files.unfinished(folder) & names:
+            with claims.claim(name) as held:
+                if held:
+                    files.sweep(folder / name)
+
+
+def _made(folder, unit, claims, progress):
+    """Whether a unit is done now; not if another process makes it."""
+    with claims.claim(unit.name) as held:
+        if not held:
+            return False
+        files.sweep(folder / unit.name)
+        if not unit.done():
+            try:
+                unit.make(progress)
+            except (OSError, InvalidInput):
+                if not claims.lost(unit.name):
+                    raise
+                return False  # taken for gone, this process had what it was writing swept away
+        return True

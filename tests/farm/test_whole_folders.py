@@ -1,0 +1,59 @@
+"""Folders that several processes replace at once: always whole, and always one writer's."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from holopath_addon.engine import files
+
+ROOT = Path(__file__).parents[2]
+WRITES = """
+import json, os, sys, time
+from pathlib import Path
+from holopath_addon import output
+folder, me = Path(sys.argv[1]), sys.argv[2]
+end = time.monotonic() + 2
+while time.monotonic() < end:
+    with output.output_folder(folder) as part:
+        (part / "wavefield").mkdir()
+        (part / "wavefield" / "field.npy").write_text(me)
+        (part / "reconstruction").mkdir()
+        (part / "reconstruction" / "focus.exr").write_text(me)
+        output.write_report(part, {"scene": me})
+"""
+
+
+def test_writers_that_meet_leave_one_whole_result(tmp_path):
+    out = tmp_path / "out"
+    words = [sys.executable, "-c", WRITES, str(out)]
+    writers = [subprocess.Popen([*words, f"writer {n}"], cwd=ROOT, stderr=subprocess.PIPE) for n in range(3)]
+    for writer in writers:
+        _, error = writer.communicate(timeout=60)
+        assert writer.returncode == 0, error.decode()
+    assert os.listdir(tmp_path) == ["out"]
+    told = {(out / "wavefield" / "field.npy").read_text(), (out / "reconstruction" / "focus.exr").read_text()}
+    assert len(told) == 1 and f'"{told.pop()}"' in (out / "report.json").read_text()
+    assert sorted(os.listdir(out)) == ["reconstruction", "report.json", "wavefield"]
+
+
+def test_what_was_swept_away_and_made_again_is_not_put_in_place(tmp_path):
+    """As by a process that was taken for gone: its folder lacks what it had written before."""
+    out = tmp_path / "out"
+    with pytest.raises(FileNotFoundError), files.whole_folder(out, lambda folder: None) as part:
+        (part / "first").write_text("first")
+        files.sweep(out)
+        part.mkdir()
+        (part / "second").write_text("second")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    files.write_whole(file, "before")
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
+    with pytest.raises(OSError, match="full"):
+        files.write_whole(file, "after")
+    assert file.read_text() == "before" and os.listdir(tmp_path) == ["file"]
