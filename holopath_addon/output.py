@@ -224,10 +224,6 @@ def output_folder(folder):
 
 
 def _check_free(folder):
-    if not os.path.lexists(folder):
-        return
-    if not folder.is_dir():
-        raise InvalidInput(f"The output {folder} is a file: choose a folder.")
     names, own = _contents(folder)
     if names and not (own and names <= _OWN):
         raise InvalidInput(
@@ -238,6 +234,8 @@ def _check_free(folder):
 def _contents(folder):
     """Names in a folder, and whether it has a report of ours; of one and the same folder where others replace it."""
     while True:
+        if folder.is_file() or folder.is_symlink() and not folder.is_dir():
+            raise InvalidInput(f"The output {folder} is a file: choose a folder.")
         try:
             before = folder.stat().st_ino
             names = {entry.name for entry in folder.iterdir()} - _BROWSED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 LEFT = re.compile(
     r"\.(.+)\.(part|old)-[^.]+"
 )  # names of folders and files that are unfinished, or moved away
+TAKEN = (errno.EEXIST, errno.ENOTEMPTY)  # of a rename to where a folder is; Windows says that it is denied
 BEGUN = ".begun"  # file in an unfinished folder: a folder that was swept away and made again has none
 
 
@@ -151,7 +153,9 @@ def _put_in_place(part, folder):
         try:
             os.replace(part, folder)
         except BaseException as error:
-            if isinstance(error, OSError) and folder.exists():  # another process was quicker
+            if isinstance(error, OSError) and (
+                error.errno in TAKEN or folder.exists()
+            ):  # another one was quicker
                 _remove(beside)
                 continue
             if beside is not None:

@@ -15,7 +15,7 @@ import json, os, sys, time
 from pathlib import Path
 from holopath_addon import output
 folder, me = Path(sys.argv[1]), sys.argv[2]
-end = time.monotonic() + 2
+end = time.monotonic() + 1
 while time.monotonic() < end:
     with output.output_folder(folder) as part:
         (part / "wavefield").mkdir()
