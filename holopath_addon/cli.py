@@ -41,7 +41,7 @@ def main(argv=None, store=None):
             argv = argv[argv.index("--") + 1 :]
     args = None
     try:
-        args = _parser(store or engine.BakeStore.default()).parse_args(_attach_negative(argv))
+        args = parse(argv, store)
         with _interruptible():
             args.run(args)
         return failures.DONE
@@ -53,6 +53,28 @@ def main(argv=None, store=None):
         close_line()
         print(f"holopath: {failures.sentence(error)}", file=sys.stderr)
         return failures.status(error)
+
+
+def parse(words, store=None):
+    """What words mean.
+
+    Parameters
+    ----------
+    words : list of str
+    store : engine.BakeStore, optional
+        See `main`.
+
+    Returns
+    -------
+    argparse.Namespace
+        Its `run` is the command's function.
+
+    Raises
+    ------
+    SystemExit
+        When all is said: for words that are wrong, and for ``--help``.
+    """
+    return _parser(store or engine.BakeStore.default()).parse_args(_attach_negative(words))
 
 
 @contextmanager

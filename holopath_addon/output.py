@@ -3,18 +3,24 @@
 import json
 import os
 import platform
+import re
 import shutil
+import sys
 import tempfile
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
 from .engine import InvalidInput, PhaseHologram
-from .engine.files import whole_folder
+from .engine.files import whole_folder, write_whole
 from .lengths import format_distance
 
 FORMAT = "HoloPath output"
 FORMAT_VERSION = 1
+# HoloPath's own, which only some installations tell; a test holds that pyproject.toml and the manifest say the same.
+VERSION = "0.2.0"
+FRAME = re.compile(r"frame_(-?[0-9]+)")
 # What file browsers leave in the folders that they show.
 _BROWSED = {".DS_Store", "Thumbs.db", "desktop.ini"}
 _OWN = {"wavefield", "reconstruction", "reference", "hologram", "pictures", "report.json"}
@@ -151,9 +157,9 @@ def stored_holograms(folder):
     ------
     InvalidInput
     """
-    frames = [path for path in Path(folder).glob("frame_*/hologram") if path.parent.name[6:].isdecimal()]
-    frames.sort(key=lambda path: int(path.parent.name[6:]))
-    return [PhaseHologram.load(path) for path in frames] or [stored_hologram(folder)]
+    named = ((FRAME.fullmatch(path.parent.name), path) for path in Path(folder).glob("frame_*/hologram"))
+    frames = sorted((int(match[1]), path) for match, path in named if match)
+    return [PhaseHologram.load(path) for _, path in frames] or [stored_hologram(folder)]
 
 
 def read_report(folder):
@@ -172,8 +178,23 @@ def write_report(folder, report):
     ------
     OSError
     """
+    (Path(folder) / "report.json").write_text(_report(report))
+
+
+def replace_report(folder, report):
+    """Write `report.json` of an output folder that is in its place: the old one or the new one is there.
+
+    Raises
+    ------
+    OSError
+    """
+    folder = Path(folder)
+    write_whole(folder / "report.json", _report(report), folder)
+
+
+def _report(report):
     header = {"format": FORMAT, "format_version": FORMAT_VERSION}
-    (Path(folder) / "report.json").write_text(json.dumps(plain({**header, **report}), indent=1) + "\n")
+    return json.dumps(plain({**header, **report}), indent=1) + "\n"
 
 
 def plain(value):
@@ -190,15 +211,23 @@ def plain(value):
 
 
 def versions():
-    """Versions of what the result depends on; names to text. Says `None` for what is not loaded."""
-    import sys
-
-    found: dict[str, str | None] = {"python": platform.python_version(), "numpy": np.__version__}
-    for name in ("mitsuba", "drjit", "scipy"):
-        found[name] = getattr(sys.modules.get(name), "__version__", None)
+    """Versions of what the result depends on; names to text. Says `None` for what is not there."""
     bpy = sys.modules.get("bpy")
-    found["blender"] = bpy.app.version_string if bpy else None
-    return found
+    return {
+        "holopath": VERSION,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        **{name: _installed(name) for name in ("mitsuba", "drjit", "scipy")},
+        "blender": bpy.app.version_string if bpy else None,
+    }
+
+
+def _installed(name):
+    """Version of a package, which is not imported for that."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return getattr(sys.modules.get(name), "__version__", None)
 
 
 def output_folder(folder):

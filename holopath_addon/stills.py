@@ -57,6 +57,8 @@ class Still:
         Of `engine.encode`, or none.
     bits : int or None
         Of the SLM that it is encoded for.
+    job : str or None
+        Digest of the job that it is made for, see `farm.job.SharedJob`: what is made for a job is known without its scene.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Still:
     compare: bool = False
     encode: str = "none"
     bits: int | None = None
+    job: str | None = None
 
     @cached_property
     def asked(self):
@@ -185,6 +188,7 @@ def write(
         "export": export_seconds + clock.seconds["export"],
         "total": export_seconds + time.perf_counter() - start,
     }
+    report |= {"job": still.job} if still.job else {}
     output.write_report(folder, {**report, "versions": output.versions()})
     return result, report
 
@@ -287,6 +291,9 @@ def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Resul
             if encoded is None:
                 changed["encoded"] = [_NAMES["encoded"]]
         if not changed:
+            if still.job and report.get("job") != still.job:
+                report |= {"job": still.job}
+                output.replace_report(folder, report)
             say("done before, skipped")
             return None, report
         if changed.keys() <= _VIEW:
@@ -303,6 +310,26 @@ def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Resul
         return done
 
 
+def made(folder, job, encode):
+    """Whether a still's output folder is there, whole, as a job asks for it.
+
+    Parameters
+    ----------
+    folder : path
+    job : str
+        As `Still.job`.
+    encode : str
+        As `Still.encode`.
+
+    Returns
+    -------
+    bool
+    """
+    if output.read_report(folder).get("job") != job or _mapped(folder) is None:
+        return False
+    return encode == "none" or _phases(folder) is not None
+
+
 def kept(folder):
     """The wave field of an output folder; in memory, as Windows replaces no file that is mapped.
 
@@ -317,11 +344,16 @@ def kept(folder):
 
 def _whole_hologram(folder):
     """The phases of an output folder, in memory; None where there are none, or their encoding was stopped."""
+    phase = _phases(folder)
+    return phase and replace(phase, data=np.array(phase.data))
+
+
+def _phases(folder):
     try:
         phase = engine.PhaseHologram.load(Path(folder) / "hologram")
     except engine.InvalidInput:
         return None
-    return None if phase.report.get("stopped") else replace(phase, data=np.array(phase.data))
+    return None if phase.report.get("stopped") else phase
 
 
 def _mapped(folder):

@@ -74,7 +74,8 @@ def animate(blend, out, *more, words=WORDS):
 
 
 def names(folder):
-    return sorted(p.name for p in folder.iterdir())
+    """But for what tells of the job."""
+    return sorted(p.name for p in folder.iterdir() if p.name != "job.json")
 
 
 def field(folder):
@@ -186,13 +187,33 @@ def test_a_frame_that_cannot_be_rendered_is_named(moving, tmp_path, capfd):
     assert names(tmp_path / "out") == FRAMES[:2]
 
 
-@pytest.mark.parametrize("scene", ["demo:planes", "scene.xml"])
-def test_scenes_without_animation(scene, tmp_path, capfd):
-    assert animate(scene, tmp_path / "out") == 2
+@pytest.mark.parametrize("words", [["--animation"], ["--frame-range", "1-3"]])
+def test_a_scene_without_animation(words, tmp_path, capfd):
+    assert cli.main(["render", "scene.xml", "--out", str(tmp_path / "out"), *words]) == 2
     assert capfd.readouterr().err == (
-        f"holopath: {scene} has no animation: give a .blend, or leave out --animation.\n"
+        f"holopath: scene.xml has no animation: give a .blend, or leave out {words[0]}.\n"
     )
     assert not (tmp_path / "out").exists()
+
+
+def test_frames_may_be_listed_and_lie_beyond_the_range(moving, tmp_path, capfd):
+    out, blend = tmp_path / "out", moving()
+    words = ["render", str(blend), *WORDS, "--out", str(out)]
+    assert cli.main([*words, "--frame-range", "-1,4-5"]) == 0
+    assert names(out) == ["frame_-001", "frame_0004", "frame_0005"]
+    assert "Done: 3 frames" in capfd.readouterr().err
+    assert animate(blend, out) == 0
+    told = capfd.readouterr().err
+    assert "frame_0005: done before, skipped" in told and "Done: 2 frames" in told
+    assert cli.main([*words, "--frame-range", "5-1"]) == 2
+    assert "The range '5-1' is empty" in capfd.readouterr().err
+
+
+def test_frames_of_a_demo(tmp_path):
+    out = tmp_path / "out"
+    assert cli.main(["render", "demo:planes", *WORDS, "--frame-range", "2-3", "--out", str(out)]) == 0
+    assert names(out) == ["frame_0002", "frame_0003"]
+    np.testing.assert_array_equal(field(out / "frame_0002"), field(out / "frame_0003"))
 
 
 def test_settings_may_be_animated(moving, tmp_path):

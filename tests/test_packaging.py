@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from distribution import extension, llvm, repository, wheels
+from holopath_addon import output
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "holopath_addon"
@@ -119,7 +120,7 @@ def test_sources_parse_on_the_oldest_python():
 def test_versions_agree():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
-    assert manifest["version"] == project["version"]
+    assert manifest["version"] == project["version"] == output.VERSION
     assert f"## {project['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert manifest["license"] == [f"SPDX:{project['license']}"]
 

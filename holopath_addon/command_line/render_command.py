@@ -10,9 +10,16 @@ from .. import engine, failures, lengths, output, stills
 from ..engine import displays
 from ..engine.progress import stage
 from ..engine.settings import DEPTH_MAPPINGS, ENCODINGS
+from ..farm import ranges
+from ..farm.job import SharedJob, digests
+from ..farm.units import Unit
+from ..farm.work import Work, work_off
 from . import options, sources
 from .console import Progress
 from .options import argument
+
+# Words that leave results as they are; all others decide them.
+_APART = {"run", "scene", "out", "animation", "frame_range", "store", "quiet", "debug"}
 
 
 def add(command, store):
@@ -33,8 +40,14 @@ def add(command, store):
     render.add_argument(
         "--animation",
         action="store_true",
-        help="every frame of the .blend's frame range, into DIR/frame_0001 and so on; frames that are there, made of "
-        "the same scene with the same settings, are skipped",
+        help="every frame of the scene's frame range, into DIR/frame_0001 and so on; frames that are there, made of "
+        "the same scene with the same settings, are skipped, and processes with the same words share the others",
+    )
+    render.add_argument(
+        "--frame-range",
+        type=argument(ranges.frames),
+        metavar="1-5,9,20-40:2",
+        help="these frames, as with --animation; also beyond the .blend's frame range, and of demo:NAME",
     )
     add_focus(render, "three depths spread over the visible range")
     render.add_argument(
@@ -194,7 +207,7 @@ def load(args, source):
     return loaded, hologram, settings
 
 
-def _still(args, source, pupil):
+def _still(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
     loaded, hologram, settings = load(args, source)
     return stills.Still(
@@ -204,27 +217,27 @@ def _still(args, source, pupil):
         hologram,
         settings,
         args.focus,
-        pupil,
+        pupil_of(args),
         args.store,
         loaded.notes,
         args.compare_reference,
         args.encode,
         args.bits,
+        job,
     )
 
 
 def _render(args):
     progress = Progress(quiet=args.quiet)
-    pupil = pupil_of(args)
-    if args.animation:
-        _animate(args, pupil, progress)
+    if args.animation or args.frame_range:
+        _animate(args, progress)
         return
     start = time.perf_counter()
     with output.output_folder(args.out) as folder:
         progress(0.0, "Opening the scene")
         source = sources.open_source(args.scene)
         progress(0.03, "Exporting the scene")
-        still = _still(args, source, pupil)
+        still = _still(args, source)
         spent = time.perf_counter() - start
         _, report = stills.write(folder, still, stage(progress, 0.05, 1.0), spent)
     if report.get("encoding", {}).get("stopped"):
@@ -236,53 +249,94 @@ def _render(args):
         progress.say(line)
 
 
-def _animate(args, pupil, progress):
-    """Every frame of a .blend's frame range, but those that are done."""
-    if Path(args.scene).suffix.lower() != ".blend":
-        raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out --animation.")
-    if Path(args.out).exists() and not Path(args.out).is_dir():
-        raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
-    progress(0.0, "Opening the scene")
-    source = sources.open_source(args.scene)
-    assert isinstance(source, sources.BlenderSource)  # of a .blend
-    numbers, start, made, told = source.frames, time.perf_counter(), 0, set()
+def _animate(args, progress):
+    """All frames that are asked for, but those that are done, or made by other processes."""
+    start = time.perf_counter()
     try:
-        for index, number in enumerate(numbers):
-            folder = output.frame_folder(args.out, number)
-            at = _frame_progress(progress, index, number, numbers)
-            with _naming(number):
-                began = time.perf_counter()
-                at(0.0, "Exporting the scene")
-                source.go_to(number)
-                still = _still(args, source, pupil)
-                spent = time.perf_counter() - began
-                result, report = stills.update(
-                    folder,
-                    still,
-                    stage(at, 0.05, 1.0),
-                    spent,
-                    lambda text, name=folder.name: progress.say(f"{name}: {text}"),
-                )
-            if result is not None:
-                made += 1
-                for line in [line for line in _remarks(report) if line not in told]:
-                    progress.say(f"{folder.name}: {line}")
-                    told.add(line)
+        progress(0.0, "Opening the scene")
+        work = units_of(args, progress.say)
+        with work.job.join(work.folder, work.units):
+            work_off(work.folder, work.units.values(), work.job.digest, progress, progress.say)
     except (Exception, KeyboardInterrupt) as error:
         if not failures.cancelled(error):
             raise
         raise engine.Cancelled(
             f"Cancelled: the frames that are done are in {args.out}, and the same command goes on after them."
         ) from error
-    seconds = time.perf_counter() - start
-    before = f", {len(numbers) - made} done before" if made < len(numbers) else ""
+    seconds, made = time.perf_counter() - start, len(work.made)
+    others = len(work.units) - made
+    before = f", {others} done before or by others" if others else ""
     progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
 
 
-def _frame_progress(progress, index, number, numbers):
-    """Progress of one of the frames."""
-    part = stage(progress, index / len(numbers), (index + 1) / len(numbers))
-    return lambda done, message: part(min(done, 0.999), f"Frame {number}: {message}")
+def units_of(args, say) -> Work:
+    """The work that the words of ``holopath render --animation`` ask for, a unit a frame.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        See `cli.parse`.
+    say : callable
+        ``say(text)`` of what is made.
+
+    Returns
+    -------
+    Work
+        Of the scene that is opened, until another one is.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+    """
+    if Path(args.scene).suffix.lower() == ".xml":
+        flag = "--frame-range" if args.frame_range else "--animation"
+        raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
+    if Path(args.out).exists() and not Path(args.out).is_dir():
+        raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
+    source = sources.open_source(args.scene)
+    assert isinstance(source, sources.BlenderSource)
+    work = Work(Path(args.out), _job(args, source), {}, [])
+    told = set()
+    for number in args.frame_range or source.frames:
+        unit = _frame(args, source, work, number, say, told)
+        work.units[unit.name] = unit
+    return work
+
+
+def _job(args, source):
+    """What decides the results."""
+    words = {name: value for name, value in vars(args).items() if name not in _APART}
+    versions = {name: text or "none" for name, text in output.versions().items() if name != "python"}
+    scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
+    return SharedJob(scene, output.plain(words), digests(source.files), versions)
+
+
+def _frame(args, source, work, number, say, told):
+    """A frame as a unit; remarks on its result that were `told` of an earlier one are left out."""
+    folder = output.frame_folder(work.folder, number)
+    job = work.job.digest
+
+    def make(progress):
+        def at(done, message):
+            progress(min(done, 0.999), f"Frame {number}: {message}")
+
+        with _naming(number):
+            began = time.perf_counter()
+            at(0.0, "Exporting the scene")
+            source.go_to(number)
+            still = _still(args, source, job)
+            spent = time.perf_counter() - began
+            result, report = stills.update(
+                folder, still, stage(at, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")
+            )
+        if result is None:
+            return
+        work.made.append(folder.name)
+        for line in [line for line in _remarks(report) if line not in told]:
+            say(f"{folder.name}: {line}")
+            told.add(line)
+
+    return Unit(folder.name, make, lambda: stills.made(folder, job, args.encode))
 
 
 @contextmanager

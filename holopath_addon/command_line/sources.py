@@ -1,8 +1,10 @@
 """Where a scene comes from: a .blend, a Mitsuba .xml, or a demo. bpy is imported only where it is needed."""
 
 import contextlib
+import glob
 import math
 import os
+import re
 import signal
 import sys
 import threading
@@ -73,6 +75,29 @@ class BlenderSource:
         scene = _scene()
         return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
 
+    @property
+    def files(self):
+        """Paths of the files that the scene is made of, whether they are there or not, `pathlib.Path` by names.
+
+        The names are the same on every machine: paths from the .blend's folder, or as the .blend has them from the
+        root. Packed files are the .blend's own.
+        """
+        import bpy
+
+        blend = Path(bpy.data.filepath)
+        if not bpy.data.filepath:
+            return {}
+        stored = zip(bpy.utils.blend_paths(absolute=True), bpy.utils.blend_paths(absolute=False), strict=True)
+        paths = [(Path(path), text.startswith("//")) for path, text in stored]
+        paths += [(blend, True), *((path, True) for path in _baked(blend))]
+        sequences = _sequences()
+        found = {}
+        for path, relative in paths:
+            for file in _files_at(path, path in sequences):
+                name = os.path.relpath(file, blend.parent) if relative else str(file)
+                found[name.replace(os.sep, "/")] = file
+        return found
+
     def go_to(self, frame):
         """Make a frame the current one."""
         with native_output_to_stderr():
@@ -89,6 +114,46 @@ class BlenderSource:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         exported = export_scene(depsgraph, (width, height), camera, self._cache)
         return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+
+
+def _baked(blend):
+    """Folders of baked simulations, which `bpy.utils.blend_paths` leaves out: Blender's own, and those of nodes."""
+    import bpy
+
+    default = blend.with_name(f"blendcache_{blend.stem}")
+    if default.is_dir():
+        yield default
+    for thing in bpy.data.objects:
+        for modifier in thing.modifiers:
+            if isinstance(modifier, bpy.types.NodesModifier) and modifier.bake_directory:
+                yield Path(bpy.path.abspath(modifier.bake_directory, library=thing.library))
+
+
+def _sequences():
+    """Paths that stand for a numbered file of each frame."""
+    import bpy
+
+    things = [
+        *(image for image in bpy.data.images if image.source == "SEQUENCE"),
+        *(
+            thing
+            for things in (bpy.data.volumes, bpy.data.cache_files)
+            for thing in things
+            if thing.is_sequence
+        ),
+    ]
+    return {Path(bpy.path.abspath(thing.filepath, library=thing.library)) for thing in things}
+
+
+def _files_at(path, sequence):
+    """The files that a path of a .blend stands for."""
+    if path.is_dir():
+        return [file for file in path.rglob("*") if file.is_file()]
+    pattern = glob.escape(path.name)
+    pattern = re.sub(
+        r"<UDIM>|<UVTILE>", "*", re.sub(r"\d+(?=\D*$)", "[0-9]*", pattern) if sequence else pattern
+    )
+    return [path] if pattern == glob.escape(path.name) else [*path.parent.glob(pattern)] or [path]
 
 
 def _scene():

@@ -58,9 +58,9 @@ class Claims:
     Parameters
     ----------
     folder : path
-        Which there is.
+        Made if it does not exist.
     tag : str
-        What this process works for: a digest of all that decides the results.
+        What this process works for: a digest of all that decides the results; empty where it only looks.
 
     Raises
     ------
@@ -79,7 +79,7 @@ class Claims:
 
     def __enter__(self) -> Claims:
         while True:
-            self._folder.mkdir(exist_ok=True)
+            self._folder.mkdir(parents=True, exist_ok=True)
             with suppress(FileNotFoundError):  # another process ended just now and took the folder along
                 self._make(self._here)
                 break
@@ -136,10 +136,10 @@ class Claims:
         found = self._read(name)
         return None if found is None or self._gone(*found) else found[0]
 
-    def others(self) -> dict[str, Claim]:
-        """Claims of living processes that work for something else; a dot begins names of those on no piece of work."""
+    def holders(self) -> dict[str, Claim]:
+        """Claims of all living processes by name; a dot begins names of those on no piece of work."""
         found = {name: self.holder(name) for name in sorted(os.listdir(self._folder))}
-        return {name: claim for name, claim in found.items() if claim and claim.tag not in ("", self._tag)}
+        return {name: claim for name, claim in found.items() if claim}
 
     def _claimed(self, name):
         for _ in range(2):

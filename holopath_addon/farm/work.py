@@ -4,14 +4,38 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..engine import InvalidInput, files
 from ..engine.progress import Progress, stage
 from .claims import Claims
+from .job import SharedJob
 from .units import Unit
 
 POLL = 1.0  # seconds from one look at what others make to the next
+
+
+@dataclass(frozen=True)
+class Work:
+    """What some words ask for, in pieces; what it needs to make them, as an open scene, it holds.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+        Of the results.
+    job : SharedJob
+        To be joined before a unit is made.
+    units : dict of str to Unit
+        By name.
+    made : list of str
+        Names of units that were not there when they were asked for; it grows.
+    """
+
+    folder: Path
+    job: SharedJob
+    units: dict[str, Unit]
+    made: list[str]
 
 
 def work_off(

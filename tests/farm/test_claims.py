@@ -169,14 +169,19 @@ def test_of_two_that_find_a_stale_claim_at_once_one_takes_it_over(tmp_path, monk
     assert os.listdir(tmp_path) == []
 
 
-def test_others(tmp_path):
+def test_holders(tmp_path):
     of_elsewhere(tmp_path, "frame_0003", "another")
     of_elsewhere(tmp_path, "frame_0004", "tag")
     old = of_elsewhere(tmp_path, "frame_0005", "another")
     os.utime(old, (0, 0))
     with Claims(tmp_path, "tag") as mine:
-        found = mine.others()
-        assert list(found) == ["frame_0003"] and found["frame_0003"].host == "elsewhere"
+        found = {name: claim for name, claim in mine.holders().items() if name[0] != "."}
+        assert {name: claim.tag for name, claim in found.items()} == {
+            "frame_0003": "another",
+            "frame_0004": "tag",
+        }
+        assert found["frame_0003"].host == "elsewhere"
+        assert [claim.tag for name, claim in mine.holders().items() if name[0] == "."] == ["tag"]
 
 
 def test_of_many_that_are_killed_one_holds_it_at_a_time(tmp_path):
