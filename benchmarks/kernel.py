@@ -16,7 +16,7 @@ from holopath_addon.engine.tracing.estimators import LatticeEstimator
 from holopath_addon.engine.tracing.grain_grid import GrainGrid
 from holopath_addon.engine.tracing.grains import measure_grains
 from holopath_addon.engine.tracing.kernel_table import Lattice, kernel_table
-from holopath_addon.engine.tracing.wave_tracer import Part, trace_field
+from holopath_addon.engine.tracing.wave_tracer import Part, blocks_of, trace_blocks
 from holopath_addon.engine.waves.phase_fields import random_phasors
 
 from .scenes import FOV, GREEN, Scenes
@@ -81,8 +81,10 @@ def run(size=512, repeats=5):
     part = Part(np.arange(size * size, dtype=np.uint32), rays, estimator, optics)
 
     def trace(frames):
-        out = np.zeros((frames, 1, size, size), np.complex64)
-        trace_field(scene, hologram, [part], radiance, phasors[:frames], 0, lambda done: None, out)
+        blocks = blocks_of([(size * size, part.rays_per_pixel)], frames, 1, plan.chunk)
+        what = {0: part}, blocks, radiance, phasors[:frames], 0, lambda done: None
+        for _ in trace_blocks(scene, hologram, *what):
+            pass
 
     works = {
         "ray_intersect loop": lambda: bare_loop(scene, rays, lattice, hologram, full_hit),

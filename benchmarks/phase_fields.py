@@ -10,8 +10,8 @@ import numpy as np
 import scipy.fft
 
 from holopath_addon import engine
-from holopath_addon.engine import rendering
 from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.rendering import planned
 from holopath_addon.engine.settings import PHASE_FIELDS
 from holopath_addon.engine.waves.phase_fields import SETS, designed_phasors, phasors_of
 from holopath_addon.engine.waves.propagation import transfer_function
@@ -236,9 +236,7 @@ def bits():
             np.mean([contrast(rounded(designed_phasors(m), count), GREEN, z) for z in DEFOCUS[::6]])
             for m in (8, 24)
         ]
-        with mock.patch.object(
-            rendering, "phasors_of", lambda *a, count=count: rounded(phasors_of(*a), count)
-        ):
+        with mock.patch.object(planned, "phasors_of", lambda *a, count=count: rounded(phasors_of(*a), count)):
             shown = _three_planes(view, engine.Settings(frames=24, max_depth=1))
         lines.append(
             f"  {count} bits   {cells[0]:.3f} {cells[1]:.3f}   " + " ".join(f"{v:5.1f}" for v in shown[0])

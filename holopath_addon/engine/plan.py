@@ -209,6 +209,23 @@ class Plan:
         """JSON-able form; null for what is unlimited."""
         return _finite({**asdict(self), "seconds": self.seconds})
 
+    @classmethod
+    def from_dict(cls, values: dict) -> Plan:
+        """A plan from `dataclasses.asdict`, or from JSON of it with infinite numbers as Python writes them."""
+        planes = [
+            RecordingPlane(**{**plane, **{name: Slab(**_tuples(plane[name])) for name in ("slab", "images")}})
+            for plane in values["planes"]
+        ]
+        decisions = tuple(Decision(**decision) for decision in values["decisions"])
+        return cls(
+            **{
+                **values,
+                "planes": tuple(planes),
+                "decisions": decisions,
+                "warnings": tuple(values["warnings"]),
+            }
+        )
+
     def __str__(self) -> str:
         lines = [str(decision) for decision in self.decisions]
         if self.seconds:
@@ -217,6 +234,10 @@ class Plan:
                 f"error of the field: about {self.error:.1%}"
             )
         return "\n".join(lines + [f"warning: {w}" for w in self.warnings])
+
+
+def _tuples(values):
+    return {name: tuple(ends) for name, ends in values.items()}
 
 
 def _finite(value):

@@ -21,9 +21,11 @@ from .grain_grid import GrainGrid
 from .grains import measure_grains
 from .kernel_table import Lattice, directions_of, kernel_table
 from .regions import Region, regions_of
-from .wave_tracer import Part, trace_field
+from .wave_tracer import Block, Part, add_pixels, blocks_of, trace_blocks
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from ..camera import Camera
     from ..hologram import Hologram
     from ..light.radiance_cache import RadianceCache
@@ -67,7 +69,8 @@ class Recording:
         walk = self.max_slope * np.ptp([plane.z for plane in plan.planes]) / hologram.pitch
         self.beyond = math.ceil(walk)  # pixels
         self.tracer = PathTracer(plan.max_depth, plan.radiance_limit, cache)
-        self.rays_traced, self._parts, self._estimators = {}, {}, {}
+        self.rays_traced = {}
+        self._kept_regions, self._parts, self._estimators, self._silhouettes = {}, {}, {}, {}
         self.error: float | None = None
         self.passes: int | None = None
         self.optics = optics_of(scene, camera, plan)
@@ -106,50 +109,94 @@ class Recording:
         progress: PartProgress,
         out: np.ndarray,
     ) -> None:
-        """Add the wave field on a recording plane, as `wave_tracer.trace_field`."""
-        with self.clock("kernel tables"):
-            if plane not in self._parts:
-                self._parts[plane] = self._parts_of(plane, radiance)
-            parts = self._parts[plane]
-        count = sum(len(part.pixels) * part.rays_per_pixel for part in parts)
-        self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
-        with self.clock("wave tracing"):
-            what = self.scene, self.hologram, parts, radiance, phasors, self.settings.seed
-            trace_field(*what, progress, out, self.plan.chunk)
+        """Add the wave field on a recording plane, see `trace` and `wave_tracer.add_pixels`."""
+        blocks = self.blocks(plane, radiance, len(phasors))
+        for block, pixels, values in self.trace(plane, radiance, phasors, blocks, progress):
+            with self.clock("wave tracing"):
+                add_pixels(out[block.start : block.stop], self.hologram, pixels, values)
 
-    def _parts_of(self, plane, radiance):
-        """The `Part` of each region of a plane."""
-        hologram, plan = self.hologram, self.plan
-        behind = plane.slab.far[0] > self.mapping.z_far
-        if plan.regions:
-            reach = directions_of(self.max_slope, plane.depth_limit, hologram.pitch, plan.cone)
-            sightings = radiance.sightings[plan.planes.index(plane)]
-            regions = regions_of(sightings, hologram.width, hologram.height, plane.depth_limit, reach)
-        else:
-            pixels = np.arange(hologram.width * hologram.height, dtype=np.uint32)
-            regions = [Region(pixels, plane.depth_limit, True)]
-        parts = []
-        sky = self.camera.sees_sky and not behind
-        first_hits, chained = FirstHits(plan.coherent, sky), self.optics
-        if plane.sees == "images":
-            chained = Images(self.optics)
-        elif plan.chain and plane.sees == "surfaces":
-            chained = OwnLight(self.optics, sky)
-        for region in regions:
+    def blocks(self, plane: RecordingPlane, radiance: RadianceMap | PathsPerRay, frames: int) -> list[Block]:
+        """What is to be traced on a recording plane for so many frames, see `wave_tracer.blocks_of`."""
+        sizes = [(len(region.pixels), self._rays(plane, region)) for region in self._regions(plane, radiance)]
+        return blocks_of(sizes, frames, len(self.hologram.wavelengths), self.plan.chunk)
+
+    def trace(
+        self,
+        plane: RecordingPlane,
+        radiance: RadianceMap | PathsPerRay,
+        phasors: np.ndarray,
+        blocks: Sequence[Block],
+        progress: PartProgress,
+    ) -> Iterator[tuple[Block, np.ndarray, np.ndarray]]:
+        """The wave field on a recording plane, as `wave_tracer.trace_blocks`; all blocks or some.
+
+        Seconds and rays are counted.
+        """
+        with self.clock("kernel tables"):
+            parts = {number: self._part(plane, radiance, number) for number in {b.part for b in blocks}}
+        count = sum(block.rays for block in blocks)
+        self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
+        what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.settings.seed, progress
+        traced = trace_blocks(*what)
+        while True:
+            with self.clock("wave tracing"):
+                found = next(traced, None)
+            if found is None:
+                return
+            yield found
+
+    def _regions(self, plane, radiance):
+        """The `Region`s of a plane."""
+        if plane not in self._kept_regions:
+            hologram, plan = self.hologram, self.plan
+            if plan.regions:
+                reach = directions_of(self.max_slope, plane.depth_limit, hologram.pitch, plan.cone)
+                sightings = radiance.sightings[plan.planes.index(plane)]
+                size = hologram.width, hologram.height
+                regions = regions_of(sightings, *size, plane.depth_limit, reach)
+            else:
+                pixels = np.arange(hologram.width * hologram.height, dtype=np.uint32)
+                regions = [Region(pixels, plane.depth_limit, True)]
+            self._kept_regions[plane] = regions
+        return self._kept_regions[plane]
+
+    def _part(self, plane, radiance, number):
+        """The `Part` of a region of a plane."""
+        if (plane, number) not in self._parts:
+            region = self._regions(plane, radiance)[number]
             seen = plane.slab, plane.images
-            rays = Rays(hologram, self.camera, self.mapping, plane.z, region.depth_limit, *seen)
-            optics = chained if region.chains else first_hits
-            parts.append(Part(region.pixels, rays, self._estimator(region.depth_limit, plane.rays), optics))
-        return parts
+            rays = Rays(self.hologram, self.camera, self.mapping, plane.z, region.depth_limit, *seen)
+            estimator = self._estimator(region.depth_limit, plane.rays)
+            self._parts[plane, number] = Part(region.pixels, rays, estimator, self._optics(plane, region))
+        return self._parts[plane, number]
+
+    def _optics(self, plane, region):
+        """How rays of a region are followed."""
+        sky = self.camera.sees_sky and plane.slab.far[0] <= self.mapping.z_far
+        if not region.chains:
+            return FirstHits(self.plan.coherent, sky)
+        if plane.sees == "images":
+            return Images(self.optics)
+        if self.plan.chain and plane.sees == "surfaces":
+            return OwnLight(self.optics, sky)
+        return self.optics
+
+    def _rays(self, plane, region):
+        """Rays of a pixel, branches included."""
+        paper = self.settings.estimator == "paper"
+        rays = plane.rays if paper else self._lattice(region.depth_limit, plane.rays).rays
+        return rays * self._optics(plane, region).branches
+
+    def _lattice(self, depth_limit, most):
+        hologram, plan = self.hologram, self.plan
+        return Lattice.of(self.max_slope, depth_limit, hologram.pitch, plan.cone, most, plan.levels)
 
     def _estimator(self, depth_limit, most):
         hologram = self.hologram
         if self.settings.estimator == "paper":
             return RandomEstimator(hologram, most, self.settings.seed)
         if depth_limit not in self._estimators:
-            lattice = Lattice.of(
-                self.max_slope, depth_limit, hologram.pitch, self.plan.cone, most, self.plan.levels
-            )
+            lattice = self._lattice(depth_limit, most)
             tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
             self._estimators[depth_limit] = LatticeEstimator(hologram, lattice, tables)
         return self._estimators[depth_limit]
@@ -159,8 +206,14 @@ class Recording:
 
         The silhouette method (Matsushima, Appl. Opt. 44, 4607, 2005): exact for surfaces at one depth. At edges a pixel
         is as much covered as the slab's own field has light there: its rays meet a pixel of a surface at places that
-        are spread as far as they walk from the plane, up to the whole pixel.
+        are spread as far as they walk from the plane, up to the whole pixel. Kept.
         """
+        if plane not in self._silhouettes:
+            with self.clock("silhouettes"):
+                self._silhouettes[plane] = self._cover(plane)
+        return self._silhouettes[plane]
+
+    def _cover(self, plane):
         hologram, (height, width) = self.hologram, self.canvas
         slab = replace(plane.slab, far=(plane.slab.far[1],) * 2)
         rays = Rays(hologram, self.camera, self.mapping, plane.z, plane.depth_limit, slab)

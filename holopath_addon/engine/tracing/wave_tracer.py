@@ -8,7 +8,7 @@ accumulation (here).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -19,6 +19,8 @@ from ..hologram import channel
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
     from ..hologram import Hologram
     from ..light.path_tracer import PathsPerRay
     from ..progress import PartProgress
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 CHUNK_RAYS = 1 << 22  # between two looks at progress and cancel; well below a second on two cores
 BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
+# Rays that Embree may intersect as one, at most: what it finds depends, in the last bit, on which are together.
+PACKET = 64
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
 
@@ -56,25 +60,84 @@ class Part:
         return self.estimator.rays * self.optics.branches
 
 
-def trace_field(
+@dataclass(frozen=True)
+class Block:
+    """Pixels of a `Part` that are traced at once, and the frames whose waves are added up meanwhile.
+
+    Attributes
+    ----------
+    part : int
+        Its number.
+    first, count : int
+        Pixels of the part, by their place in its list.
+    start, stop : int
+        Frames.
+    rays : int
+        Of all its pixels.
+    """
+
+    part: int
+    first: int
+    count: int
+    start: int
+    stop: int
+    rays: int
+
+    @property
+    def work(self) -> int:
+        """Rays, times frames."""
+        return self.rays * (self.stop - self.start)
+
+    def cut(self, low: float, high: float) -> Block:
+        """Its pixels from one part of it to another, 0..1, in whole packets."""
+        first, last = (min(self.count, PACKET * round(self.count * end / PACKET)) for end in (low, high))
+        count = (self.count if high == 1 else last) - first
+        return replace(self, first=self.first + first, count=count, rays=self.rays // self.count * count)
+
+
+def blocks_of(parts: Sequence[tuple[int, int]], frames: int, colours: int, chunk: int) -> list[Block]:
+    """All that is to be traced on a recording plane.
+
+    Parameters
+    ----------
+    parts : sequence of (int, int)
+        Pixels of each `Part`, and rays of one of them.
+    frames, colours : int
+        Whose sums a pixel has.
+    chunk : int
+        Bytes of the sums of pixels that are traced at once.
+    """
+    found = []
+    for start in range(0, frames, FRAMES_TOGETHER):
+        stop = min(frames, start + FRAMES_TOGETHER)
+        for number, (pixels, rays) in enumerate(parts):
+            together = max(1, min(CHUNK_RAYS // rays, chunk // (8 * (stop - start) * colours)))
+            for first in range(0, pixels, together):
+                count = min(together, pixels - first)
+                found.append(Block(number, first, count, start, stop, count * rays))
+    return found
+
+
+def trace_blocks(
     scene: mi.Scene,
     hologram: Hologram,
-    parts: list[Part],
+    parts: Mapping[int, Part],
+    blocks: Sequence[Block],
     radiance: RadianceMap | PathsPerRay,
     phasors: np.ndarray,
     seed: int,
     progress: PartProgress,
-    out: np.ndarray,
-    chunk: int = 1 << 27,
-) -> None:
-    """Add the wave field on the recording plane: all frames and wavelengths from one traversal.
+) -> Iterator[tuple[Block, np.ndarray, np.ndarray]]:
+    """The wave field on the recording plane, block by block: all wavelengths from one traversal.
 
     Parameters
     ----------
     scene : mitsuba.Scene
     hologram : Hologram
-    parts : list of Part
-        What is in none of them stays dark.
+    parts : mapping of int to Part
+        By number, those that the blocks are of. What is in none stays dark.
+    blocks : sequence of Block
+        Of `blocks_of` for the same parts and frames, all or some.
     radiance : RadianceMap or PathsPerRay
     phasors : numpy.ndarray, complex64, shape (frames, rows, columns)
         One period of the phase maps.
@@ -82,13 +145,16 @@ def trace_field(
         Of the radiance paths.
     progress : callable
         ``progress(done)``, may raise.
-    out : numpy.ndarray, complex64, shape (frames, wavelengths, height, width)
-        To which the field is added, with a margin around the hologram's pixels or without. It is unfiltered: energy
-        outside the circular band is junk, which `propagation` cuts.
-    chunk : int
-        Bytes of the sums of pixels that are traced at once.
+
+    Yields
+    ------
+    block : Block
+    pixels : numpy.ndarray of uint32
+        Numbers, row by row.
+    values : numpy.ndarray, complex64, shape (frames of the block, wavelengths, pixels)
+        Unfiltered: energy outside the circular band is junk, which `propagation` cuts.
     """
-    width, height, colours = hologram.width, hologram.height, len(hologram.wavelengths)
+    width, colours = hologram.width, len(hologram.wavelengths)
     channels = [channel(w) for w in hologram.wavelengths]
     _, period_rows, period_columns = phasors.shape
 
@@ -145,25 +211,38 @@ def trace_field(
         dr.eval(field)
         return field
 
-    across = out.shape[-1]
-    begin = (out.shape[-2] - height) // 2 * across + (across - width) // 2
-    flat = out.reshape(len(phasors), colours, -1)
-    work = len(phasors) * sum(len(part.pixels) * part.rays_per_pixel for part in parts)
-    done = 0
-    for start in range(0, len(phasors), FRAMES_TOGETHER):
-        group = phasors[start : start + FRAMES_TOGETHER]
-        phasor_buffer = packed_phasors(group)
-        for part in parts:
-            together = min(CHUNK_RAYS // part.rays_per_pixel, chunk // (8 * len(group) * colours))
-            for first in range(0, len(part.pixels), max(1, together)):
-                pixels = part.pixels[first : first + max(1, together)]
-                field = trace_chunk(part, first, len(pixels), phasor_buffer, len(group))
-                places = begin + pixels // width * across + pixels % width
-                for k, m in np.ndindex(colours, len(group)):
-                    real, imaginary = (np.asarray(field[2 * (k * len(group) + m) + n]) for n in (0, 1))
-                    flat[start + m, k, places] += (real + 1j * imaginary) * np.float32(1 / PHASOR_SCALE)
-                done += len(pixels) * part.rays_per_pixel * len(group)
-                progress(done / work)
+    work, done, packed = sum(block.work for block in blocks), 0, (-1, None)
+    for block in blocks:
+        part, frames = parts[block.part], block.stop - block.start
+        if packed[0] != block.start:  # the frames that are traced together
+            packed = block.start, packed_phasors(phasors[block.start : block.stop])
+        field = trace_chunk(part, block.first, block.count, packed[1], frames)
+        values = np.empty((frames, colours, block.count), np.complex64)
+        for k, m in np.ndindex(colours, frames):
+            real, imaginary = (np.asarray(field[2 * (k * frames + m) + n]) for n in (0, 1))
+            values[m, k] = (real + 1j * imaginary) * np.float32(1 / PHASOR_SCALE)
+        yield block, part.pixels[block.first : block.first + block.count], values
+        done += block.work
+        progress(done / work)
+
+
+def add_pixels(out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: np.ndarray) -> None:
+    """Add the values of some of the hologram's pixels.
+
+    Parameters
+    ----------
+    out : numpy.ndarray, complex64, shape (frames, wavelengths, height, width)
+        With a margin around the hologram's pixels or without.
+    hologram : Hologram
+    pixels : numpy.ndarray of uint32
+        Numbers, row by row.
+    values : numpy.ndarray, complex64, shape (frames, wavelengths, pixels)
+    """
+    across, flat = out.shape[-1], out.reshape(*out.shape[:2], -1)
+    begin = (out.shape[-2] - hologram.height) // 2 * across + (across - hologram.width) // 2
+    places = begin + pixels // hologram.width * across + pixels % hologram.width
+    for each in np.ndindex(out.shape[:2]):
+        flat[each][places] += values[each]
 
 
 def _wrapped(index, size):

@@ -1,0 +1,156 @@
+"""From a scene to the wave field at the SLM: the stages in order, with progress, times and cancellation."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import baselines
+from ..planning import planner
+from ..progress import Clock, Stages, named, parts
+from ..scene import variants
+from ..settings import BASELINES, Settings
+from ..wavefield import WaveField
+from .fields import Tracing, at_slm
+from .planned import PlannedRender, added, report_of
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from ..camera import Camera
+    from ..hologram import Hologram
+    from ..light.bake_store import BakeStore
+    from ..light.baking import Bake
+    from ..plan import Plan
+    from ..progress import Progress
+
+# How much of a render is done when each stage ends, with baked light and without, and of the waves of wavelengths.
+BAKED = {"planning": 0.02, "phase fields": 0.04, "baking": 0.5, "waves": 1.0}
+TRACED = {"planning": 0.02, "phase fields": 0.04, "baking": 0.04, "waves": 1.0}
+DESPECKLED = {"radiance": 0.2, "fields": 1.0}
+PLAIN = {"radiance": 0.5, "fields": 1.0}
+
+
+def render(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    settings: Settings | None = None,
+    plan: Plan | None = None,
+    progress: Progress | None = None,
+    store: BakeStore | None = None,
+) -> WaveField:
+    """Render the wave field of a scene.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings, optional
+    plan : Plan, optional
+        From `plan` for the same scene and settings; made when not given.
+    progress : callable, optional
+        ``progress(done, message)`` with done in 0..1, called several times a second; may raise
+        `Cancelled`.
+    store : BakeStore, optional
+        Where baked light is kept for other views and other times.
+
+    Returns
+    -------
+    WaveField
+
+    Raises
+    ------
+    InvalidInput, BackendUnavailable, Cancelled
+    """
+    variants.activate()
+    settings = planner.resolved(settings or Settings())
+    progress = progress or (lambda done, message: None)
+    clock = Clock()
+    progress(0.0, "Planning")
+    if plan is None:
+        with clock("plan"):
+            plan = planner.plan(scene, camera, hologram, settings, store)
+    if settings.method in BASELINES:
+        job = baselines.BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
+        with clock(settings.method):
+            field = baselines.field(job, progress)
+        report = {"seconds": clock.seconds, "frames": settings.frames}
+        return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
+    planned = PlannedRender(scene, camera, hologram, settings, plan, clock)
+    stages = Stages(progress, BAKED if plan.cached else TRACED)
+    stages["phase fields"](0.0, "Phase fields")
+    phasors = planned.phasors
+    planned.bake(store, stages["baking"])
+    fields, errors, passes, rays = [], [], None, {}
+    for group, at in zip(planned.groups, parts(stages["waves"], len(planned.groups)), strict=True):
+        with planned.recording(group) as recording:
+            fields.append(_waves(recording, phasors, at))
+        errors.append(recording.error)
+        passes, rays = recording.passes, added(rays, recording.rays_traced)
+    field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
+    baked = None if planned.baked is None else asdict(planned.baked)
+    error = planned.error(errors)
+    report = report_of(plan, settings.frames, clock.seconds, rays, passes, error, baked)
+    return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
+
+
+def _waves(recording, phasors, progress):
+    """The wave field at the SLM of the wavelengths that a `Recording` is for."""
+    stages = Stages(progress, DESPECKLED if recording.settings.despeckle else PLAIN)
+    lighting = named(stages["radiance"], "Radiance")
+    lighting(0.0)
+    radiance = recording.radiance(lighting)
+    return at_slm(recording, Tracing(recording, radiance, phasors), stages["fields"])
+
+
+def baked_picture(
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    settings: Settings,
+    store: BakeStore | None = None,
+    progress: Progress | None = None,
+    anew: bool = False,
+    most: int = 2048,
+) -> tuple[np.ndarray, Bake]:
+    """Bake what a camera sees, and show the texture.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings
+    store : BakeStore, optional
+    progress : callable, optional
+        ``progress(done, message)``, may raise `Cancelled`.
+    anew : bool
+        See `bake`.
+    most : int
+        Pixels along a side of the picture.
+
+    Returns
+    -------
+    picture : numpy.ndarray, float32, shape (y, x, 3)
+        Linear; row 0 is the top.
+    done : Bake
+
+    Raises
+    ------
+    InvalidInput, BackendUnavailable, Cancelled
+    """
+    variants.activate()
+    from ..light.baking import bake
+    from ..scene.specular_chains import optics_of
+
+    settings = replace(settings, method="fast")
+    planned = planner.plan(scene, camera, hologram, settings, store)
+    optics = optics_of(scene, camera, planned)
+    cache, done = bake(
+        scene, camera, hologram, planned, optics, settings, store=store, progress=progress, anew=anew
+    )
+    return cache.picture(most), done

@@ -1,0 +1,195 @@
+"""From what recording planes record to the wave field at the SLM."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..progress import Stages, named, parts
+from ..waves import despeckle
+from ..waves.phase_fields import pixel_transmission, recordable_fraction
+from ..waves.propagation import carrier, field_of, padded_shape, spectrum, transfer_function
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ..hologram import Hologram
+    from ..light.path_tracer import PathsPerRay
+    from ..plan import RecordingPlane
+    from ..progress import Progress
+    from ..tracing.grains import RadianceMap
+    from ..tracing.recording import Recording
+
+# How much of the fields is done when each stage ends, with steps against speckle and without.
+DESPECKLED = {"tracing": 0.25, "despeckling": 0.97, "to the SLM": 1.0}
+PLAIN = {"tracing": 0.94, "to the SLM": 1.0}
+DESPECKLING = {"frames": 0.5, "steps": 1.0}
+OWN = 0  # number of the phasors that a hologram has; the next ones are of the batches that speckle is taken out by
+
+
+def phasors_numbered(number: int, own: np.ndarray) -> np.ndarray:
+    """Phasors of a hologram, `OWN`, or of a batch that speckle is taken out by."""
+    return own if number == OWN else despeckle.batch_phasors(number - 1)
+
+
+class Recorded(Protocol):
+    """What the recording planes of a render record: of some of its wavelengths, and of frames by sets of phasors.
+
+    Attributes
+    ----------
+    hologram : Hologram
+        With these wavelengths.
+    """
+
+    hologram: Hologram
+
+    def frames(self, number: int) -> int:
+        """Frames of the set of phasors with a number, see `OWN`."""
+        ...
+
+    def recordable(self, number: int) -> float:
+        """Their energy that a field keeps, see `kept_energy`."""
+        ...
+
+    def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
+        """Add the wave field on a plane to `out`, which has a margin, shape (frames, wavelengths, y, x)."""
+        ...
+
+
+class Tracing:
+    """`Recorded` that is traced when it is asked for.
+
+    Parameters
+    ----------
+    recording : Recording
+    radiance : RadianceMap or PathsPerRay
+    phasors : numpy.ndarray, complex64, shape (frames, rows, columns)
+        The hologram's own.
+    """
+
+    def __init__(
+        self, recording: Recording, radiance: RadianceMap | PathsPerRay, phasors: np.ndarray
+    ) -> None:
+        self.hologram = recording.hologram
+        self._recording, self._radiance, self._own = recording, radiance, phasors
+        self._last = OWN, phasors
+
+    def _phasors(self, number):
+        if number != self._last[0]:
+            self._last = number, phasors_numbered(number, self._own)
+        return self._last[1]
+
+    def frames(self, number: int) -> int:
+        return len(self._phasors(number))
+
+    def recordable(self, number: int) -> float:
+        with self._recording.clock("phase fields"):
+            return kept_energy(self._phasors(number), self._recording.settings.estimator)
+
+    def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
+        tracing = named(progress, "Wave tracing")
+        self._recording.record(plane, self._radiance, self._phasors(number), tracing, out)
+
+
+def kept_energy(phasors: np.ndarray, estimator: str) -> float:
+    """Share of the energy of phasors that a field keeps: what is in the band, and passes the paper's pixels."""
+    return recordable_fraction(phasors) * (pixel_transmission() if estimator == "paper" else 1.0)
+
+
+def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.ndarray:
+    """The wave field at the SLM.
+
+    Parameters
+    ----------
+    recording : Recording
+        For silhouettes, the plan and where planes lie.
+    recorded : Recorded
+    progress : callable
+        ``progress(done, message)``, may raise.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (frames, wavelengths of `recorded`, y, x)
+    """
+    hologram, steps = recorded.hologram, recording.settings.despeckle
+    stages = Stages(progress, DESPECKLED if steps else PLAIN)
+    field = _in_scene(recording, recorded, OWN, stages["tracing"])
+    if steps:
+        _despeckle(recording, recorded, field, stages["despeckling"])
+    with recording.clock("propagation"):
+        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered):
+            field[m, k] = wave
+            step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
+            stages["to the SLM"](step, "To the SLM")
+    beyond = recording.beyond
+    return field[..., beyond : beyond + hologram.height, beyond : beyond + hologram.width]
+
+
+def _in_scene(recording, recorded, number, progress):
+    """The wave field at `Plan.z_gathered`, of all that lies before and behind it.
+
+    Its scale makes a plane of radiance L refocus to intensity L. Between planes the carrier is left out, for then the
+    shares of a surface that two planes record add up, whatever the wavelength.
+    """
+    hologram, planes = recorded.hologram, recording.plan.planes
+    shape = recorded.frames(number), len(hologram.wavelengths), *recording.canvas
+    field, z = np.zeros(shape, np.complex64), planes[0].z
+    for index, (plane, told) in enumerate(zip(planes, parts(progress, len(planes)), strict=True)):
+        moving = named(told, "Between planes")
+        if plane.sees == "images":
+            # straight rays tell which of them are seen
+            images = np.zeros_like(field)
+            recorded.add(number, plane, images, told)
+            with recording.clock("propagation"):
+                for k, m, wave in _moved(images, hologram, z - plane.z, carried=False):
+                    moving(1.0)
+                    field[m, k] += wave
+            continue
+        if index:
+            # what lies behind passes the surfaces of this slab as a wave, there where they begin
+            clear = np.sqrt(1 - recording.silhouette(plane))
+            with recording.clock("propagation"):
+                for k, m, wave in _moved(field, hologram, plane.low - z, carried=False):
+                    moving(0.0)
+                    field[m, k] = wave * clear
+                for k, m, wave in _moved(field, hologram, plane.z - plane.low, carried=False):
+                    moving(0.0)
+                    field[m, k] = wave
+        z = plane.z
+        recorded.add(number, plane, field, told)
+    field *= np.float32(1 / np.sqrt(recorded.recordable(number)))
+    return field
+
+
+def _despeckle(recording, recorded, field, progress):
+    """Take speckle out of the field on the plane nearest to the viewer, in place; the same paths, more frames."""
+    hologram, plan, settings = recorded.hologram, recording.plan, recording.settings
+    low, high = (z - plan.z_gathered for z in (plan.z_low, plan.z_high))
+    targets = [
+        despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed)
+        for wavelength in hologram.wavelengths
+    ]
+    stages = Stages(progress, DESPECKLING)
+    for batch, told in enumerate(parts(stages["frames"], despeckle.BATCHES)):
+        many = _in_scene(recording, recorded, OWN + 1 + batch, told)
+        with recording.clock("despeckle"):
+            for k, target in enumerate(targets):
+                target.add(many[:, k])
+    with recording.clock("despeckle"):
+        for k, (target, told) in enumerate(zip(targets, parts(stages["steps"], len(targets)), strict=True)):
+            field[:, k] = despeckle.despeckle(
+                field[:, k], target, settings.despeckle, settings.seed, named(told, "Despeckling")
+            )
+
+
+def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack."""
+    shape = field.shape[-2:]
+    for k, wavelength in enumerate(hologram.wavelengths):
+        padded = padded_shape(shape, hologram.pitch, wavelength, distance)
+        transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
+        if carried:
+            transfer = transfer * carrier(wavelength, distance)
+        for m in range(len(field)):
+            yield k, m, field_of(spectrum(field[m, k], padded) * transfer, shape)

@@ -1,0 +1,181 @@
+"""A planned render: what rays need before they are traced, and the report on all that was."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..planning import planner
+from ..scene import variants
+from ..waves.phase_fields import phasors_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import mitsuba as mi
+
+    from ..camera import Camera
+    from ..hologram import Hologram
+    from ..light.bake_store import BakeStore
+    from ..light.baking import Bake
+    from ..light.radiance_cache import RadianceCache
+    from ..plan import Plan
+    from ..progress import Clock, Progress
+    from ..settings import Settings
+    from ..tracing.recording import Recording
+
+
+class PlannedRender:
+    """A scene and how it is rendered, once Mitsuba is at work.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : Camera
+    hologram : Hologram
+    settings : Settings
+        As `planner.resolved` has them.
+    plan : Plan
+    clock : Clock
+
+    Attributes
+    ----------
+    cache : RadianceCache or None
+        Baked light, after `bake`.
+    baked : Bake or None
+        How that was done.
+    """
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        camera: Camera,
+        hologram: Hologram,
+        settings: Settings,
+        plan: Plan,
+        clock: Clock,
+    ) -> None:
+        self.scene, self.camera, self.hologram = scene, camera, hologram
+        self.settings, self.plan, self.clock = settings, plan, clock
+        self.cache: RadianceCache | None = None
+        self.baked: Bake | None = None
+        self._recordings: dict[tuple[float, ...], Recording] = {}
+
+    @cached_property
+    def phasors(self) -> np.ndarray:
+        """Those of the hologram's frames, see `phasors_of`."""
+        hologram, settings = self.hologram, self.settings
+        with self.clock("phase fields"):
+            return phasors_of(
+                settings.phase_field, settings.frames, hologram.height, hologram.width, settings.seed
+            )
+
+    def bake(self, store: BakeStore | None, progress: Progress) -> None:
+        """Have the baked light that the plan asks for."""
+        if not self.plan.cached:
+            return
+        from ..light.baking import bake
+        from ..scene.specular_chains import optics_of
+
+        with self.clock("bake"):
+            optics = optics_of(self.scene, self.camera, self.plan)
+            what = self.scene, self.camera, self.hologram, self.plan, optics, self.settings
+            self.cache, self.baked = bake(*what, store=store, progress=progress)
+
+    @cached_property
+    def groups(self) -> Sequence[tuple[float, ...]]:
+        """Wavelengths that share their rays: all, or each for itself where glass in view disperses."""
+        from ..scene.dispersion import wavelength_groups
+
+        wavelengths = self.hologram.wavelengths
+        return [wavelengths] if self.plan.traversals == 1 else wavelength_groups(self.scene, wavelengths)
+
+    @contextmanager
+    def recording(self, group: tuple[float, ...]) -> Iterator[Recording]:
+        """The recording planes of a group, the same each time, and the scene as its wavelengths see it."""
+        from ..scene.dispersion import tuned
+
+        with tuned(self.scene, group):
+            if group not in self._recordings:
+                self._recordings[group] = self._recording(group)
+            yield self._recordings[group]
+
+    def _recording(self, group):
+        from ..tracing.recording import Recording
+
+        part, plan = replace(self.hologram, wavelengths=group), self.plan
+        if self.cache is not None:
+            with self.clock("radiance"):
+                plan = planner.once_baked(plan, self.scene, self.camera, part, self.settings, self.cache)
+        with self.clock("optics"):
+            what = self.scene, self.camera, part, self.settings, plan, self.clock
+            return Recording(*what, cache=self.cache)
+
+    def error(self, errors: Sequence[float | None]) -> float | None:
+        """Relative standard error of the field, of the radiance maps' halves and of baked light; None where unknown.
+
+        Parameters
+        ----------
+        errors : sequence of float or None
+            Of the radiance maps, see `Recording.error`.
+        """
+        known = [error for error in errors if error is not None]
+        if len(known) < len(errors):
+            return None
+        texels = 0.0
+        if self.baked is not None:
+            texels = self.plan.error if self.baked.error is None else 0.5 * self.baked.error
+        return float(np.hypot(max(known), texels))
+
+
+def report_of(
+    plan: Plan,
+    frames: int,
+    seconds: dict[str, float],
+    rays: dict[str, int],
+    passes: int | None,
+    error: float | None,
+    baked: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """What `WaveField.report` says of a render.
+
+    Parameters
+    ----------
+    plan : Plan
+    frames : int
+    seconds : dict of str to float
+        Of each stage.
+    rays : dict of str to int
+        Traced, by kind.
+    passes : int or None
+        Radiance paths.
+    error : float or None
+        See `PlannedRender.error`.
+    baked : dict or None
+        A `Bake`.
+    """
+    report = {
+        "seconds": seconds,
+        "rays": rays,
+        "variant": variants.activate(),
+        "frames": frames,
+        "radiance_passes": passes,
+        "foretold": {
+            "seconds": {
+                "plan": plan.seconds,
+                "measured": sum(seconds.values()) - seconds.get("plan", 0.0),
+            },
+            "stages": plan.stages,
+            "field_error": {"plan": plan.error, "measured": error},
+        },
+    }
+    return report if baked is None else report | {"bake": baked}
+
+
+def added(counts: dict[str, int], more: dict[str, int]) -> dict[str, int]:
+    """Counts of two, by kind."""
+    return {name: counts.get(name, 0) + more.get(name, 0) for name in {**counts, **more}}

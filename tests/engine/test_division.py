@@ -1,0 +1,117 @@
+"""A render in parts: the same field to the last bit, whatever the parts and whoever makes them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.rendering.division import PREPARED, DividedRender
+
+RGB = (640e-9, 516.5e-9, 455.4e-9)
+
+
+def quiet(done, message):
+    pass
+
+
+def divided(what, folder, count, alone=False):
+    """The field that parts join to; `alone` has a process of its own make each, which knows nothing of the others."""
+    work = DividedRender(*what, folder, count)
+    for name in work.steps:
+        worker = DividedRender(*what, folder, count) if alone else work
+        assert not worker.done(name)
+        worker.make(name, quiet)
+        assert worker.done(name)
+    return DividedRender(*what, folder, count).joined(quiet)
+
+
+def agrees(what, folder, count, alone=False):
+    """Whether the parts join to what one process renders."""
+    whole = engine.render(*what)
+    joined = divided(what, folder, count, alone)
+    assert joined.data.any() and np.array_equal(joined.data, whole.data)
+    assert joined.plan == whole.plan | {"stages": joined.plan["stages"], "seconds": joined.plan["seconds"]}
+    return joined, whole
+
+
+@pytest.fixture
+def coloured(small):
+    return replace(small, wavelengths=RGB)
+
+
+@pytest.fixture
+def planes(build, camera, coloured):
+    """Two planes on recording planes of their own, three wavelengths, four frames."""
+    return (
+        build.two_planes(build.diffuse),
+        camera,
+        coloured,
+        engine.Settings(method="full", frames=4, planes=2),
+    )
+
+
+@pytest.mark.parametrize("count", [2, 5, 16])
+def test_parts_join_to_the_whole(planes, tmp_path, count):
+    joined, whole = agrees(planes, tmp_path, count)
+    assert len(joined.plan["planes"]) == 2
+    assert joined.report["rays"] == whole.report["rays"]
+    assert joined.report["radiance_passes"] == whole.report["radiance_passes"]
+    assert joined.report["foretold"]["field_error"] == whole.report["foretold"]["field_error"]
+
+
+def test_any_process_makes_any_part(planes, tmp_path):
+    agrees(planes, tmp_path, 3, alone=True)
+
+
+def test_rays_divide_evenly(planes, tmp_path):
+    work = DividedRender(*planes, tmp_path, 4)
+    rays = []
+    for name in work.steps:
+        work.make(name, quiet)
+        rays.append(
+            json.loads((tmp_path / name / "report.json").read_text()).get("rays", {}).get("wave rays")
+        )
+    shares = [share for share in rays if share]
+    assert len(shares) == 4 and max(shares) < 1.2 * min(shares)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"estimator": "paper", "spp": 16},
+        {"despeckle": 2},
+        pytest.param({"radiance": "ray", "paths": 1}, marks=pytest.mark.slow),
+        pytest.param({"phase_field": "random"}, marks=pytest.mark.slow),
+        pytest.param({"frames": 33}, marks=pytest.mark.slow),  # more than are traced together
+        pytest.param({"method": "fast"}, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
+def test_whatever_the_settings(build, camera, small, tmp_path, settings):
+    settings = engine.Settings(**{"method": "full", "frames": 2, "quality": "preview", **settings})
+    agrees((build.two_planes(build.diffuse), camera, small, settings), tmp_path, 3)
+
+
+def test_methods_that_do_not_divide(planes, tmp_path):
+    with pytest.raises(engine.InvalidInput, match="point does not divide"):
+        DividedRender(*planes[:3], engine.Settings(method="point"), tmp_path, 2)
+
+
+def test_another_scene_is_refused(build, planes, tmp_path):
+    DividedRender(*planes, tmp_path, 2).make(PREPARED, quiet)
+    other = build.two_planes(build.emissive)
+    with pytest.raises(engine.InvalidInput, match="another scene"):
+        DividedRender(other, *planes[1:], tmp_path, 2).make("traced-1-of-2", quiet)
+
+
+def test_a_part_that_is_cancelled_leaves_nothing(planes, tmp_path):
+    work = DividedRender(*planes, tmp_path, 2)
+
+    def cancel(done, message):
+        raise engine.Cancelled
+
+    with pytest.raises(engine.Cancelled):
+        work.make(PREPARED, cancel)
+    assert not work.done(PREPARED) and not list(tmp_path.iterdir())
