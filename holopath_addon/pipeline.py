@@ -143,6 +143,16 @@ def bake_notes(bake):
     return notes
 
 
+def _planned(field):
+    """What a field was rendered by; None where there is none, or another version planned it."""
+    if field is None:
+        return None
+    try:
+        return engine.Plan.from_dict(field.plan)
+    except (KeyError, TypeError):
+        return None
+
+
 def _check_view(plan, camera, hologram, focus, pupil):
     """Refuse what `engine.reconstruct` would, before the long work."""
     from .engine.viewing.reconstruction import pupil_mask
@@ -272,7 +282,7 @@ def compute(
     started, clock = time.monotonic(), Clock()
     progress(0.0, "Planning")
     with clock("plan"):
-        plan = engine.plan(scene, camera, hologram, settings, store)
+        plan = _planned(field) or engine.plan(scene, camera, hologram, settings, store)
     asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
     if "centre" in asked:
         centre = centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]

@@ -10,6 +10,7 @@ from typing import Generic, TypeVar
 from .slabs import Slab
 
 T = TypeVar("T")
+SLABS = "slab", "images"  # of a recording plane
 
 
 @dataclass(frozen=True)
@@ -211,19 +212,22 @@ class Plan:
 
     @classmethod
     def from_dict(cls, values: dict) -> Plan:
-        """A plan from `dataclasses.asdict`, or from JSON of it with infinite numbers as Python writes them."""
-        planes = [
-            RecordingPlane(**{**plane, **{name: Slab(**_tuples(plane[name])) for name in ("slab", "images")}})
-            for plane in values["planes"]
-        ]
-        decisions = tuple(Decision(**decision) for decision in values["decisions"])
+        """A plan from what `to_dict` gave.
+
+        Raises
+        ------
+        KeyError, TypeError
+            If it is another version's.
+        """
+        unlimited = {name: math.inf for name in ("white", "radiance_limit") if values[name] is None}
         return cls(
-            **{
-                **values,
-                "planes": tuple(planes),
-                "decisions": decisions,
+            **{name: value for name, value in values.items() if name != "seconds"}
+            | {
+                "planes": tuple(map(_plane, values["planes"])),
+                "decisions": tuple(Decision(**decision) for decision in values["decisions"]),
                 "warnings": tuple(values["warnings"]),
             }
+            | unlimited
         )
 
     def __str__(self) -> str:
@@ -236,8 +240,18 @@ class Plan:
         return "\n".join(lines + [f"warning: {w}" for w in self.warnings])
 
 
-def _tuples(values):
-    return {name: tuple(ends) for name, ends in values.items()}
+def _plane(values):
+    """A recording plane from its JSON."""
+    slabs = {name: Slab(**{end: _ends(end, values[name][end]) for end in ("far", "near")}) for name in SLABS}
+    return RecordingPlane(**{**values, **slabs, "low": _unlimited(values["low"], -math.inf)})
+
+
+def _ends(end, values):
+    return tuple(_unlimited(value, -math.inf if end == "far" else math.inf) for value in values)
+
+
+def _unlimited(value, limit):
+    return limit if value is None else value
 
 
 def _finite(value):

@@ -227,7 +227,7 @@ class DividedRender:
             kept = [kept_energy(phasors_numbered(n, own), settings.estimator) for n in self._sets]
         prepared = {
             "scene": scene_digest(self.scene),
-            "plan": asdict(plan),
+            "plan": plan.to_dict(),
             "kept_energy": kept,
             "error": planned.error(errors),
             "passes": passes,

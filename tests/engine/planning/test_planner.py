@@ -95,7 +95,9 @@ def test_plan_is_plain_words_and_json(build, camera, small):
     plan = engine.plan(build.two_planes(build.emissive), camera, small)
     assert all(d.reason for d in plan.decisions)
     assert "recording plane" in str(plan)
-    assert json.loads(json.dumps(plan.to_dict(), allow_nan=False))["rays_per_pixel"] == plan.rays_per_pixel
+    text = json.dumps(plan.to_dict(), allow_nan=False)
+    assert json.loads(text)["rays_per_pixel"] == plan.rays_per_pixel
+    assert engine.Plan.from_dict(json.loads(text)) == plan
 
 
 @pytest.mark.parametrize(
