@@ -58,7 +58,7 @@ class Still:
     bits : int or None
         Of the SLM that it is encoded for.
     job : str or None
-        Digest of the job that it is made for, see `farm.job.SharedJob`: what is made for a job is known without its scene.
+        Digest of the job that it is made for, see `farm.job.SharedJob`: by it, what is done is known without its scene.
     """
 
     name: str

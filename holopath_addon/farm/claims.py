@@ -71,18 +71,20 @@ class Claims:
     def __init__(self, folder: Path | str, tag: str) -> None:
         self._folder, self._tag = Path(folder) / FOLDER, tag
         self._held: dict[str, Claim] = {}  # by name
-        self._here = (
-            f".{secrets.token_hex(8)}"  # tells that this process works here, and what the server's clock says
-        )
+        self._here = f".{secrets.token_hex(8)}"  # this process's own claim, and the server's clock
         self._ended = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="claims", daemon=True)
 
     def __enter__(self) -> Claims:
-        while True:
+        while self._here not in self._held:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with suppress(FileNotFoundError):  # another process ended just now and took the folder along
+            try:
                 self._make(self._here)
-                break
+            except FileNotFoundError:  # another process ended just now and took the folder along
+                continue
+            except BaseException:
+                self._vanish()
+                raise
         self._heart.start()
         return self
 
@@ -97,8 +99,7 @@ class Claims:
                 with self.claim(name):  # what killed processes left goes
                     pass
         self._release(self._here)
-        with suppress(OSError):
-            self._folder.rmdir()  # unless others work here
+        self._vanish()
 
     @contextmanager
     def claim(self, name: str) -> Iterator[bool]:
@@ -179,6 +180,10 @@ class Claims:
             raise
         self._held[name] = claim
         return True
+
+    def _vanish(self):
+        with suppress(OSError):
+            self._folder.rmdir()  # unless others work here
 
     def _release(self, name):
         if not self.lost(name):

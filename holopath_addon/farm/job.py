@@ -138,16 +138,15 @@ class SharedJob:
 def _entered(folder):
     """Claims for no job yet, in a folder that is made; it goes again if it is empty at the end."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        claims = Claims(folder, "").__enter__()
-    except OSError as error:
-        raise InvalidInput(
-            f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
-        ) from error
-    try:
-        yield claims
+        with ExitStack() as inside:
+            try:
+                claims = inside.enter_context(Claims(folder, ""))
+            except OSError as error:
+                raise InvalidInput(
+                    f"The output folder {folder} cannot be made ({error.strerror}): choose another one."
+                ) from error
+            yield claims
     finally:
-        claims.__exit__()
         with suppress(OSError):
             folder.rmdir()
 

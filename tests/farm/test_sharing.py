@@ -1,0 +1,322 @@
+"""Processes that share a folder: of several, killed and in each other's way, an animation is as one makes it."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from holopath_addon import cli, output
+from holopath_addon.farm import claims, processes
+from holopath_addon.farm.claims import Claims
+
+bpy = pytest.importorskip("bpy")
+
+ROOT = Path(__file__).parents[2]
+# auto would decide by measured times
+WORDS = [
+    "--resolution",
+    "32x32",
+    "--frames",
+    "1",
+    "--wavelengths",
+    "516.5",
+    "--quality",
+    "preview",
+    "--method",
+    "full",
+]
+FRAMES = [f"frame_{number:04d}" for number in range(1, 7)]
+
+
+@pytest.fixture
+def blend(empty_scene, tmp_path):
+    """A .blend of six frames in which a textured plane comes near."""
+    scene = empty_scene
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    bpy.ops.mesh.primitive_plane_add(size=1.0)
+    plane = bpy.context.object
+    for frame, depth in ((1, -3.0), (6, -1.0)):
+        plane.location.z = depth
+        plane.keyframe_insert("location", frame=frame)
+    material = bpy.data.materials.new("Shining")
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    plane.data.materials.append(material)
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    principled = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    principled.inputs["Emission Strength"].default_value = 1
+    image = bpy.data.images.new("Texture", 4, 4)
+    image.pixels[:] = [0.1 * (n % 10) for n in range(64)]
+    image.filepath_raw, image.file_format = str(tmp_path / "texture.png"), "PNG"
+    image.save()
+    texture = nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    links.new(texture.outputs["Color"], principled.inputs["Emission Color"])
+    scene.frame_start, scene.frame_end = 1, 6
+    path = tmp_path / "near.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=True)
+    bpy.ops.file.make_paths_relative()
+    bpy.ops.wm.save_mainfile()
+    return path
+
+
+def words(blend, out, *more):
+    return ["render", str(blend), *WORDS, "--animation", "--out", str(out), *more]
+
+
+def start(blend, out, *more, code=None):
+    """The command line in a process of its own, or a program that is given its words."""
+    run = ["-c", code] if code else ["-m", "holopath_addon"]
+    return subprocess.Popen(
+        [sys.executable, *run, *words(blend, out, *more)], cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+
+
+def ended(*others):
+    """What processes said that end well."""
+    told = [other.communicate(timeout=300)[1] for other in others]
+    assert [other.returncode for other in others] == [0] * len(others), told
+    return told
+
+
+def refused(status, error, says):
+    """An error is one line, and the status 2."""
+    lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
+    assert status == 2 and len(lines) == 1 and "Traceback" not in error, error
+    assert re.search(says, lines[0]), error
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def fields(out):
+    """Bytes of all wave fields of a folder that holds nothing but whole frames."""
+    assert names(out) == [*FRAMES, "job.json"]
+    for name in FRAMES:
+        assert names(out / name) == ["reconstruction", "report.json", "wavefield"]
+    return [(out / name / "wavefield" / "field.npy").read_bytes() for name in FRAMES]
+
+
+def wait_for(found, process=None):
+    """Something that a process does in a while."""
+    deadline = time.monotonic() + 60
+    while not found():
+        assert time.monotonic() < deadline and (process is None or process.poll() is None)
+        time.sleep(0.002)
+
+
+@pytest.mark.parametrize("counts", [(2,), pytest.param((2, 4), marks=pytest.mark.slow)])
+def test_processes_share_an_animation(counts, blend, tmp_path):
+    alone = tmp_path / "alone"
+    ended(start(blend, alone))
+    for count in counts:
+        shared = tmp_path / f"shared by {count}"
+        told = ended(*(start(blend, shared) for _ in range(count)))
+        assert fields(shared) == fields(alone)
+        made = [int(re.search(r"Done: (\d+) frame", each)[1]) for each in told]
+        assert sum(made) == len(FRAMES)  # none twice
+
+
+@pytest.mark.parametrize("times", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_killed_in_the_middle_of_a_frame_it_goes_on(times, blend, tmp_path):
+    alone, out = tmp_path / "alone", tmp_path / "out"
+    for time_ in range(times):
+        other = start(blend, out)
+        wait_for(lambda made=time_: len(list(out.glob("frame_*"))) > made, other)
+        wait_for(
+            lambda: list(out.glob(".claims/frame_*")) and list(out.glob(".frame_*.part-*/wavefield")), other
+        )
+        other.kill()
+        other.communicate()
+        assert list(out.glob(".claims/frame_*")) and list(out.glob(".frame_*.part-*"))
+        assert json.loads((out / "job.json").read_text())["unfinished"] == FRAMES
+    ended(start(blend, out), start(blend, alone))
+    assert fields(out) == fields(alone)
+    assert json.loads((out / "job.json").read_text())["unfinished"] == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_it_gives_its_frame_back(number, blend, tmp_path):
+    out = tmp_path / "out"
+    other = start(blend, out)
+    wait_for(lambda: (out / FRAMES[0]).exists() and list(out.glob(".claims/frame_0002")), other)
+    other.send_signal(number)
+    _, error = other.communicate(timeout=60)
+    assert other.returncode == 1 and "Cancelled: the frames that are done are in" in error
+    assert set(names(out)) <= {*FRAMES, "job.json"} and FRAMES[0] in names(out)
+
+
+def test_other_settings_wait_for_another_folder(blend, tmp_path, capfd):
+    """As long as another process is at work, between its frames, too."""
+    out, alone = tmp_path / "out", tmp_path / "alone"
+    other = start(blend, out)
+    wait_for(lambda: list(out.glob(".claims/frame_*")), other)
+    refused(
+        cli.main(words(blend, out, "--seed", "1")),
+        capfd.readouterr().err,
+        f"is being rendered by {processes.host()} with other settings.*: wait, or choose another folder",
+    )
+    ended(other, start(blend, alone))
+    assert fields(out) == fields(alone)
+
+
+def test_of_two_jobs_that_begin_at_once_one_is_done(blend, tmp_path):
+    out = tmp_path / "out"
+    others = [start(blend, out, "--seed", seed) for seed in "12"]
+    errors = [other.communicate(timeout=300)[1] for other in others]
+    statuses = [other.returncode for other in others]
+    assert sorted(statuses) == [0, 2], errors
+    refused(2, errors[statuses.index(2)], "with other settings")
+    assert len(fields(out)) == len(FRAMES)
+    seeds = {json.loads((out / name / "report.json").read_text())["settings"]["seed"] for name in FRAMES}
+    assert seeds == {1 + statuses.index(0)}
+
+
+@pytest.fixture
+def begun(blend, tmp_path, capfd):
+    """A folder with one frame done and one that was begun."""
+    out = tmp_path / "out"
+    assert cli.main([*words(blend, out), "--frame-range", "1"]) == 0
+    told = json.loads((out / "job.json").read_text())
+    (out / "job.json").write_text(json.dumps({**told, "unfinished": FRAMES[1:2]}))
+    capfd.readouterr()
+    return out
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_what_was_begun_goes_on_with_the_same_versions(blend, begun, monkeypatch, capfd):
+    before, versions = contents(begun), output.versions()
+    monkeypatch.setattr(output, "versions", lambda: {**versions, "mitsuba": "3.0.0"})
+    refused(
+        cli.main(words(blend, begun)),
+        capfd.readouterr().err,
+        rf"begun with mitsuba {versions['mitsuba']}, and {processes.host()} has 3.0.0: go on with the same",
+    )
+    assert contents(begun) == before
+
+
+def test_a_file_that_only_others_have_is_named(blend, begun, capfd):
+    before, texture = contents(begun), blend.with_name("texture.png")
+    whole = texture.read_bytes()
+    texture.unlink()
+    refused(
+        cli.main(words(blend, begun)),
+        capfd.readouterr().err,
+        f"begun with the file texture.png, which is missing on {processes.host()}: copy it there",
+    )
+    texture.write_bytes(whole[:-1])
+    refused(cli.main(words(blend, begun)), capfd.readouterr().err, "another file texture.png than")
+    assert contents(begun) == before
+    texture.write_bytes(whole)
+    assert cli.main([*words(blend, begun), "--frame-range", "1-2"]) == 0
+    assert "frame_0001: done before, skipped" in capfd.readouterr().err
+    assert json.loads((begun / "job.json").read_text())["unfinished"] == []
+
+
+def test_a_file_of_another_program_is_not_replaced(blend, begun, capfd):
+    (begun / "job.json").write_text("{}")
+    refused(cli.main(words(blend, begun)), capfd.readouterr().err, "job.json is not HoloPath's")
+    assert (begun / "job.json").read_text() == "{}"
+
+
+def test_frames_are_known_by_the_job_without_their_scene(blend, begun, monkeypatch, capfd):
+    """Those of a file that was saved anew are looked at once, and known from then on."""
+    report = json.loads((begun / FRAMES[0] / "report.json").read_text())
+    bpy.context.scene["note"] = "saved anew"
+    bpy.ops.wm.save_mainfile()
+    again = [*words(blend, begun), "--frame-range", "1"]
+    assert cli.main(again) == 0
+    assert "frame_0001: done before, skipped" in capfd.readouterr().err
+    now = json.loads((begun / FRAMES[0] / "report.json").read_text())
+    assert now["job"] != report["job"] and {**now, "job": report["job"]} == report
+    monkeypatch.setattr("holopath_addon.command_line.render_command._still", None)  # nor is it exported
+    assert cli.main(again) == 0
+    assert "frame_0001: done before, skipped" in capfd.readouterr().err
+    assert names(begun) == [FRAMES[0], "job.json"]
+
+
+def test_nothing_is_left_where_no_frame_can_be_made(blend, tmp_path, capfd):
+    out = tmp_path / "out"
+    refused(cli.main(words(blend, out, "--camera", "nobody")), capfd.readouterr().err, "Frame 1: .*nobody")
+    assert not out.exists()
+
+
+def test_a_frame_of_another_machine_is_taken_over_when_its_heart_stops(blend, begun, capfd):
+    told = json.loads((begun / "job.json").read_text())
+    with Claims(begun, told["digest"]) as elsewhere, elsewhere.claim(FRAMES[1]):
+        file = begun / claims.FOLDER / FRAMES[1]
+        claim = json.loads(file.read_text())
+        file.write_text(json.dumps({**claim, "host": "elsewhere", "place": "elsewhere"}))
+        os.utime(file, (time.time() - 2 * claims.STALE,) * 2)
+        assert cli.main([*words(blend, begun), "--frame-range", "1-2"]) == 0
+    assert names(begun) == [*FRAMES[:2], "job.json"]
+
+
+# The command line, on a disk that is full as soon as a field is to be written.
+FULL = """
+import resource, sys
+from holopath_addon import cli, engine
+save, most = engine.WaveField.save, 4096
+def full(*arguments):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+    return save(*arguments)
+engine.WaveField.save = full
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def is_full(other, out, status, says):
+    """One sentence, and nothing but what was there."""
+    _, error = other.communicate(timeout=60)
+    lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
+    assert other.returncode == status and len(lines) == 1 and "Traceback" not in error, error
+    assert says in lines[0], error
+    assert names(out) == [FRAMES[0], "job.json"]
+
+
+def test_files_that_cannot_grow(blend, begun):
+    before = contents(begun / FRAMES[0])
+    is_full(start(blend, begun, code=FULL), begun, 1, "could not be written")
+    assert contents(begun / FRAMES[0]) == before
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """A file system of a megabyte."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no file system can be mounted")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize(
+    ("free", "status", "says"),
+    [(64 << 10, 1, "could not be written"), (0, 2, "cannot be made (No space left")],
+)
+def test_a_full_disk(free, status, says, blend, disk, capfd):
+    """While a frame is written, which takes more, or before a frame can be claimed."""
+    out = disk / "out"
+    assert cli.main([*words(blend, out, "--resolution", "96x96"), "--frame-range", "1"]) == 0
+    before = contents(out)
+    (disk / "other").write_bytes(bytes(shutil.disk_usage(disk).free - free))
+    is_full(start(blend, out, "--resolution", "96x96"), out, status, says)
+    now = contents(out)
+    assert now.pop(out / "job.json") and before.pop(out / "job.json") and now == before
+    (disk / "other").unlink()
+    assert cli.main([*words(blend, out, "--resolution", "96x96"), "--frame-range", "1-2"]) == 0
+    assert names(out) == [*FRAMES[:2], "job.json"]
