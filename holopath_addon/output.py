@@ -5,6 +5,7 @@ import os
 import platform
 import re
 import shutil
+import stat
 import sys
 import tempfile
 from importlib import metadata
@@ -263,13 +264,16 @@ def _check_free(folder):
 def _contents(folder):
     """Names in a folder, and whether it has a report of ours; of one and the same folder where others replace it."""
     while True:
-        if folder.is_file() or folder.is_symlink() and not folder.is_dir():
-            raise InvalidInput(f"The output {folder} is a file: choose a folder.")
         try:
-            before = folder.stat().st_ino
+            before = folder.stat()
+            if not stat.S_ISDIR(before.st_mode):
+                break
             names = {entry.name for entry in folder.iterdir()} - _BROWSED
             own = read_report(folder).get("format") == FORMAT
-            if folder.stat().st_ino == before:
+            if folder.stat().st_ino == before.st_ino:
                 return names, own
-        except FileNotFoundError:  # moved away just now
+        except (FileNotFoundError, NotADirectoryError):  # never there, or moved away just now
+            if folder.is_symlink():
+                break
             return set(), False
+    raise InvalidInput(f"The output {folder} is a file: choose a folder.")
