@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from . import engine, failures, output
-from .command_line import render_command, slm_commands, sources
-from .command_line.console import Progress, close_line
+from .command_line import render_command, slm_commands, sources, template_command
+from .command_line.console import Progress, alive, close_line
 from .command_line.options import argument, renamed
 from .engine import encoding
 from .engine.progress import stage
@@ -42,7 +42,7 @@ def main(argv=None, store=None):
     args = None
     try:
         args = parse(argv, store)
-        with _interruptible():
+        with _interruptible(), alive():
             args.run(args)
         return failures.DONE
     except SystemExit as stop:
@@ -126,7 +126,7 @@ def _parser(store):
     def command(name, run, text):
         sub = commands.add_parser(name, help=text, description=text, allow_abbrev=False)
         sub.set_defaults(run=run)
-        sub.add_argument("--quiet", action="store_true", help="no progress on standard error")
+        sub.add_argument("--quiet", action="store_true", help="no progress, and no lines on what is saved")
         sub.add_argument("--debug", action="store_true", help="show a traceback where an error occurs")
         return sub
 
@@ -188,6 +188,7 @@ def _parser(store):
     render_command.add_cache(cache, store)
     cache.add_argument("--clear", action="store_true", help="delete it")
 
+    template_command.add(command)
     slm_commands.add(command)
     return parser
 

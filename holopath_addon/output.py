@@ -111,6 +111,12 @@ def picture_files(images, focus, white=None):
     return files
 
 
+def first_picture(folder, report):
+    """The viewable picture of an output folder that is focused where its report's first focus is; an absolute path."""
+    name = picture_name(float(report["focus_m"][0]))
+    return Path(folder).absolute() / "reconstruction" / f"{name}.png"
+
+
 def write_pictures(folder, files):
     """Write files into a folder, each replaced only when all have been written beside it.
 

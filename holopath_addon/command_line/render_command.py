@@ -244,6 +244,7 @@ def _render(args):
         raise engine.Cancelled(
             f"Cancelled while encoding: {args.out} holds the render, and the phases as they were then."
         )
+    progress.saved(output.first_picture(args.out, report), report["seconds"]["total"])
     progress(1.0, f"Done in {report['seconds']['total']:.1f} s: {args.out}")
     for line in _remarks(report):
         progress.say(line)
@@ -254,7 +255,7 @@ def _animate(args, progress):
     start = time.perf_counter()
     try:
         progress(0.0, "Opening the scene")
-        work = units_of(args, progress.say)
+        work = units_of(args, progress.say, progress.saved)
         with work.job.join(work.folder, work.units):
             work_off(work.folder, work.units.values(), work.job.digest, progress, progress.say)
     except (Exception, KeyboardInterrupt) as error:
@@ -269,7 +270,7 @@ def _animate(args, progress):
     progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
 
 
-def units_of(args, say) -> Work:
+def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
     """The work that the words of ``holopath render --animation`` ask for, a unit a frame.
 
     Parameters
@@ -278,6 +279,8 @@ def units_of(args, say) -> Work:
         See `cli.parse`.
     say : callable
         ``say(text)`` of what is made.
+    saved : callable
+        ``saved(picture, seconds)`` of each frame that is made, see `console.Progress.saved`.
 
     Returns
     -------
@@ -298,7 +301,7 @@ def units_of(args, say) -> Work:
     work = Work(Path(args.out), _job(args, source), {}, [])
     told = set()
     for number in args.frame_range or source.frames:
-        unit = _frame(args, source, work, number, say, told)
+        unit = _frame(args, source, work, number, say, saved, told)
         work.units[unit.name] = unit
     return work
 
@@ -311,7 +314,7 @@ def _job(args, source):
     return SharedJob(scene, output.plain(words), digests(source.files), versions)
 
 
-def _frame(args, source, work, number, say, told):
+def _frame(args, source, work, number, say, saved, told):
     """A frame as a unit; remarks on its result that were `told` of an earlier one are left out."""
     folder = output.frame_folder(work.folder, number)
     job = work.job.digest
@@ -332,6 +335,7 @@ def _frame(args, source, work, number, say, told):
         if result is None:
             return
         work.made.append(folder.name)
+        saved(output.first_picture(folder, report), report["seconds"]["total"])
         for line in [line for line in _remarks(report) if line not in told]:
             say(f"{folder.name}: {line}")
             told.add(line)

@@ -31,7 +31,7 @@ def slowness(folder: Path | None = None) -> float:
     Parameters
     ----------
     folder : path, optional
-        Where the figure is kept; it is measured anew where Mitsuba, Dr.Jit, the backend or the processors are others.
+        Where the figure is kept; it is measured anew where Mitsuba, Dr.Jit, the backend or the threads are others.
 
     Returns
     -------
@@ -41,8 +41,7 @@ def slowness(folder: Path | None = None) -> float:
     import mitsuba
 
     versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
-    processors = os.cpu_count()
-    made_with = f"{versions[0]} {versions[1]} {variants.activate()} {platform.machine()} {processors}"
+    made_with = f"{versions[0]} {versions[1]} {variants.activate()} {platform.machine()} {variants.threads()}"
     file = folder and folder / FILE
     if file is not None:
         with suppress(OSError, ValueError, KeyError, TypeError):

@@ -92,7 +92,9 @@ def activate(prefer: str | None = None) -> str:
 
 
 def threads() -> int:
-    """How many threads this process may compute with: `HOLOPATH_THREADS`, or one for each processor.
+    """How many threads this process may compute with: `HOLOPATH_THREADS`, or one for each processor that it may use.
+
+    Batch systems such as SLURM give a process some processors of the machine.
 
     Returns
     -------
@@ -105,7 +107,7 @@ def threads() -> int:
     """
     text = os.environ.get("HOLOPATH_THREADS", "")
     if not text:
-        return os.cpu_count() or 1
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if not (text.isdecimal() and int(text) > 0):
         raise InvalidInput(f"HOLOPATH_THREADS is '{text}': set it to a whole number from 1 on, or unset it.")
     return int(text)

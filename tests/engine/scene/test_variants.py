@@ -74,6 +74,14 @@ def test_as_many_threads_as_wished():
         assert out.splitlines()[1] == f"{wish} {max(wish, 2)}"
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system binds no process to processors")
+def test_as_many_threads_as_the_process_has_processors():
+    """A batch system's share of the machine."""
+    bind = "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+    tell = "import drjit\nprint(variants.threads(), drjit.thread_count())"
+    assert run(bind + ACTIVATE_LLVM + tell, HOLOPATH_THREADS="").splitlines()[1] == "1 2"
+
+
 @pytest.mark.parametrize("wish", ["0", "-2", "many", "1.5"])
 def test_no_such_number_of_threads(monkeypatch, wish):
     monkeypatch.setenv("HOLOPATH_THREADS", wish)

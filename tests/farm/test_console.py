@@ -1,0 +1,100 @@
+"""What batch systems hear of the command line: that it is alive, and what it has saved."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from holopath_addon import cli, output
+from holopath_addon.command_line import console
+from tests.farm import flamenco
+
+ROOT = Path(__file__).parents[2]
+SCENE = """<scene version="3.0.0">
+<sensor type="perspective"><float name="fov" value="40"/>
+ <transform name="to_world"><lookat origin="0,0,0" target="0,0,1" up="0,1,0"/></transform></sensor>
+<shape type="rectangle"><transform name="to_world"><scale value="2"/><rotate y="1" angle="180"/>
+ <translate z="0.5"/></transform><emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>
+</scene>"""
+SMALL = ["--resolution", "32x32", "--frames", "1", "--wavelengths", "516.5", "--quality", "preview"]
+
+
+def test_work_that_says_nothing_is_heard_of(capfd, monkeypatch):
+    monkeypatch.setattr(console, "SILENCE", 0.1)
+    with console.alive():
+        time.sleep(0.25)
+        assert capfd.readouterr().err == ""  # nothing is known of it yet
+        progress = console.Progress()
+        progress(0.2, "Wave tracing")  # too soon to be printed by itself
+        time.sleep(0.35)
+        told = capfd.readouterr().err.splitlines()
+        assert set(told) == {" 20% Wave tracing (still at work)"} and 2 <= len(told) <= 4
+        progress(1.0, "Done")
+        time.sleep(0.25)
+    time.sleep(0.15)
+    assert capfd.readouterr().err == "100% Done\n"
+
+
+def test_nothing_is_repeated_soon_after_news(capfd, monkeypatch):
+    monkeypatch.setattr(console, "SILENCE", 0.3)
+    with console.alive():
+        progress = console.Progress()
+        for step in range(1, 6):
+            progress._last_time = -1e9  # time for a line
+            progress(step / 5.5, "Radiance")
+            time.sleep(0.15)
+    assert "still" not in capfd.readouterr().err
+
+
+def test_quiet_work_is_not_heard_of(capfd, monkeypatch):
+    monkeypatch.setattr(console, "SILENCE", 0.05)
+    with console.alive():
+        progress = console.Progress(quiet=True)
+        progress(0.2, "Wave tracing")
+        progress.saved(Path("/a/b.png"), 3)
+        time.sleep(0.2)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "00:00.00"), (83.456, "01:23.45"), (3725.5, "01:02:05.50"), (59.999, "00:59.99")],
+)
+def test_saved_as_blender_says_it(seconds, text, capfd):
+    console.Progress().saved(Path("/films/it's new/frame.png"), seconds)
+    said = capfd.readouterr().out
+    assert said == f"Saved: '/films/it's new/frame.png'\nTime: {text}\n"
+    assert flamenco.produced(said) == ([Path("/films/it's new/frame.png")], 1)
+
+
+def test_a_still_is_told_of_by_the_picture_to_look_at(tmp_path):
+    """Whatever its name, where standard output has no letters for it."""
+    (tmp_path / "scene.xml").write_text(SCENE)
+    words = ["render", "scene.xml", *SMALL, "--focus", "2m,0.5m", "--out", "Füße"]
+    run = subprocess.run(
+        [sys.executable, "-m", "holopath_addon", *words],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    saved, took = run.stdout.decode("ascii").splitlines()
+    path = saved.removeprefix("Saved: '").removesuffix("'").encode().decode("unicode_escape")
+    assert Path(path) == tmp_path / "Füße" / "reconstruction" / "focus_2m.png"
+    assert Path(path).read_bytes().startswith(b"\x89PNG")
+    assert re.fullmatch(r"Time: \d\d:\d\d\.\d\d", took)
+    assert b"100% Done in" in run.stderr
+
+
+def test_a_quiet_still_says_nothing(tmp_path, capfd):
+    (tmp_path / "scene.xml").write_text(SCENE)
+    words = ["render", str(tmp_path / "scene.xml"), *SMALL, "--out", str(tmp_path / "out"), "--quiet"]
+    assert cli.main(words) == 0
+    assert capfd.readouterr() == ("", "")
+    picture = output.first_picture(tmp_path / "out", output.read_report(tmp_path / "out"))
+    assert picture.is_file()
