@@ -37,12 +37,9 @@ if [ -n "${SLURM_CPUS_PER_TASK:-}" ]; then
     export HOLOPATH_THREADS=$SLURM_CPUS_PER_TASK OMP_NUM_THREADS=$SLURM_CPUS_PER_TASK
 fi
 
-"${holopath[@]}" render "$scene" --out "$out" --frame-range "$range" --cache "$out/baked" "${@:3}" &
-work=$!
-
 stop() { # what is half written is cleared away; frames that are done stay
-    kill -TERM "$work" 2>/dev/null
-    wait "$work"
+    kill -TERM "$!" 2>/dev/null
+    wait "$!"
 }
 out_of_time() {
     stop
@@ -55,4 +52,6 @@ out_of_time() {
 }
 trap out_of_time USR1
 trap 'stop; exit $?' TERM # canceled, or the node is needed for others
-wait "$work"
+
+"${holopath[@]}" render "$scene" --out "$out" --frame-range "$range" --cache "$out/baked" "${@:3}" &
+wait "$!"
