@@ -117,6 +117,6 @@ def test_its_tasks_render_the_animation(tmp_path):
     frames = [film / f"frame_{number:04d}" for number in range(1, 11)]
     assert sorted(seen) == [frame / "reconstruction" / "focus_0.5m.png" for frame in frames]
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in seen)
-    assert sorted(film.iterdir()) == [film / "baked", *frames]
+    assert sorted(film.iterdir()) == [film / "baked", *frames, film / "job.json"]
     reports = [json.loads((frame / "report.json").read_text()) for frame in frames]
     assert [report["bake"]["reused"] for report in reports] == ["nothing"] + 9 * ["all"]

@@ -61,10 +61,10 @@ def slurm(tmp_path):
 
 @pytest.fixture
 def script(tmp_path):
-    """The template as a user sets it: two tasks of two frames on a processor each."""
+    """The template as a user sets it: two tasks on a processor each."""
     text = SCRIPT.read_text()
     lines = re.search(r"^frames=\(.*?\n\)", text, re.MULTILINE | re.DOTALL)[0]
-    text = text.replace(lines, "frames=(\n    1,2\n    3-4\n)").replace("--array=0-3", "--array=0-1")
+    text = text.replace(lines, "frames=(\n    1,2\n    3-6\n)").replace("--array=0-3", "--array=0-1")
     path = tmp_path / "slurm.sh"
     path.write_text(text.replace("--cpus-per-task=8", "--cpus-per-task=1"))
     return path
@@ -75,7 +75,7 @@ def test_what_a_task_runs(slurm, script):
     task = slurm.start(script, 1, ["my scene.blend", "out dir", "--focus", "0.5m, 2m"])
     said, _ = task.communicate(timeout=20)
     assert said.splitlines() == [
-        *("render", "my scene.blend", "--out", "out dir", "--frame-range", "3-4"),
+        *("render", "my scene.blend", "--out", "out dir", "--frame-range", "3-6"),
         *("--cache", "out dir/baked", "--focus", "0.5m, 2m", "threads 1 1"),
     ]
     assert task.returncode == 3 and not slurm.requeued.exists()
@@ -118,7 +118,7 @@ def test_stopped_before_its_time_is_up(slurm, script, number, restarts, requeued
 def test_the_animation_is_whole(slurm, script):
     """Two tasks in one folder, of which one runs out of time after its first frame and is started again."""
     bpy = pytest.importorskip("bpy")
-    scenes.room(bpy, frames=4)
+    scenes.room(bpy, frames=6)
     bpy.ops.wm.save_as_mainfile(filepath=str(slurm.folder / "my scene.blend"), check_existing=False)
     slurm.program(
         "holopath",
@@ -140,6 +140,6 @@ def test_the_animation_is_whole(slurm, script):
     for task in (first, again):
         said, _ = task.communicate(timeout=120)
         assert task.returncode == 0, said
-    frames = sorted((slurm.folder / "out").iterdir())
-    assert [frame.name for frame in frames] == ["baked", *(f"frame_{number:04d}" for number in range(1, 5))]
-    assert all((frame / "report.json").is_file() for frame in frames[1:])
+    frames = [f"frame_{number:04d}" for number in range(1, 7)]
+    assert sorted(os.listdir(slurm.folder / "out")) == ["baked", *frames, "job.json"]
+    assert all((slurm.folder / "out" / frame / "report.json").is_file() for frame in frames)
