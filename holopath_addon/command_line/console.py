@@ -105,9 +105,11 @@ class Progress:
         if self._quiet:
             return
         close_line()
-        text = f"Saved: '{picture}'\nTime: {_timecode(seconds)}"
+        text = f"Saved: '{picture}'\nTime: {_timecode(seconds)}\n"
         encoding = sys.stdout.encoding or "utf-8"
-        print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)  # any file's name
+        print(
+            text.encode(encoding, "backslashreplace").decode(encoding), end="", flush=True
+        )  # any file's name
 
 
 def _timecode(seconds):

@@ -100,7 +100,7 @@ class BlenderSource:
 
     def go_to(self, frame):
         """Make a frame the current one."""
-        with native_output_to_stderr():
+        with native_output_to_stderr(), uninterrupted():
             _scene().frame_set(frame)
 
     def load(self, width, height, camera=None):
@@ -111,7 +111,7 @@ class BlenderSource:
 
         with uninterrupted():
             variants.activate()
-        depsgraph = bpy.context.evaluated_depsgraph_get()
+            depsgraph = bpy.context.evaluated_depsgraph_get()
         exported = export_scene(depsgraph, (width, height), camera, self._cache)
         return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
 
@@ -316,7 +316,10 @@ def _bpy(what):
 
 @contextlib.contextmanager
 def uninterrupted():
-    """Ctrl-C waits for the end of the block: bpy and Mitsuba crash where it tears their import."""
+    """Ctrl-C waits for the end of the block.
+
+    bpy and Mitsuba crash where it tears their import; Blender prints what its handlers raise, and goes on.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

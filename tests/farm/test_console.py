@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from holopath_addon import cli, output
-from holopath_addon.command_line import console
+from holopath_addon.command_line import console, sources
 from tests.farm import flamenco
 
 ROOT = Path(__file__).parents[2]
@@ -98,3 +99,23 @@ def test_a_quiet_still_says_nothing(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
     picture = output.first_picture(tmp_path / "out", output.read_report(tmp_path / "out"))
     assert picture.is_file()
+
+
+def test_an_interrupt_within_blenders_handlers_is_not_lost(empty_scene):
+    """Which Blender would print, and go on."""
+    bpy = pytest.importorskip("bpy")
+    reached = []
+
+    def handler(*_):
+        signal.raise_signal(signal.SIGTERM)
+        reached.append(True)
+
+    bpy.app.handlers.frame_change_post.append(handler)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            sources.BlenderSource().go_to(3)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        bpy.app.handlers.frame_change_post.remove(handler)
+    assert reached == [True]
