@@ -120,7 +120,8 @@ class Stored:
         cache = RadianceCache(Atlas(triangles, self.layout), complete, translucent)
         if cache.coarse.digest() != self.coarse or dr.width(cache.source) != len(self.source):
             return None
-        cache.add(Groups(self.pool, self.starts, self.counts), self.fine.reshape(-1, 4)[1:])
+        if len(self.pool):  # none of a view that only traced shapes are in
+            cache.add(Groups(self.pool, self.starts, self.counts), self.fine.reshape(-1, 4)[1:])
         cache.source = loaded(mi.Float, self.source)
         return cache
 

@@ -57,6 +57,16 @@ def test_what_is_saved_is_loaded(store, triangles, stored):
     assert store.load(triangles) == (None, "") and store.size() == 0
 
 
+def test_a_bake_of_nothing_is_loaded(store, triangles, stored):
+    """Of a view in which all that scatters light is traced."""
+    from holopath_addon.engine.light.radiance_cache import RadianceCache
+
+    cache = RadianceCache(stored.cache(triangles, True, False).atlas, False, False)
+    store.save(triangles, Stored.of(cache, "digest", 0.05, 64))
+    found, note = store.load(triangles)
+    assert note == "" and found.cache(triangles, False, False).groups == []
+
+
 def test_nothing_is_pickled(store, triangles):
     """Neither written nor read: a pickle in a file could do anything."""
     with np.load(store._file(triangles), allow_pickle=False) as arrays:
