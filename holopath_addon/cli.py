@@ -6,18 +6,21 @@ import signal
 import sys
 import threading
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
 from . import engine, failures, output
-from .command_line import render_command, slm_commands, sources, template_command
+from .command_line import (
+    cluster_command,
+    encode_command,
+    render_command,
+    slm_commands,
+    sources,
+    template_command,
+)
 from .command_line.console import Progress, alive, close_line
-from .command_line.options import argument, renamed
-from .engine import encoding
+from .command_line.options import argument
 from .engine.progress import stage
-from .engine.settings import ENCODINGS
 
 
 def main(argv=None, store=None):
@@ -67,14 +70,16 @@ def parse(words, store=None):
     Returns
     -------
     argparse.Namespace
-        Its `run` is the command's function.
+        Its `run` is the command's function; `words` are these.
 
     Raises
     ------
     SystemExit
         When all is said: for words that are wrong, and for ``--help``.
     """
-    return _parser(store or engine.BakeStore.default()).parse_args(_attach_negative(words))
+    args = _parser(store or engine.BakeStore.default()).parse_args(_attach_negative(words))
+    args.words = list(words)
+    return args
 
 
 @contextmanager
@@ -142,47 +147,7 @@ def _parser(store):
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
     _add_modulator(reconstruct)
 
-    encode = command("encode", _encode, "Turn a stored wave field into phases for an SLM.")
-    encode.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
-    add = encode.add_argument
-    add(
-        "--method",
-        choices=tuple(ENCODINGS),
-        default="auto",
-        help="double phase (dpac); each frame for itself by gradient descent (sgd); then all frames together (joint); "
-        "auto (default) is joint, or sgd with one frame. refine needs the scene: `holopath render --encode refine`",
-    )
-    render_command.add_bits(encode)
-    add(
-        "--supervision",
-        choices=encoding.SUPERVISIONS,
-        default="complex",
-        help="what sgd compares: the complex field (default), or amplitudes alone",
-    )
-    add(
-        "--compared-planes",
-        type=int,
-        default=1,
-        metavar="N",
-        help="on which amplitudes are compared (default 1)",
-    )
-    renamed(encode, "--planes", "--compared-planes", type=int)
-    add("--no-aperture", dest="aperture", action="store_false", help="without a stop in the Fourier plane")
-    add(
-        "--start",
-        default="arg",
-        metavar="arg|dpac|DIR",
-        help="begin with the field's phases (default), double phase, or an earlier hologram in DIR",
-    )
-    add(
-        "--tolerance",
-        type=float,
-        default=1e-3,
-        metavar="SHARE",
-        help="least relative gain of a step that is worth it (default %(default)s)",
-    )
-    add("--steps", type=int, default=1000, metavar="N", help="most steps of each stage (default %(default)s)")
-    encode.add_argument("--out", metavar="DIR", help="where to write (default DIR/hologram)")
+    encode_command.add(command)
 
     cache = command("cache", _cache, "Say how much baked light is kept, and where.")
     render_command.add_cache(cache, store)
@@ -190,6 +155,7 @@ def _parser(store):
 
     template_command.add(command)
     slm_commands.add(command)
+    cluster_command.add(commands, parse)
     return parser
 
 
@@ -229,16 +195,6 @@ def _plan(args):
         print(f"note: {render_command.note_text(note)}")
 
 
-def _stored_field(folder):
-    """The wave field of an output folder, or of one that holds nothing else."""
-    if not folder.is_dir():
-        raise engine.InvalidInput(
-            f"The folder {folder} does not exist: give `holopath render`'s output folder."
-        )
-    inner = folder / "wavefield"
-    return engine.WaveField.load(inner if inner.is_dir() else folder)
-
-
 def _modulator_of(args):
     response = None
     if args.response is not None:
@@ -256,7 +212,7 @@ def _reconstruct(args):
     folder, modulator = Path(args.folder), _modulator_of(args)
     if modulator != engine.Modulator() and not args.hologram:
         raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
-    field = output.stored_hologram(folder).field(modulator) if args.hologram else _stored_field(folder)
+    field = output.stored_hologram(folder).field(modulator) if args.hologram else output.stored_field(folder)
     report = output.read_report(folder)
     focus = args.focus or [float(f) for f in report.get("focus_m", [])]
     if not focus:
@@ -270,38 +226,6 @@ def _reconstruct(args):
     files = output.picture_files(rgb, focus, white)
     prefix = "hologram_" if args.hologram else ""
     output.write_pictures(target, {prefix + name: data for name, data in files.items()})
-    progress(1.0, f"Done: {target}")
-
-
-def _encode(args):
-    progress = Progress(quiet=args.quiet)
-    folder = Path(args.folder)
-    target = Path(args.out) if args.out else folder / "hologram"
-    start = args.start
-    if start not in encoding.STARTS:
-        start = output.stored_hologram(Path(start))
-        start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
-    stopped = None
-    try:
-        phase = engine.encode(
-            _stored_field(folder),
-            args.method,
-            stage(progress, 0.0, 0.9),
-            bits=args.bits,
-            supervision=args.supervision,
-            planes=args.compared_planes,
-            aperture=args.aperture,
-            start=start,
-            tolerance=args.tolerance,
-            most_steps=args.steps,
-        )
-    except engine.Cancelled as error:
-        if error.kept is None:
-            raise
-        phase, stopped = error.kept, error
-    phase.save(target, stage(progress, 0.9, 0.99))
-    if stopped is not None:
-        raise engine.Cancelled(f"Cancelled: the phases as they were then are in {target}.") from stopped
     progress(1.0, f"Done: {target}")
 
 

@@ -2,6 +2,7 @@
 
 from .engine import BackendUnavailable, Cancelled, InvalidInput
 from .engine.errors import cancelled
+from .farm.errors import FarmFailed
 from .slm.errors import DeviceLost
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
@@ -18,20 +19,20 @@ def sentence(error):
     -------
     str
     """
-    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost)):
-        return _one_line(error)
+    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost, FarmFailed)):
+        return one_line(error)
     if cancelled(error):
-        told = _one_line(error) if isinstance(error, Cancelled) and str(error) else ""
+        told = one_line(error) if isinstance(error, Cancelled) and str(error) else ""
         return told or "Cancelled: nothing was written."
     if isinstance(error, MemoryError):
         return "Not enough memory: use fewer pixels, frames or wavelengths, or a lower quality."
     if isinstance(error, OSError):
-        reason = error.strerror or _one_line(error)
+        reason = error.strerror or one_line(error)
         where = f" ({error.filename})" if error.filename else ""
         return (
             f"The files could not be written or read: {reason}{where}; free space or choose another folder."
         )
-    return f"Unexpected {type(error).__name__}: {_one_line(error)} (a bug in HoloPath: please report it)."
+    return f"Unexpected {type(error).__name__}: {one_line(error)} (a bug in HoloPath: please report it)."
 
 
 def status(error):
@@ -39,5 +40,6 @@ def status(error):
     return BAD_INPUT if isinstance(error, InvalidInput) else FAILED
 
 
-def _one_line(error):
+def one_line(error):
+    """An exception's text on one line, else its name."""
     return " ".join(str(error).split()) or type(error).__name__

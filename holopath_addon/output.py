@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .engine import InvalidInput, PhaseHologram
+from .engine import InvalidInput, PhaseHologram, WaveField
 from .engine.files import whole_folder, write_whole
 from .lengths import format_distance
 
@@ -82,6 +82,12 @@ def frame_folder(folder, number):
     return Path(folder) / f"frame_{number:04d}"
 
 
+def frame_folders(folder):
+    """Output folders of the frames that `folder` keeps of an animation, in order."""
+    frames = [path for path in Path(folder).glob("frame_*") if path.name[6:].isdecimal()]
+    return sorted(frames, key=lambda path: int(path.name[6:]))
+
+
 def picture_name(focus):
     """Stem of the file of a picture focused at `focus` metres."""
     return f"focus_{format_distance(focus)}m"
@@ -141,6 +147,20 @@ def write_pictures(folder, files):
             os.replace(part / name, folder / name)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def stored_field(folder):
+    """The wave field of an output folder, or of one that holds nothing else.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InvalidInput(f"The folder {folder} does not exist: give `holopath render`'s output folder.")
+    inner = folder / "wavefield"
+    return WaveField.load(inner if inner.is_dir() else folder)
 
 
 def stored_hologram(folder):

@@ -6,20 +6,33 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from .. import engine, failures, lengths, output, stills
+from .. import engine, lengths, output, stills
 from ..engine import displays
 from ..engine.progress import stage
 from ..engine.settings import DEPTH_MAPPINGS, ENCODINGS
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
-from ..farm.work import Work, work_off
+from ..farm.work import Work
 from . import options, sources
+from .cluster_command import add_option, animating, work_by
 from .console import Progress
 from .options import argument
 
 # Words that leave results as they are; all others decide them.
-_APART = {"run", "scene", "out", "animation", "frame_range", "store", "quiet", "debug"}
+_APART = {
+    "run",
+    "scene",
+    "out",
+    "animation",
+    "frame_range",
+    "store",
+    "quiet",
+    "debug",
+    "cluster",
+    "words",
+    "work",
+}
 
 
 def add(command, store):
@@ -49,6 +62,8 @@ def add(command, store):
         metavar="1-5,9,20-40:2",
         help="these frames, as with --animation; also beyond the .blend's frame range, and of demo:NAME",
     )
+    add_option(render, "with --animation or --frame-range, frames")
+    render.set_defaults(work=_joined)
     add_focus(render, "three depths spread over the visible range")
     render.add_argument(
         "--encode",
@@ -232,6 +247,8 @@ def _render(args):
     if args.animation or args.frame_range:
         _animate(args, progress)
         return
+    if args.cluster is not None:
+        raise engine.InvalidInput("One process makes a still: add --animation, or leave out --cluster.")
     start = time.perf_counter()
     with output.output_folder(args.out) as folder:
         progress(0.0, "Opening the scene")
@@ -253,17 +270,11 @@ def _render(args):
 def _animate(args, progress):
     """All frames that are asked for, but those that are done, or made by other processes."""
     start = time.perf_counter()
-    try:
+    with animating(args.out):
         progress(0.0, "Opening the scene")
         work = units_of(args, progress.say, progress.saved)
         with work.job.join(work.folder, work.units):
-            work_off(work.folder, work.units.values(), work.job.digest, progress, progress.say)
-    except (Exception, KeyboardInterrupt) as error:
-        if not failures.cancelled(error):
-            raise
-        raise engine.Cancelled(
-            f"Cancelled: the frames that are done are in {args.out}, and the same command goes on after them."
-        ) from error
+            work_by(args, work, progress)
     seconds, made = time.perf_counter() - start, len(work.made)
     others = len(work.units) - made
     before = f", {others} done before or by others" if others else ""
@@ -304,6 +315,13 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
         unit = _frame(args, source, work, number, say, saved, told)
         work.units[unit.name] = unit
     return work
+
+
+def _joined(args, say):
+    """The work of one who joins in: `units_of`, of the job that the others work on."""
+    work = units_of(args, say)
+    with work.job.join(work.folder):
+        return work
 
 
 def _job(args, source):

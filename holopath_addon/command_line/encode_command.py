@@ -1,0 +1,160 @@
+"""`holopath encode`: from stored wave fields to phases for an SLM, of a still or of all frames of an animation."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import engine, output
+from ..engine import encoding, files
+from ..engine.progress import stage
+from ..engine.settings import ENCODINGS
+from ..farm.job import SharedJob
+from ..farm.units import Unit
+from ..farm.work import Work
+from . import render_command
+from .cluster_command import add_option, animating, work_by
+from .console import Progress
+from .options import renamed
+
+# Words that leave phases as they are.
+_APART = {"run", "folder", "out", "quiet", "debug", "cluster", "words", "work"}
+
+
+def add(command):
+    """Add the command, see `render_command.add`."""
+    encode = command("encode", _encode, "Turn stored wave fields into phases for an SLM.")
+    encode.set_defaults(work=work_of)
+    encode.add_argument(
+        "folder",
+        metavar="DIR",
+        help="output folder of `holopath render`; of an animation's, frames that have such phases are skipped",
+    )
+    add_option(encode, "an animation's frames")
+    add = encode.add_argument
+    add(
+        "--method",
+        choices=tuple(ENCODINGS),
+        default="auto",
+        help="double phase (dpac); each frame for itself by gradient descent (sgd); then all frames together (joint); "
+        "auto (default) is joint, or sgd with one frame. refine needs the scene: `holopath render --encode refine`",
+    )
+    render_command.add_bits(encode)
+    add(
+        "--supervision",
+        choices=encoding.SUPERVISIONS,
+        default="complex",
+        help="what sgd compares: the complex field (default), or amplitudes alone",
+    )
+    add(
+        "--compared-planes",
+        type=int,
+        default=1,
+        metavar="N",
+        help="on which amplitudes are compared (default 1)",
+    )
+    renamed(encode, "--planes", "--compared-planes", type=int)
+    add("--no-aperture", dest="aperture", action="store_false", help="without a stop in the Fourier plane")
+    add(
+        "--start",
+        default="arg",
+        metavar="arg|dpac|DIR",
+        help="begin with the field's phases (default), double phase, or an earlier hologram in DIR",
+    )
+    add(
+        "--tolerance",
+        type=float,
+        default=1e-3,
+        metavar="SHARE",
+        help="least relative gain of a step that is worth it (default %(default)s)",
+    )
+    add("--steps", type=int, default=1000, metavar="N", help="most steps of each stage (default %(default)s)")
+    add("--out", metavar="DIR", help="where to write (default DIR/hologram)")
+
+
+def _encode(args):
+    progress = Progress(quiet=args.quiet)
+    if output.frame_folders(args.folder):
+        _animate(args, progress)
+        return
+    if args.cluster is not None:
+        raise engine.InvalidInput(f"{args.folder} holds no animation: leave out --cluster.")
+    folder = Path(args.folder)
+    target = Path(args.out) if args.out else folder / "hologram"
+    start = args.start
+    if start not in encoding.STARTS:
+        start = output.stored_hologram(Path(start))
+        start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
+    stopped = None
+    try:
+        phase = _phases(args, folder, start, stage(progress, 0.0, 0.9))
+    except engine.Cancelled as error:
+        if error.kept is None:
+            raise
+        phase, stopped = error.kept, error
+    phase.save(target, stage(progress, 0.9, 0.99))
+    if stopped is not None:
+        raise engine.Cancelled(f"Cancelled: the phases as they were then are in {target}.") from stopped
+    progress(1.0, f"Done: {target}")
+
+
+def _phases(args, folder, start, progress):
+    return engine.encode(
+        output.stored_field(folder),
+        args.method,
+        progress,
+        bits=args.bits,
+        supervision=args.supervision,
+        planes=args.compared_planes,
+        aperture=args.aperture,
+        start=start,
+        tolerance=args.tolerance,
+        most_steps=args.steps,
+    )
+
+
+def _animate(args, progress):
+    start = time.perf_counter()
+    with animating(args.folder):
+        work = work_of(args, progress.say)
+        work_by(args, work, progress)
+    seconds, made = time.perf_counter() - start, len(work.made)
+    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s: {args.folder}")
+
+
+def work_of(args, say) -> Work:
+    """The phases of an animation's frames, a unit a frame; see `render_command.units_of`.
+
+    They lie in the frames' folders, and go with them when a frame is rendered anew.
+    """
+    if args.out is not None:
+        raise engine.InvalidInput("Phases of an animation go into its frames' folders: leave out --out.")
+    if args.start not in encoding.STARTS:
+        raise engine.InvalidInput(
+            f"{args.start} is one hologram: an animation's frames begin with arg or dpac."
+        )
+    words = {name: value for name, value in vars(args).items() if name not in _APART}
+    versions = {name: text or "none" for name, text in output.versions().items() if name != "blender"}
+    work = Work(Path(args.folder), SharedJob("", words, {}, versions), {}, [])
+    for folder in output.frame_folders(args.folder):
+        work.units[folder.name] = _frame(args, work, folder)
+    return work
+
+
+def _frame(args, work, folder):
+    target, digest = folder / "hologram", work.job.digest
+
+    def make(progress):
+        files.sweep(target)
+        phase = _phases(args, folder, args.start, stage(progress, 0.0, 0.9))
+        replace(phase, report={**phase.report, "job": digest}).save(target, stage(progress, 0.9, 0.99))
+        work.made.append(folder.name)
+
+    def done():
+        try:
+            return engine.PhaseHologram.load(target).report.get("job") == digest
+        except engine.InvalidInput:
+            return False
+
+    return Unit(folder.name, make, done)
