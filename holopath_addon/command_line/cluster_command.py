@@ -52,7 +52,7 @@ def _opened(args, say):
 
 
 @contextmanager
-def animating(folder):
+def animating(folder, what="frames"):
     """Who cancels it hears what stays."""
     try:
         yield
@@ -60,7 +60,7 @@ def animating(folder):
         if not failures.cancelled(error):
             raise
         raise engine.Cancelled(
-            f"Cancelled: the frames that are done are in {folder}, and the same command goes on after them."
+            f"Cancelled: the {what} that are done are in {folder}, and the same command goes on after them."
         ) from error
 
 

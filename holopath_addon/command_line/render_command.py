@@ -12,6 +12,7 @@ from ..engine.progress import stage
 from ..engine.settings import DEPTH_MAPPINGS, ENCODINGS
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
+from ..farm.parts import StillParts
 from ..farm.units import Unit
 from ..farm.work import Work
 from . import options, sources
@@ -26,6 +27,7 @@ _APART = {
     "out",
     "animation",
     "frame_range",
+    "divide",
     "store",
     "quiet",
     "debug",
@@ -62,8 +64,14 @@ def add(command, store):
         metavar="1-5,9,20-40:2",
         help="these frames, as with --animation; also beyond the .blend's frame range, and of demo:NAME",
     )
-    add_option(render, "with --animation or --frame-range, frames")
+    add_option(render, "frames, or the parts of --divide,")
     render.set_defaults(work=_joined)
+    render.add_argument(
+        "--divide",
+        type=int,
+        metavar="N",
+        help="make a still in N parts, which processes with the same words share; the result does not depend on N",
+    )
     add_focus(render, "three depths spread over the visible range")
     render.add_argument(
         "--encode",
@@ -244,11 +252,13 @@ def _still(args, source, job=None):
 
 def _render(args):
     progress = Progress(quiet=args.quiet)
-    if args.animation or args.frame_range:
-        _animate(args, progress)
+    if args.animation or args.frame_range or args.divide is not None:
+        _share(args, progress)
         return
     if args.cluster is not None:
-        raise engine.InvalidInput("One process makes a still: add --animation, or leave out --cluster.")
+        raise engine.InvalidInput(
+            "One process makes a still: add --divide N or --animation, or leave out --cluster."
+        )
     start = time.perf_counter()
     with output.output_folder(args.out) as folder:
         progress(0.0, "Opening the scene")
@@ -267,22 +277,23 @@ def _render(args):
         progress.say(line)
 
 
-def _animate(args, progress):
-    """All frames that are asked for, but those that are done, or made by other processes."""
-    start = time.perf_counter()
-    with animating(args.out):
+def _share(args, progress):
+    """All frames or parts that are asked for, but those that are done, or made by other processes."""
+    start, what = time.perf_counter(), "frame" if args.divide is None else "part"
+    with animating(args.out, f"{what}s"):
         progress(0.0, "Opening the scene")
         work = units_of(args, progress.say, progress.saved)
         with work.job.join(work.folder, work.units):
             work_by(args, work, progress)
+        work.clear()
     seconds, made = time.perf_counter() - start, len(work.made)
     others = len(work.units) - made
     before = f", {others} done before or by others" if others else ""
-    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
+    progress(1.0, f"Done: {made} {what}{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
 
 
 def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
-    """The work that the words of ``holopath render --animation`` ask for, a unit a frame.
+    """The work that the words of `holopath render` ask for: a unit a frame of an animation, or the parts of a still.
 
     Parameters
     ----------
@@ -302,15 +313,24 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
     ------
     engine.InvalidInput, engine.BackendUnavailable
     """
+    out = Path(args.out).absolute()
+    if out.exists() and not out.is_dir():
+        raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
+    if args.divide is None:
+        return _frames(args, out, say, saved)
+    if args.animation or args.frame_range:
+        raise engine.InvalidInput("The frames of an animation are its parts: leave out --divide.")
+    return _parts(args, out, say, saved)
+
+
+def _frames(args, out, say, saved):
+    """A unit a frame."""
     if Path(args.scene).suffix.lower() == ".xml":
         flag = "--frame-range" if args.frame_range else "--animation"
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
-    if Path(args.out).exists() and not Path(args.out).is_dir():
-        raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
     source = sources.open_source(args.scene)
     assert isinstance(source, sources.BlenderSource)
-    work = Work(Path(args.out), _job(args, source), {}, [])
-    told = set()
+    work, told = Work(out, _job(args, source), {}, []), set()
     for number in args.frame_range or source.frames:
         unit = _frame(args, source, work, number, say, saved, told)
         work.units[unit.name] = unit
@@ -322,6 +342,25 @@ def _joined(args, say):
     work = units_of(args, say)
     with work.job.join(work.folder):
         return work
+
+
+def _parts(args, out, say, saved):
+    """The parts of a still, and the unit that joins them."""
+    source = sources.open_source(args.scene)
+    job = _job(args, source)
+
+    def still():
+        start = time.perf_counter()
+        return _still(args, source, job.digest), time.perf_counter() - start
+
+    def joined(report):
+        saved(output.first_picture(out, report), report["seconds"]["total"])
+        for line in _remarks(report):
+            say(line)
+
+    hologram, settings = _hologram_of(args, source.hologram), options.asked(args, source.settings)
+    parts = StillParts(out, args.divide, hologram, settings, job.digest, args.encode, still, joined)
+    return Work(parts.folder, job, parts.units, parts.names, parts.clear)
 
 
 def _job(args, source):

@@ -172,6 +172,16 @@ class MitsubaSource:
         self.hologram = engine.Hologram(512, 512, 8e-6)
         self.settings = engine.Settings()
 
+    @property
+    def files(self):
+        """Paths of the files that the scene is made of, as of `BlenderSource`: this one, and those that it names."""
+        found = {self.path.name: self.path}
+        for node in self._nodes():
+            if "filename" in node.props:
+                name = str(node.props["filename"])
+                found[name] = self.path.parent / name
+        return found
+
     def load(self, width, height, camera=None):
         """Load the file; `camera` is a sensor's id."""
         with uninterrupted():
@@ -181,8 +191,7 @@ class MitsubaSource:
         try:
             scene = mi.load_file(str(self.path))
         except Exception as error:
-            reason = " ".join(str(error).split())
-            raise engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}") from error
+            raise self._refused(error) from error
         sensors = scene.sensors()
         if not sensors:
             raise engine.InvalidInput(f"{self.path} has no sensor: add a perspective one.")
@@ -200,10 +209,21 @@ class MitsubaSource:
 
     def _hides_emitters(self):
         """Whether the file's integrator leaves what shines out of view."""
+        return any(node.props.get("hide_emitters", False) for node in self._nodes())
+
+    def _nodes(self):
+        with uninterrupted():
+            variants.activate()
         import mitsuba as mi
 
-        nodes = mi.parser.parse_file(mi.parser.ParserConfig(variants.activate()), str(self.path)).nodes
-        return any(node.props.get("hide_emitters", False) for node in nodes)
+        try:
+            return mi.parser.parse_file(mi.parser.ParserConfig(variants.activate()), str(self.path)).nodes
+        except Exception as error:
+            raise self._refused(error) from error
+
+    def _refused(self, error):
+        reason = " ".join(str(error).split())
+        return engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}")
 
 
 def camera_of(sensor):

@@ -21,9 +21,9 @@ def divided(what, folder, count, alone=False):
     work = DividedRender(*what, folder, count)
     for name in work.steps:
         worker = DividedRender(*what, folder, count) if alone else work
-        assert not worker.done(name)
+        assert not worker.done(folder, name, worker.job)
         worker.make(name, quiet)
-        assert worker.done(name)
+        assert worker.done(folder, name, worker.job)
     return DividedRender(*what, folder, count).joined(quiet)
 
 
@@ -114,4 +114,4 @@ def test_a_part_that_is_cancelled_leaves_nothing(planes, tmp_path):
 
     with pytest.raises(engine.Cancelled):
         work.make(PREPARED, cancel)
-    assert not work.done(PREPARED) and not list(tmp_path.iterdir())
+    assert not work.done(tmp_path, PREPARED, work.job) and not list(tmp_path.iterdir())

@@ -9,8 +9,7 @@ What all share is prepared once: the plan, baked light, radiance maps and the en
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,23 +47,42 @@ MOST_PARTS = 4096
 PLANNING, BAKING = 0.1, 0.5  # how much of the preparation is done then
 
 
-@dataclass(frozen=True)
-class Step:
-    """A part of the work.
+def steps_of(hologram: Hologram, settings: Settings, count: int) -> dict[str, tuple[str, ...]]:
+    """The parts of a render: names, in an order in which they can be made, and of each what has to be done before.
 
-    Attributes
+    Parameters
     ----------
-    name : str
-        Of its folder.
-    needs : tuple of str
-        Names of the steps that have to be done before.
-    write : callable
-        ``write(folder, progress)`` writes its result into an empty folder, and returns its report.
-    """
+    hologram : Hologram
+    settings : Settings
+    count : int
+        Parts that the rays divide into, and most that the ways to the SLM do.
 
-    name: str
-    needs: tuple[str, ...]
-    write: Callable[[Path, Progress], dict[str, Any]]
+    Raises
+    ------
+    InvalidInput
+        Where the method does not divide.
+    """
+    if settings.method in BASELINES:
+        raise InvalidInput(f"The method {settings.method} does not divide into parts: leave out --divide.")
+    if not 1 <= count <= MOST_PARTS:
+        raise InvalidInput(f"A hologram divides into 1 to {MOST_PARTS} parts, not {count}.")
+    traced = [f"{TRACED}-{n + 1}-of-{count}" for n in range(count)]
+    ways = _ways(hologram, planner.resolved(settings), count)
+    gathered = [f"{GATHERED}-{n + 1}-of-{len(ways)}-of-{count}" for n in range(len(ways))]
+    return {PREPARED: ()} | dict.fromkeys(traced, (PREPARED,)) | dict.fromkeys(gathered, (PREPARED, *traced))
+
+
+def _ways(hologram, settings, count):
+    """Wavelength, and first and last frame, of fields that move together: those of each part.
+
+    Speckle is taken out of all frames of a wavelength together.
+    """
+    frames, colours = settings.frames, len(hologram.wavelengths)
+    together = frames if settings.despeckle else 1
+    ways = [(k, m, m + together) for k in range(colours) for m in range(0, frames, together)]
+    count = min(count, len(ways))
+    ends = [number * len(ways) // count for number in range(count + 1)]
+    return [_united(ways[first:last]) for first, last in zip(ends, ends[1:], strict=False)]
 
 
 class DividedRender:
@@ -82,11 +100,13 @@ class DividedRender:
         Parts that the rays divide into, and most that the ways to the SLM do.
     store : BakeStore, optional
         Where baked light is kept. Default: in the folder.
+    job : str
+        Digest of all that decides the field: parts of another one do not count.
 
     Raises
     ------
     InvalidInput
-        Where the method does not divide.
+        See `steps_of`.
     """
 
     def __init__(
@@ -98,35 +118,23 @@ class DividedRender:
         folder: Path | str,
         count: int,
         store: BakeStore | None = None,
+        job: str = "",
     ) -> None:
-        if settings.method in BASELINES:
-            raise InvalidInput(f"The method {settings.method} does not divide into parts: render it whole.")
-        if not 1 <= count <= MOST_PARTS:
-            raise InvalidInput(f"A hologram divides into 1 to {MOST_PARTS} parts, not {count}.")
         variants.activate()
+        self.job = job
         self.scene, self.camera, self.hologram = scene, camera, hologram
         self.settings, self.folder, self.count = planner.resolved(settings), Path(folder), count
-        self.store = store or BakeStore(self.folder / "baked")
+        self.steps = steps_of(hologram, settings, count)
+        # of light that all need, not only the maps, all need the same
+        self.store = store if store and self._mapped else BakeStore(self.folder / "baked")
         self._light: dict[int, RadianceMap | PathsPerRay] = {}
         self._clock = Clock()
         self._last: tuple[int, np.ndarray | None] = -1, None
 
-    @cached_property
-    def steps(self) -> dict[str, Step]:
-        """All of the work by name, in an order in which it can be done."""
-        count = self.count
-        traced = [f"{TRACED}-{n + 1}-of-{count}" for n in range(count)]
-        found = [Step(PREPARED, (), self._prepare)]
-        for number, name in enumerate(traced):
-            found.append(Step(name, (PREPARED,), lambda *told, n=number: self._trace(n, *told)))
-        for number, ways in enumerate(self._ways):
-            name = f"{GATHERED}-{number + 1}-of-{len(self._ways)}-of-{count}"
-            found.append(Step(name, (PREPARED, *traced), lambda *told, w=ways: self._gather(w, *told)))
-        return {step.name: step for step in found}
-
-    def done(self, name: str) -> bool:
-        """Whether a step's result is there; it appears whole."""
-        return (self.folder / name).is_dir()
+    @staticmethod
+    def done(folder: Path, name: str, job: str) -> bool:
+        """Whether the result of a step is there; it appears whole."""
+        return _report(folder, name).get("job") == job
 
     def make(self, name: str, progress: Progress) -> None:
         """Do a step whose needs are done.
@@ -141,10 +149,17 @@ class DividedRender:
         ------
         InvalidInput, BackendUnavailable, Cancelled, OSError
         """
+        kind, _, number = name.partition("-")
         with whole_folder(self.folder / name, lambda folder: None) as part:
             self._clock.seconds = {}
-            report = self.steps[name].write(part, progress)
-            (part / REPORT).write_text(_json({"seconds": self._clock.seconds, **report}))
+            if kind == PREPARED:
+                report = self._prepare(part, progress)
+            elif kind == TRACED:
+                report = self._trace(int(number.split("-")[0]) - 1, part, progress)
+            else:
+                ways = _ways(self.hologram, self.settings, self.count)
+                report = self._gather(ways[int(number.split("-")[0]) - 1], part, progress)
+            (part / REPORT).write_text(_json({"job": self.job, "seconds": self._clock.seconds, **report}))
 
     def joined(self, progress: Progress) -> WaveField:
         """The wave field, once all steps are done.
@@ -162,7 +177,7 @@ class DividedRender:
         shape = settings.frames, len(hologram.wavelengths), hologram.height, hologram.width
         field, seconds, rays = np.empty(shape, np.complex64), {}, {}
         for number, name in enumerate(self.steps):
-            report = json.loads((self.folder / name / REPORT).read_text())
+            report = _report(self.folder, name)
             seconds, rays = added(seconds, report["seconds"]), added(rays, report.get("rays", {}))
             for way, k, start, stop in report.get("ways", ()):
                 field[start:stop, k] = np.load(self.folder / name / f"{way}_{FIELD}", allow_pickle=False)
@@ -171,19 +186,6 @@ class DividedRender:
         told = prepared["passes"], prepared["error"], prepared["bake"]
         report = report_of(plan, settings.frames, seconds, rays, *told)
         return WaveField(field, hologram, self.camera, plan.near, plan.to_dict(), report)
-
-    @property
-    def _ways(self) -> list[list[tuple[int, int, int]]]:
-        """Wavelength, and first and last frame, of fields that move together: those of each part.
-
-        Speckle is taken out of all frames of a wavelength together.
-        """
-        frames, colours = self.settings.frames, len(self.hologram.wavelengths)
-        together = frames if self.settings.despeckle else 1
-        ways = [(k, m, m + together) for k in range(colours) for m in range(0, frames, together)]
-        count = min(self.count, len(ways))
-        ends = [number * len(ways) // count for number in range(count + 1)]
-        return [_united(ways[first:last]) for first, last in zip(ends, ends[1:], strict=False)]
 
     @property
     def _mapped(self) -> bool:
@@ -393,6 +395,14 @@ class _Stored:
                 mine = values[start - frames.start : stop - frames.start, self._colour : self._colour + 1]
                 add_pixels(out[start - chosen.start : stop - chosen.start], whole, pixels, mine)
             progress(0.5, "Joining waves")
+
+
+def _report(folder, name):
+    """The report of a step; empty where it is not done."""
+    try:
+        return json.loads((folder / name / REPORT).read_text())
+    except FileNotFoundError:
+        return {}
 
 
 def _united(ways):
