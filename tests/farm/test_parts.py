@@ -17,7 +17,7 @@ SCENE = """<scene version="3.0.0">
 <sensor type="perspective"><float name="fov" value="30"/></sensor>
 <shape type="rectangle"><transform name="to_world"><scale value="2"/><rotate y="1" angle="180"/><translate z="2"/>
 </transform><emitter type="area"><rgb name="radiance" value="0.2"/></emitter></shape>
-<shape type="sphere"><point name="center" z="1"/><float name="radius" value="0.15"/>
+<shape type="sphere"><point name="center" x="0" y="0" z="1"/><float name="radius" value="0.15"/>
 <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
 <string name="filename" value="{texture}"/></texture></bsdf>
 </shape><emitter type="constant"/></scene>"""
