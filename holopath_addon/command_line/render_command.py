@@ -63,6 +63,18 @@ def add(command, store):
         action="store_true",
         help="also render every picture with a thin-lens camera, and report PSNR and SSIM",
     )
+    render.add_argument(
+        "--rgbd",
+        action="store_true",
+        help="also write a picture in which everything is sharp, and the depths of surfaces and of what mirrors and "
+        "glass show, into DIR/rgbd",
+    )
+    render.add_argument(
+        "--light-field",
+        type=argument(_views),
+        metavar="N",
+        help="also write such pictures through N x N points of the pupil into DIR/light_field",
+    )
 
 
 def add_scene(parser, store):
@@ -101,6 +113,21 @@ def add_scene(parser, store):
     add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
     options.add(parser)
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
+    add(
+        "--move",
+        type=_numbers(3, "RIGHT,UP,FORWARD", "meters"),
+        metavar="RIGHT,UP,FORWARD",
+        help="put the camera elsewhere, meters along its own axes",
+    )
+    add(
+        "--turn",
+        type=_numbers(2, "LEFT,UP", "degrees"),
+        metavar="LEFT,UP",
+        help="then turn it, degrees",
+    )
+    add(
+        "--at-frame", type=int, metavar="N", help="frame of a Blender scene (default: the file's current one)"
+    )
 
 
 def add_cache(parser, store):
@@ -112,6 +139,12 @@ def add_cache(parser, store):
         metavar="DIR",
         help=f"folder of baked light (default: {store.folder})".replace("%", "%%"),
     )
+
+
+def _views(text):
+    if not text.isdigit() or not 2 <= int(text) <= 32:
+        raise engine.InvalidInput(f"A light field has 2 to 32 views in a row, not {text}")
+    return int(text)
 
 
 def bits(text):
@@ -164,7 +197,7 @@ def _resolution(text):
     return int(width), int(height)
 
 
-def _hologram_of(args, base):
+def hologram_of(args, base):
     """Hologram from the flags over the scene's own."""
     changes = {}
     if args.display is not None:
@@ -198,16 +231,22 @@ def pupil_of(args):
 
 def load(args, source):
     """Scene in its current frame, hologram and settings that the words ask for."""
+    if args.at_frame is not None:
+        if not isinstance(source, sources.BlenderSource):
+            raise engine.InvalidInput(f"{args.scene} has no frames: leave out --at-frame.")
+        source.go_to(args.at_frame)
     hologram, settings = (
-        _hologram_of(args, source.hologram),
+        hologram_of(args, source.hologram),
         options.asked(args, source.settings),
     )
     with sources.native_output_to_stderr():
         loaded = source.load(hologram.width, hologram.height, args.camera)
-    return loaded, hologram, settings
+    yaw, pitch = map(math.radians, args.turn or (0.0, 0.0))
+    camera = loaded.camera.moved(args.move or (0.0, 0.0, 0.0), yaw, pitch)
+    return replace(loaded, camera=camera), hologram, settings
 
 
-def _still(args, source, job=None):
+def still_of(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
     loaded, hologram, settings = load(args, source)
     return stills.Still(
@@ -224,6 +263,8 @@ def _still(args, source, job=None):
         args.encode,
         args.bits,
         job,
+        args.rgbd,
+        args.light_field,
     )
 
 
@@ -237,7 +278,7 @@ def _render(args):
         progress(0.0, "Opening the scene")
         source = sources.open_source(args.scene)
         progress(0.03, "Exporting the scene")
-        still = _still(args, source)
+        still = still_of(args, source)
         spent = time.perf_counter() - start
         _, report = stills.write(folder, still, stage(progress, 0.05, 1.0), spent)
     if report.get("encoding", {}).get("stopped"):
@@ -324,7 +365,7 @@ def _frame(args, source, work, number, say, told):
             began = time.perf_counter()
             at(0.0, "Exporting the scene")
             source.go_to(number)
-            still = _still(args, source, job)
+            still = still_of(args, source, job)
             spent = time.perf_counter() - began
             result, report = stills.update(
                 folder, still, stage(at, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")
