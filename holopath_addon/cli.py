@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from . import engine, failures, output
-from .command_line import render_command, slm_commands, sources
+from .command_line import render_command, slm_commands, sources, study_command
 from .command_line.console import Progress, close_line
 from .command_line.options import argument, renamed
 from .engine import encoding
@@ -131,6 +131,7 @@ def _parser(store):
         return sub
 
     render_command.add(command, store)
+    study_command.add(command, store)
 
     plan = command("plan", _plan, "Say what would be computed, why and how long it takes; compute nothing.")
     render_command.add_scene(plan, store)

@@ -7,6 +7,10 @@ from .slm.errors import DeviceLost
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
 
+class Incomplete(Exception):
+    """Part of the work failed and the rest is done; the text says how much, and where it is told why."""
+
+
 def sentence(error):
     """One line for the user about any exception that work may raise.
 
@@ -18,7 +22,7 @@ def sentence(error):
     -------
     str
     """
-    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost)):
+    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost, Incomplete)):
         return _one_line(error)
     if cancelled(error):
         told = _one_line(error) if isinstance(error, Cancelled) and str(error) else ""

@@ -186,6 +186,7 @@ def write(
         "spp": result.plan.rays_per_pixel,
         "variant": result.field.report.get("variant"),
         "bake": bake,
+        "foretold": result.field.report.get("foretold"),
         "warnings": notes,
         "export_notes": still.notes,
     }

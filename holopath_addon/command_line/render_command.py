@@ -126,7 +126,10 @@ def add_scene(parser, store):
         help="then turn it, degrees",
     )
     add(
-        "--at-frame", type=int, metavar="N", help="frame of a Blender scene (default: the file's current one)"
+        "--at-frame",
+        type=argument(_frame),
+        metavar="N",
+        help="frame of a Blender scene (default: the file's current one)",
     )
 
 
@@ -145,6 +148,13 @@ def _views(text):
     if not text.isdigit() or not 2 <= int(text) <= 32:
         raise engine.InvalidInput(f"A light field has 2 to 32 views in a row, not {text}")
     return int(text)
+
+
+def _frame(text):
+    frames = ranges.frames(text)
+    if len(frames) != 1:
+        raise engine.InvalidInput(f"'{text}' is not one frame, but several")
+    return frames[0]
 
 
 def bits(text):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import engine
+from .. import demo, engine
 from ..engine.scene import variants
 
 if TYPE_CHECKING:
@@ -267,26 +267,15 @@ def open_source(text):
     engine.BackendUnavailable
         If it needs bpy and there is none.
     """
+    check(text)
     if text.startswith("demo:"):
-        bpy = _bpy("A demo scene")
-        from .. import demo
-
-        name = text.removeprefix("demo:")
-        if name not in demo.DEMOS:
-            raise engine.InvalidInput(f"There is no demo '{name}': choose one of {', '.join(demo.DEMOS)}.")
+        _bpy("A demo scene")
         with native_output_to_stderr():
-            demo.build(name)
+            demo.build(text.removeprefix("demo:"))
         return BlenderSource()
     path = Path(text)
-    if not path.is_file():
-        raise engine.InvalidInput(
-            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml or demo:NAME."
-        )
-    suffix = path.suffix.lower()
-    if suffix == ".xml":
+    if path.suffix.lower() == ".xml":
         return MitsubaSource(path)
-    if suffix != ".blend":
-        raise engine.InvalidInput(f"The scene {text} is neither a .blend nor a Mitsuba .xml.")
     bpy = _bpy("A .blend file")
     with native_output_to_stderr():
         try:
@@ -295,6 +284,27 @@ def open_source(text):
             reason = " ".join(str(error).split()).removeprefix("Error: ")
             raise engine.InvalidInput(f"{text} cannot be opened by this Blender: {reason}") from error
     return BlenderSource()
+
+
+def check(text):
+    """Refuse what is no scene's name, or of no scene; nothing is opened.
+
+    Raises
+    ------
+    engine.InvalidInput
+    """
+    if text.startswith("demo:"):
+        name = text.removeprefix("demo:")
+        if name not in demo.DEMOS:
+            raise engine.InvalidInput(f"There is no demo '{name}': choose one of {', '.join(demo.DEMOS)}.")
+        return
+    path = Path(text)
+    if not path.is_file():
+        raise engine.InvalidInput(
+            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml or demo:NAME."
+        )
+    if path.suffix.lower() not in (".blend", ".xml"):
+        raise engine.InvalidInput(f"The scene {text} is neither a .blend nor a Mitsuba .xml.")
 
 
 def _bpy(what):

@@ -54,7 +54,7 @@ def pinhole_pictures(
     scene: mi.Scene,
     camera: Camera,
     hologram: Hologram,
-    points: Sequence,
+    points: Sequence | np.ndarray,
     spp: int = 256,
     max_depth: int = 8,
     seed: int = 0,
@@ -97,5 +97,5 @@ def pinhole_pictures(
         for step in range(steps):
             done = (k * steps + step) / (len(points) * steps)
             light = preview.refine(AT_ONCE, lambda part, message, done=done: progress(done, "Views"))
-        pictures[k] = light[..., channels]
+            pictures[k] = light[..., channels]  # the mean of all so far
     return pictures
