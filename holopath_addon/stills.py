@@ -20,6 +20,7 @@ from .engine.viewing.light_field import pinhole_pictures, pupil_points
 if TYPE_CHECKING:
     import mitsuba as mi
 
+VIEW_PATHS = 64  # a pixel, of each view of a light field
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
@@ -309,6 +310,7 @@ def _write_light_field(folder, still, result, progress):
         still.camera,
         hologram,
         points.reshape(-1, 2),
+        VIEW_PATHS,
         max_depth=still.settings.max_depth,
         progress=progress,
     )

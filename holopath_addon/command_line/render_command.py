@@ -127,7 +127,7 @@ def add_scene(parser, store):
     )
     add(
         "--at-frame",
-        type=argument(_frame),
+        type=argument(_one_frame),
         metavar="N",
         help="frame of a Blender scene (default: the file's current one)",
     )
@@ -150,7 +150,7 @@ def _views(text):
     return int(text)
 
 
-def _frame(text):
+def _one_frame(text):
     frames = ranges.frames(text)
     if len(frames) != 1:
         raise engine.InvalidInput(f"'{text}' is not one frame, but several")
@@ -344,6 +344,8 @@ def units_of(args, say) -> Work:
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
     if Path(args.out).exists() and not Path(args.out).is_dir():
         raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
+    if args.at_frame is not None:
+        raise engine.InvalidInput("An animation has frames of its own: leave out --at-frame.")
     source = sources.open_source(args.scene)
     assert isinstance(source, sources.BlenderSource)
     work = Work(Path(args.out), _job(args, source), {}, [])
@@ -357,9 +359,13 @@ def units_of(args, say) -> Work:
 def _job(args, source):
     """What decides the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
-    versions = {name: text or "none" for name, text in output.versions().items() if name != "python"}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    return SharedJob(scene, output.plain(words), digests(source.files), versions)
+    return SharedJob(scene, output.plain(words), digests(source.files), versions())
+
+
+def versions():
+    """Those of the programs on which results depend, as a `SharedJob` takes them."""
+    return {name: text or "none" for name, text in output.versions().items() if name != "python"}
 
 
 def _frame(args, source, work, number, say, told):

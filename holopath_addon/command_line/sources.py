@@ -172,6 +172,18 @@ class MitsubaSource:
         self.hologram = engine.Hologram(512, 512, 8e-6)
         self.settings = engine.Settings()
 
+    @property
+    def files(self):
+        """Paths of the files that the scene is made of by their names from its folder: whatever its text names."""
+        found, texts = {self.path.name: self.path}, [self.path]
+        while texts:
+            for name in re.findall(r"""["']([^"'<>|]+)["']""", texts.pop().read_text("utf-8", "replace")):
+                file = self.path.parent / name
+                if name not in found and file.is_file():
+                    found[name] = file
+                    texts += [file] if file.suffix.lower() == ".xml" else []
+        return found
+
     def load(self, width, height, camera=None):
         """Load the file; `camera` is a sensor's id."""
         with uninterrupted():

@@ -1,18 +1,20 @@
 """`holopath study`: every run that a TOML file asks for, and the table of what came of them."""
 
 import argparse
+import hashlib
+import json
 import time
 from pathlib import Path
+from typing import Any
 
 from .. import engine, failures, stills
 from ..engine.progress import stage
 from ..farm import study as studies
+from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
-from ..farm.work import work_off
+from ..farm.work import Work, work_off
 from . import options, render_command, sources
 from .console import Progress
-
-TAG = "study"  # runs are told apart by what they are asked: studies may share a folder
 
 
 def add(command, store):
@@ -40,43 +42,38 @@ class _Scenes:
     """The scene that is open, for runs of one scene follow one another."""
 
     def __init__(self):
-        self._opened: tuple = None, None
+        self._source: Any = None
+        self._name, self._moved = "", False
 
-    def open(self, args):
-        """The source of a run's scene, in the frame that the file has, where none is asked for."""
-        asked = args.scene, args.at_frame
-        if self._opened[0] != asked:
-            self._opened = None, None  # before another takes its memory
-            self._opened = asked, sources.open_source(args.scene)
-        return self._opened[1]
+    def open(self, name, at_frame=None):
+        """The source of a scene: of Blender's in the frame that the file has, where none is to be gone to."""
+        if name != self._name or (self._moved and at_frame is None):
+            self._name, self._source = "", None  # before another takes its memory
+            self._source, self._name, self._moved = sources.open_source(name), name, False
+        self._moved |= at_frame is not None
+        return self._source
 
 
-def units_of(args, say):
-    """The work that words ask for.
+def units_of(args, say) -> Work:
+    """The work that words ask for, a unit a run.
 
     Parameters
     ----------
     args : argparse.Namespace
-        The words of `holopath study`.
+        See `cli.parse`.
     say : callable
-        ``say(text)`` of what was there, and what failed.
+        ``say(text)`` of what was there, and of what failed: that is noted, and ends the unit, too.
 
     Returns
     -------
-    Path
-        Folder that the units' results are in.
-    str
-        What they are claimed for.
-    dict of str to Unit
-        By name: a failure is noted beside the runs, and ends the unit, too.
+    Work
 
     Raises
     ------
-    engine.InvalidInput
+    engine.InvalidInput, engine.BackendUnavailable
         Before anything is rendered, if a run is asked for what there is not.
     """
-    _, out, runs = _asked(args)
-    return out / "runs", TAG, _units(out, runs, say)
+    return _work(*_asked(args), say)
 
 
 def _asked(args):
@@ -111,29 +108,45 @@ def words_of(study, run):
     return words
 
 
-def _units(out, runs, say):
-    scenes, units = _Scenes(), {}
+def _work(study, out, runs, say):
+    scenes = _Scenes()
+    work = Work(out / "runs", _job(study, scenes), {}, [])
     for number, (folder, asked) in enumerate(runs.items(), 1):
-        units[folder.name] = _unit(out, folder, asked, scenes, f"Run {number} of {len(runs)}", say)
-    return units
+        work.units[folder.name] = _unit(out, folder, asked, scenes, work, f"Run {number} of {len(runs)}", say)
+    return work
 
 
-def _unit(out, folder, args, scenes, called, say):
-    made = False
+def _job(study, scenes):
+    """What decides the results: with other runs, or a scene saved anew, it is another study."""
+    files: dict = {}
+    decides: dict = {"runs": sorted(run.digest for run in study.runs)}
+    for run in study.runs:
+        if run.scene in decides:
+            continue
+        found = scenes.open(study.scene(run)).files
+        told = {f"{run.scene}: {name}": digest for name, digest in digests(found).items()}
+        decides[run.scene] = told.pop(f"{run.scene}: {Path(run.scene).name}", "")
+        files |= told
+    whole = hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+    name = study.path.name
+    return SharedJob(name, {}, {name: whole, **files}, render_command.versions())
+
+
+def _unit(out, folder, args, scenes, work, called, say):
+    job = work.job.digest
 
     def make(told):
         def progress(done, message):
             told(min(done, 0.999), f"{called}: {message}")
 
-        nonlocal made
         try:
             start = time.perf_counter()
             progress(0.0, "Opening the scene")
-            source = scenes.open(args)
+            source = scenes.open(args.scene, args.at_frame)
             progress(0.03, "Exporting the scene")
-            still = render_command.still_of(args, source, render_command.pupil_of(args))
+            still = render_command.still_of(args, source, job)
             spent = time.perf_counter() - start
-            stills.update(
+            result, _ = stills.update(
                 folder, still, stage(progress, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")
             )
         except Exception as error:
@@ -142,10 +155,14 @@ def _unit(out, folder, args, scenes, called, say):
             sentence = failures.sentence(error)
             studies.note_failure(out, folder.name, sentence)
             say(f"{folder.name}: failed: {sentence}")
-        made = True
+        else:
+            if result is not None:
+                work.made.append(folder.name)
 
-    # that a result is there is not enough: the scene may be another one since
-    return Unit(folder.name, make, lambda: made or studies.failure(out, folder.name) is not None)
+    def done():
+        return studies.failure(out, folder.name) is not None or stills.made(folder, job, args.encode)
+
+    return Unit(folder.name, make, done)
 
 
 def _study(args):
@@ -157,17 +174,13 @@ def _study(args):
             there = " (there)" if folder.is_dir() else ""
             print(f"{folder.name}{there}: holopath render {' '.join(words_of(study, run))}")
         return
-    units, folder = _units(out, runs, progress.say), out / "runs"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise engine.InvalidInput(
-            f"The output folder {out} cannot be made ({error.strerror}): choose another one."
-        ) from error
-    for name in units:
+    progress(0.0, "Opening the scenes")
+    work = _work(study, out, runs, progress.say)
+    for name in work.units:
         studies.forget_failure(out, name)
     try:
-        work_off(folder, units.values(), TAG, progress, progress.say)
+        with work.job.join(work.folder, work.units):
+            work_off(work.folder, work.units.values(), work.job.digest, progress, progress.say)
     except (Exception, KeyboardInterrupt) as error:
         if not failures.cancelled(error):
             raise
@@ -178,9 +191,9 @@ def _study(args):
     progress(0.999, "Writing the table")
     if not studies.write_table(study, out):
         progress.say("note: table.h5 is left out, as it needs h5py: pip install 'holopath[study]'.")
-    failed = sum(studies.failure(out, name) is not None for name in units)
+    count, failed = len(work.units), sum(studies.failure(out, name) is not None for name in work.units)
     if failed:
         raise failures.Incomplete(
-            f"{failed} of {len(units)} runs failed: the column error of {out / 'table.csv'} says why."
+            f"{failed} of {count} runs failed: the column error of {out / 'table.csv'} says why."
         )
-    progress(1.0, f"Done: {len(units)} run{'' if len(units) == 1 else 's'}: {out / 'table.csv'}")
+    progress(1.0, f"Done: {count} run{'' if count == 1 else 's'}: {out / 'table.csv'}")

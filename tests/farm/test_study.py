@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
+from holopath_addon.command_line import sources
 from holopath_addon.farm import study as studies
 
 ROOT = Path(__file__).parents[2]
@@ -74,7 +75,7 @@ def table(out):
 
 
 def runs(out):
-    return sorted(path.name for path in (out / "runs").iterdir())
+    return sorted(path.name for path in (out / "runs").iterdir() if path.is_dir())
 
 
 def start(*words):
@@ -133,6 +134,17 @@ def test_another_scene_is_rendered_anew(study, renders, tmp_path, capfd):
     assert run(path) == 0
     assert len(renders.found) == 2 and "rendered anew (changed: scene)" in capfd.readouterr().err
     assert len(runs(tmp_path / "small")) == 1
+
+
+def test_files_that_a_mitsuba_scene_is_made_of(tmp_path):
+    """Those of included files, too: a texture that is saved anew makes another scene."""
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "a.xml").write_text('<scene version="3.0.0"><include filename="sub/b.xml"/></scene>')
+    (tmp_path / "sub" / "b.xml").write_text("<scene><string name='filename' value='sub/c.png'/></scene>")
+    (tmp_path / "sub" / "c.png").touch()
+    assert sources.MitsubaSource(tmp_path / "a.xml").files == {
+        name: tmp_path / name for name in ("a.xml", "sub/b.xml", "sub/c.png")
+    }
 
 
 def test_the_table_tells_what_the_reports_do(study, tmp_path):
