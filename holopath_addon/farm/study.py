@@ -311,7 +311,7 @@ def rows(study: Study, out: Path) -> list[dict]:
 def _of_report(report):
     """Columns of a run that do not depend on the focus; lengths in meters, as in the report."""
     hologram, plan = report["hologram"], report["plan"]
-    error = (report.get("foretold") or {}).get("field_error", {})
+    foretold = report.get("foretold") or {}  # of baselines nothing is
     made: dict[str, Any] = {
         f"{name}_m" if DECLARED[name].unit else name: value
         for name, value in report["settings"].items()
@@ -324,9 +324,10 @@ def _of_report(report):
         "rays_per_pixel": report["spp"],
         "variant": report["variant"],
         "planned_seconds": plan["seconds"],
+        "measured_seconds": foretold.get("seconds", {}).get("measured"),
         "planned_memory_bytes": plan["memory_bytes"],
         "planned_field_error": plan["error"],
-        "measured_field_error": error.get("measured"),
+        "measured_field_error": foretold.get("field_error", {}).get("measured"),
     }
     made |= {f"planned_seconds_{_name(stage)}": value for stage, value in plan["stages"].items()}
     made |= {f"seconds_{_name(stage)}": value for stage, value in report["seconds"].items()}
