@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line import sources
+from holopath_addon.command_line import render_command, sources
 from holopath_addon.farm import study as studies
 
 ROOT = Path(__file__).parents[2]
@@ -125,6 +125,18 @@ def test_a_run_is_what_its_words_render(study, tmp_path, capfd):
     assert fields[0] == fields[1]
     capfd.readouterr()
     assert run(path, "--list") == 0 and f"{name} (there)" in capfd.readouterr().out
+
+
+def test_runs_that_are_there_are_known_without_their_scene(study, renders, monkeypatch):
+    """By the job in their report, whichever process made them; a folder that lost its field is made anew."""
+    path = study()
+    assert run(path) == 0
+    with monkeypatch.context() as patched:
+        patched.setattr(render_command, "still_of", None)
+        assert run(path) == 0
+    (field,) = path.parent.glob("small/runs/*/wavefield/field.npy")
+    field.unlink()
+    assert run(path) == 0 and len(renders.found) == 2 and field.is_file()
 
 
 def test_another_scene_is_rendered_anew(study, renders, tmp_path, capfd):
