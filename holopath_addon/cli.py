@@ -16,6 +16,7 @@ from .command_line import (
     render_command,
     slm_commands,
     sources,
+    study_command,
     template_command,
 )
 from .command_line.console import Progress, alive, close_line
@@ -136,6 +137,7 @@ def _parser(store):
         return sub
 
     render_command.add(command, store)
+    study_command.add(command, store)
 
     plan = command("plan", _plan, "Say what would be computed, why and how long it takes; compute nothing.")
     render_command.add_scene(plan, store)

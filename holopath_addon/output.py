@@ -24,7 +24,16 @@ VERSION = "0.2.0"
 FRAME = re.compile(r"frame_(-?[0-9]+)")
 # What file browsers leave in the folders that they show.
 _BROWSED = {".DS_Store", "Thumbs.db", "desktop.ini"}
-_OWN = {"wavefield", "reconstruction", "reference", "hologram", "pictures", "report.json"}
+_OWN = {
+    "wavefield",
+    "reconstruction",
+    "reference",
+    "hologram",
+    "pictures",
+    "rgbd",
+    "light_field",
+    "report.json",
+}
 
 
 def exposure(images):

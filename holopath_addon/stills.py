@@ -14,14 +14,17 @@ import numpy as np
 from . import engine, output, pipeline
 from .engine.progress import Clock, stage
 from .engine.settings import current
+from .engine.viewing.depth import image_depth_map
+from .engine.viewing.light_field import pinhole_pictures, pupil_points
 
 if TYPE_CHECKING:
     import mitsuba as mi
 
+VIEW_PATHS = 64  # a pixel, of each view of a light field
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_VIEW = {"focus_asked", "pupil_m", "compared", "encoded", "encoding_bits"}
+_VIEW = {"focus_asked", "pupil_m", "compared", "encoded", "encoding_bits", "rgbd", "light_field"}
 _NAMES = {
     "scene_digest": "scene",
     "focus_asked": "focus",
@@ -29,6 +32,8 @@ _NAMES = {
     "compared": "comparison with the reference",
     "encoded": "encoding",
     "encoding_bits": "bits",
+    "rgbd": "picture with depth",
+    "light_field": "light field",
     "settings": "setting",
 }
 
@@ -59,6 +64,10 @@ class Still:
         Of the SLM that it is encoded for.
     job : str or None
         Digest of the job that it is made for, see `farm.job.SharedJob`: by it, what is done is known without its scene.
+    rgbd : bool
+        Whether to write a picture in which everything is sharp, with the depths in it.
+    light_field : int or None
+        Points of the pupil in a row and in a column to write such pictures through.
     """
 
     name: str
@@ -74,6 +83,8 @@ class Still:
     encode: str = "none"
     bits: int | None = None
     job: str | None = None
+    rgbd: bool = False
+    light_field: int | None = None
 
     @cached_property
     def asked(self):
@@ -90,6 +101,8 @@ class Still:
             "compared": self.compare,
             "encoded": self.encode,
             "encoding_bits": self.bits,
+            "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
+            "light_field": self.light_field,
         }
 
     def compute(self, progress, rendered=None, offer=None):
@@ -143,8 +156,9 @@ def write(
     with clock("export"):
         asked = still.asked
     encodes = still.encode not in ("none", "dpac")
-    rendered_at = 0.4 if encodes else 0.7 if still.compare else 0.95
-    end = 0.7 if still.compare else 0.95
+    more = still.compare or still.rgbd or still.light_field
+    rendered_at = 0.4 if encodes else 0.7 if more else 0.95
+    end = 0.7 if more else 0.95
     result = still.compute(stage(progress, 0.0, rendered_at), rendered)
     wavelengths = still.hologram.wavelengths
     rgb = engine.to_rgb(result.images, wavelengths)
@@ -173,6 +187,7 @@ def write(
         "spp": result.plan.rays_per_pixel,
         "variant": result.field.report.get("variant"),
         "bake": bake,
+        "foretold": result.field.report.get("foretold"),
         "warnings": notes,
         "export_notes": still.notes,
     }
@@ -180,8 +195,14 @@ def write(
         report["encoding"] = {"method": phase.method, **phase.report}
     if still.compare and not stopped:
         with clock("reference"):
-            rows = _compare(folder, still, result, stage(progress, end, 0.97))
+            rows = _compare(folder, still, result, stage(progress, end, 0.9))
         report |= {"comparison": rows, "warnings": [*notes, *_noise_notes(rows)]}
+    if still.rgbd:
+        with clock("rgbd"):
+            _write_rgbd(folder / "rgbd", still, result, white, stage(progress, 0.9, 0.92))
+    if still.light_field:
+        with clock("light field"):
+            _write_light_field(folder / "light_field", still, result, stage(progress, 0.92, 0.98))
     report["seconds"] = {
         **result.seconds,
         **clock.seconds,
@@ -258,6 +279,45 @@ def _compare(folder, still, result, progress):
             }
         )
     return rows
+
+
+def _write_rgbd(folder, still, result, white, progress):
+    """The picture of a pinhole, the depth of the first surfaces, and that of what they show."""
+    hologram = still.hologram
+    size = hologram.width, hologram.height
+    picture = pinhole_pictures(
+        still.scene,
+        still.camera,
+        hologram,
+        [(0.0, 0.0)],
+        max_depth=still.settings.max_depth,
+        progress=progress,
+    )
+    rgb = engine.to_rgb(picture[0], hologram.wavelengths)
+    folder.mkdir()
+    (folder / "rgb.exr").write_bytes(output.encode_exr(rgb))
+    (folder / "rgb.png").write_bytes(output.encode_png(rgb, white))
+    np.save(folder / "depth.npy", image_depth_map(still.scene, still.camera, result.plan, *size))
+    np.save(folder / "surface_depth.npy", engine.depth_map(still.scene, still.camera, *size))
+
+
+def _write_light_field(folder, still, result, progress):
+    """Pictures through a grid of points of the pupil, and where these are."""
+    hologram, count = still.hologram, still.light_field
+    points = pupil_points(count, hologram, result.field.mapping, still.pupil)
+    pictures = pinhole_pictures(
+        still.scene,
+        still.camera,
+        hologram,
+        points.reshape(-1, 2),
+        VIEW_PATHS,
+        max_depth=still.settings.max_depth,
+        progress=progress,
+    )
+    folder.mkdir()
+    rgb = engine.to_rgb(pictures, hologram.wavelengths)
+    np.save(folder / "views.npy", rgb.reshape(count, count, *rgb.shape[1:]))
+    np.save(folder / "points.npy", points)
 
 
 def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Result | None, dict]:

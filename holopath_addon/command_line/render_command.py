@@ -86,6 +86,18 @@ def add(command, store):
         action="store_true",
         help="also render every picture with a thin-lens camera, and report PSNR and SSIM",
     )
+    render.add_argument(
+        "--rgbd",
+        action="store_true",
+        help="also write a picture in which everything is sharp, and the depths of surfaces and of what mirrors and "
+        "glass show, into DIR/rgbd",
+    )
+    render.add_argument(
+        "--light-field",
+        type=argument(_views),
+        metavar="N",
+        help="also write such pictures through N x N points of the pupil into DIR/light_field",
+    )
 
 
 def add_scene(parser, store):
@@ -124,6 +136,24 @@ def add_scene(parser, store):
     add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
     options.add(parser)
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
+    add(
+        "--move",
+        type=_numbers(3, "RIGHT,UP,FORWARD", "meters"),
+        metavar="RIGHT,UP,FORWARD",
+        help="put the camera elsewhere, meters along its own axes",
+    )
+    add(
+        "--turn",
+        type=_numbers(2, "LEFT,UP", "degrees"),
+        metavar="LEFT,UP",
+        help="then turn it, degrees",
+    )
+    add(
+        "--at-frame",
+        type=argument(_one_frame),
+        metavar="N",
+        help="frame of a Blender scene (default: the file's current one)",
+    )
 
 
 def add_cache(parser, store):
@@ -135,6 +165,19 @@ def add_cache(parser, store):
         metavar="DIR",
         help=f"folder of baked light (default: {store.folder})".replace("%", "%%"),
     )
+
+
+def _views(text):
+    if not text.isdigit() or not 2 <= int(text) <= 32:
+        raise engine.InvalidInput(f"A light field has 2 to 32 views in a row, not {text}")
+    return int(text)
+
+
+def _one_frame(text):
+    frames = ranges.frames(text)
+    if len(frames) != 1:
+        raise engine.InvalidInput(f"'{text}' is not one frame, but several")
+    return frames[0]
 
 
 def bits(text):
@@ -187,7 +230,7 @@ def _resolution(text):
     return int(width), int(height)
 
 
-def _hologram_of(args, base):
+def hologram_of(args, base):
     """Hologram from the flags over the scene's own."""
     changes = {}
     if args.display is not None:
@@ -221,16 +264,22 @@ def pupil_of(args):
 
 def load(args, source):
     """Scene in its current frame, hologram and settings that the words ask for."""
+    if args.at_frame is not None:
+        if not isinstance(source, sources.BlenderSource):
+            raise engine.InvalidInput(f"{args.scene} has no frames: leave out --at-frame.")
+        source.go_to(args.at_frame)
     hologram, settings = (
-        _hologram_of(args, source.hologram),
+        hologram_of(args, source.hologram),
         options.asked(args, source.settings),
     )
     with sources.native_output_to_stderr():
         loaded = source.load(hologram.width, hologram.height, args.camera)
-    return loaded, hologram, settings
+    yaw, pitch = map(math.radians, args.turn or (0.0, 0.0))
+    camera = loaded.camera.moved(args.move or (0.0, 0.0, 0.0), yaw, pitch)
+    return replace(loaded, camera=camera), hologram, settings
 
 
-def _still(args, source, job=None):
+def still_of(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
     loaded, hologram, settings = load(args, source)
     return stills.Still(
@@ -247,6 +296,8 @@ def _still(args, source, job=None):
         args.encode,
         args.bits,
         job,
+        args.rgbd,
+        args.light_field,
     )
 
 
@@ -264,7 +315,7 @@ def _render(args):
         progress(0.0, "Opening the scene")
         source = sources.open_source(args.scene)
         progress(0.03, "Exporting the scene")
-        still = _still(args, source)
+        still = still_of(args, source)
         spent = time.perf_counter() - start
         _, report = stills.write(folder, still, stage(progress, 0.05, 1.0), spent)
     if report.get("encoding", {}).get("stopped"):
@@ -328,6 +379,8 @@ def _frames(args, out, say, saved):
     if Path(args.scene).suffix.lower() == ".xml":
         flag = "--frame-range" if args.frame_range else "--animation"
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
+    if args.at_frame is not None:
+        raise engine.InvalidInput("An animation has frames of its own: leave out --at-frame.")
     source = sources.open_source(args.scene)
     assert isinstance(source, sources.BlenderSource)
     work, told = Work(out, _job(args, source), {}, []), set()
@@ -366,9 +419,13 @@ def _parts(args, out, say, saved):
 def _job(args, source):
     """What decides the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
-    versions = {name: text or "none" for name, text in output.versions().items() if name != "python"}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    return SharedJob(scene, output.plain(words), digests(source.files), versions)
+    return SharedJob(scene, output.plain(words), digests(source.files), versions())
+
+
+def versions():
+    """Those of the programs on which results depend, as a `SharedJob` takes them."""
+    return {name: text or "none" for name, text in output.versions().items() if name != "python"}
 
 
 def _frame(args, source, work, number, say, saved, told):
@@ -384,7 +441,7 @@ def _frame(args, source, work, number, say, saved, told):
             began = time.perf_counter()
             at(0.0, "Exporting the scene")
             source.go_to(number)
-            still = _still(args, source, job)
+            still = still_of(args, source, job)
             spent = time.perf_counter() - began
             result, report = stills.update(
                 folder, still, stage(at, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import engine
+from .. import demo, engine
 from ..engine.scene import variants
 
 if TYPE_CHECKING:
@@ -174,12 +174,14 @@ class MitsubaSource:
 
     @property
     def files(self):
-        """Paths of the files that the scene is made of, as of `BlenderSource`: this one, and those that it names."""
-        found = {self.path.name: self.path}
-        for node in self._nodes():
-            if "filename" in node.props:
-                name = str(node.props["filename"])
-                found[name] = self.path.parent / name
+        """Paths of the files that the scene is made of by their names from its folder: whatever its text names."""
+        found, texts = {self.path.name: self.path}, [self.path]
+        while texts:
+            for name in re.findall(r"""["']([^"'<>|]+)["']""", texts.pop().read_text("utf-8", "replace")):
+                file = self.path.parent / name
+                if name not in found and file.is_file():
+                    found[name] = file
+                    texts += [file] if file.suffix.lower() == ".xml" else []
         return found
 
     def load(self, width, height, camera=None):
@@ -191,7 +193,8 @@ class MitsubaSource:
         try:
             scene = mi.load_file(str(self.path))
         except Exception as error:
-            raise self._refused(error) from error
+            reason = " ".join(str(error).split())
+            raise engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}") from error
         sensors = scene.sensors()
         if not sensors:
             raise engine.InvalidInput(f"{self.path} has no sensor: add a perspective one.")
@@ -209,21 +212,10 @@ class MitsubaSource:
 
     def _hides_emitters(self):
         """Whether the file's integrator leaves what shines out of view."""
-        return any(node.props.get("hide_emitters", False) for node in self._nodes())
-
-    def _nodes(self):
-        with uninterrupted():
-            variants.activate()
         import mitsuba as mi
 
-        try:
-            return mi.parser.parse_file(mi.parser.ParserConfig(variants.activate()), str(self.path)).nodes
-        except Exception as error:
-            raise self._refused(error) from error
-
-    def _refused(self, error):
-        reason = " ".join(str(error).split())
-        return engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}")
+        nodes = mi.parser.parse_file(mi.parser.ParserConfig(variants.activate()), str(self.path)).nodes
+        return any(node.props.get("hide_emitters", False) for node in nodes)
 
 
 def camera_of(sensor):
@@ -287,26 +279,15 @@ def open_source(text):
     engine.BackendUnavailable
         If it needs bpy and there is none.
     """
+    check(text)
     if text.startswith("demo:"):
-        bpy = _bpy("A demo scene")
-        from .. import demo
-
-        name = text.removeprefix("demo:")
-        if name not in demo.DEMOS:
-            raise engine.InvalidInput(f"There is no demo '{name}': choose one of {', '.join(demo.DEMOS)}.")
+        _bpy("A demo scene")
         with native_output_to_stderr():
-            demo.build(name)
+            demo.build(text.removeprefix("demo:"))
         return BlenderSource()
     path = Path(text)
-    if not path.is_file():
-        raise engine.InvalidInput(
-            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml or demo:NAME."
-        )
-    suffix = path.suffix.lower()
-    if suffix == ".xml":
+    if path.suffix.lower() == ".xml":
         return MitsubaSource(path)
-    if suffix != ".blend":
-        raise engine.InvalidInput(f"The scene {text} is neither a .blend nor a Mitsuba .xml.")
     bpy = _bpy("A .blend file")
     with native_output_to_stderr():
         try:
@@ -315,6 +296,27 @@ def open_source(text):
             reason = " ".join(str(error).split()).removeprefix("Error: ")
             raise engine.InvalidInput(f"{text} cannot be opened by this Blender: {reason}") from error
     return BlenderSource()
+
+
+def check(text):
+    """Refuse what is no scene's name, or of no scene; nothing is opened.
+
+    Raises
+    ------
+    engine.InvalidInput
+    """
+    if text.startswith("demo:"):
+        name = text.removeprefix("demo:")
+        if name not in demo.DEMOS:
+            raise engine.InvalidInput(f"There is no demo '{name}': choose one of {', '.join(demo.DEMOS)}.")
+        return
+    path = Path(text)
+    if not path.is_file():
+        raise engine.InvalidInput(
+            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml or demo:NAME."
+        )
+    if path.suffix.lower() not in (".blend", ".xml"):
+        raise engine.InvalidInput(f"The scene {text} is neither a .blend nor a Mitsuba .xml.")
 
 
 def _bpy(what):

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import InvalidInput
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,25 @@ class Camera:
         """Right, up and forward unit vectors in the world, shape (3, 3), one a row."""
         right, up, back = self.to_world[:3, :3].T
         return np.stack([right, up, -back])
+
+    def moved(self, offset: Sequence[float], yaw: float = 0.0, pitch: float = 0.0) -> Camera:
+        """The same camera elsewhere.
+
+        Parameters
+        ----------
+        offset : (float, float, float)
+            To the right, up and forward, metres.
+        yaw, pitch : float
+            Turned to the left about its own up axis, then up, radians.
+        """
+        right, up, forward = offset
+        (s, c), (t, d) = ((math.sin(angle), math.cos(angle)) for angle in (yaw, pitch))
+        step = np.eye(4)
+        step[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array(
+            [[1, 0, 0], [0, d, -t], [0, t, d]]
+        )
+        step[:3, 3] = right, up, -forward
+        return replace(self, to_world=self.to_world @ step)
 
     def to_dict(self) -> dict:
         """JSON-able form, see `from_dict`."""

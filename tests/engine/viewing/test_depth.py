@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine.viewing.depth import image_depth_map
 
 WIDTH, HEIGHT = 60, 40
 
@@ -45,3 +46,55 @@ def test_clipping_and_nothing(slanted, camera):
     assert 0.1 < inside.mean() < 0.9
     np.testing.assert_allclose(depth[inside], whole[inside], rtol=1e-5)
     assert np.isinf(depth[~inside]).all()
+
+
+@pytest.fixture
+def planned(camera, small):
+    """The depths of what a scene's mirrors and glass show, as a plan of `small` sees it."""
+
+    def depths(scene):
+        settings = engine.Settings(quality="preview", frames=1, method="full")
+        plan = engine.plan(scene, camera, small, settings)
+        return image_depth_map(scene, camera, plan, WIDTH, HEIGHT), engine.depth_map(
+            scene, camera, WIDTH, HEIGHT
+        )
+
+    return depths
+
+
+def test_without_mirrors_images_lie_on_the_surfaces(build, planned):
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(1.0)), 5.0, slant=30.0))
+    images, surfaces = planned(scene)
+    np.testing.assert_allclose(images, surfaces, rtol=1e-5)
+
+
+def test_depth_behind_a_flat_mirror(build, planned):
+    """A lamp 0.5 m behind the viewer, in a mirror at 1 m that is turned by 10 degrees: its mirror image, a plane.
+
+    The mirror at z = -1 - x tan 10° maps the lamp's plane z = 0.5 to one turned by 20°, by reflection.
+    """
+    slant = math.radians(10)
+    mirror = build.plane(1.0, {"bsdf": {"type": "conductor"}}, 5.0, slant=10.0)
+    lamp = {
+        "type": "rectangle",
+        "to_world": build.T().translate([0, 0, 0.5]).rotate([0, 1, 0], 180).scale(50),
+    }
+    images, surfaces = planned(build.scene(mirror=mirror, lamp={**lamp, **build.emissive(build.grey(1.0))}))
+    normal = np.array([math.sin(slant), 0, math.cos(slant)])  # of the mirror, through (0, 0, -1)
+    turned = np.array([0, 0, 1]) - 2 * normal[2] * normal  # the lamp's normal in the mirror
+    foot = np.array([0, 0, 0.5]) - 2 * (normal @ np.array([0, 0, 1.5])) * normal
+    columns = (np.arange(WIDTH) + 0.5 - WIDTH / 2) * 2 * math.tan(math.radians(10)) / WIDTH
+    expected = turned @ foot / (turned[0] * columns - turned[2])
+    np.testing.assert_allclose(images, np.broadcast_to(expected, images.shape), rtol=1e-3)
+    assert expected.min() > 2.2 and surfaces.max() < 1.1
+
+
+def test_depth_behind_a_pane_and_beside_it(build, planned):
+    """A thick pane brings what is behind it nearer by t (1 - 1/n), near the axis; beside it, it is where it is."""
+    glass = {"bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}}
+    pane = {"type": "cube", "to_world": build.T().translate([0, 0, -0.7]).scale([0.05, 0.05, 0.05]), **glass}
+    images, surfaces = planned(build.scene(pane=pane, far=build.plane(2.0, build.emissive(build.grey(1.0)))))
+    middle = np.s_[HEIGHT // 2 - 2 : HEIGHT // 2 + 2, WIDTH // 2 - 2 : WIDTH // 2 + 2]
+    np.testing.assert_allclose(images[middle], 2 - 0.1 * (1 - 1 / 1.5), atol=2e-3)
+    np.testing.assert_allclose(surfaces[middle], 0.65, atol=1e-4)
+    np.testing.assert_allclose(images[:, :2], 2.0, rtol=1e-4)
