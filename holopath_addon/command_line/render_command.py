@@ -1,5 +1,6 @@
 """`holopath render`: a still, or every frame of an animation. What its words mean, and the work that they ask for."""
 
+import argparse
 import math
 import time
 from contextlib import contextmanager
@@ -15,11 +16,12 @@ from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work, work_off
 from . import options, sources
+from .attended import Told, attended
 from .console import Progress
 from .options import argument
 
 # Words that leave results as they are; all others decide them.
-_APART = {"run", "scene", "out", "animation", "frame_range", "store", "quiet", "debug"}
+_APART = {"run", "scene", "out", "animation", "frame_range", "store", "quiet", "debug", "attended"}
 
 
 def add(command, store):
@@ -63,6 +65,7 @@ def add(command, store):
         action="store_true",
         help="also render every picture with a thin-lens camera, and report PSNR and SSIM",
     )
+    render.add_argument("--attended", action="store_true", help=argparse.SUPPRESS)  # by a window
 
 
 def add_scene(parser, store):
@@ -228,7 +231,14 @@ def _still(args, source, job=None):
 
 
 def _render(args):
-    progress = Progress(quiet=args.quiet)
+    if args.attended:
+        with attended(args.scene):
+            _work(args, Told())
+    else:
+        _work(args, Progress(quiet=args.quiet))
+
+
+def _work(args, progress):
     if args.animation or args.frame_range:
         _animate(args, progress)
         return
