@@ -170,6 +170,11 @@ def running():
     return not current.ended
 
 
+def frames_of(scene):
+    """Numbers of the frames of an animation."""
+    return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+
+
 def folder_of(scene):
     """Folder of an animation's frames.
 
@@ -201,8 +206,7 @@ def start(scene):
     global current
     changed = bpy.data.is_dirty
     name = Path(bpy.data.filepath).name or "untitled.blend"
-    frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    current = Background(name, len(frames), message="Starting Blender")
+    current = Background(name, len(frames_of(scene)), message="Starting Blender")
     try:
         folder = folder_of(scene)
         copy = _copied(folder, name)
@@ -283,7 +287,7 @@ def _command(words):
 
 
 def _mark_as_changed():
-    """Have Blender ask for the file to be saved, as it would without the copy: saving one clears the mark, a bit later."""
+    """Have Blender ask for unsaved changes as before: the copy that was saved clears its mark, some events later."""
     with bpy.context.temp_override(window=bpy.data.window_managers[0].windows[0]):
         bpy.ops.ed.undo_push(message="Render Animation")
 

@@ -228,7 +228,8 @@ def _animation_state(layout, context, work):
     elif work.count:
         wrapped(column, context, f"{count(work.count, 'Frame')} Done", icon="CHECKMARK")
     else:
-        wrapped(column, context, "In the Background, by a Copy of the File")
+        frames = len(background.frames_of(context.scene))
+        wrapped(column, context, f"{count(frames, 'Frame')}, in the Background")
     if work.file and work.file != bpy.path.basename(bpy.data.filepath or "untitled.blend"):
         wrapped(column, context, f"Of {work.file}")
     if preferences.cluster():

@@ -88,7 +88,7 @@ def second():
     yield 0.5
     bpy.data.objects["Cube"].location.y = 0.25
     told = {"first": [], "longest": 0.0}
-    last = time.monotonic()
+    begin = last = time.monotonic()
     press(bpy.ops.holopath.render_animation)
     work = module("background").current
     told["twice"] = bpy.ops.holopath.render_animation.poll()
@@ -97,6 +97,7 @@ def second():
         told["longest"], last = max(told["longest"], now - last), now
         told["first"].append(work.finished)
         yield 0.02
+    told["seconds"] = last - begin
     told["ended"] = [work.error, work.finished, work.canceled]
     press(bpy.ops.holopath.render_animation)
     work = module("background").current

@@ -40,7 +40,7 @@ def test_goes_on_after_blender_was_killed(blender, tmp_path):
     after = fields(out)
     assert sorted(after) == ALL and before.items() <= after.items()
     assert told["first"] == sorted(told["first"]) and told["ended"] == ["", 4, False]
-    assert told["twice"] is False and told["longest"] < 1.0
+    assert told["twice"] is False and told["longest"] < told["seconds"] / 2, "the window waits"
     assert told["again"][:2] == ["", 4] and "0 frames in" in told["again"][2]
     assert told["canceled"] == ["", True]
     assert sorted(file.name for file in out.iterdir()) == [*ALL, "job.json"]
