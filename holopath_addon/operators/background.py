@@ -212,7 +212,7 @@ def start(scene):
         copy = _copied(folder, name)
         try:
             words = _words(properties.of(scene), copy, folder)
-            current.start(_command(words), preferences.environment(), folder, lambda: _remove(copy))
+            current.start(*_command(words), folder, lambda: _remove(copy))
         except BaseException:
             _remove(copy)
             raise
@@ -233,7 +233,10 @@ def _copied(folder, name):
     copy = own / name
     baked = f"blendcache_{copy.stem}"
     try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, relative_remap=True, check_existing=False)
+        told = {"copy": True, "relative_remap": True, "compress": False, "check_existing": False}
+        bpy.ops.wm.save_as_mainfile(filepath=str(copy), **told)
+        if not _whole(copy):
+            raise RuntimeError("No space left")
         source = Path(bpy.data.filepath).with_name(baked) if bpy.data.filepath else None
         if source and source.is_dir():
             shutil.copytree(source, own / baked, copy_function=_link)
@@ -247,6 +250,13 @@ def _copied(folder, name):
         _remove(copy)
         raise
     return copy
+
+
+def _whole(copy):
+    """Whether a .blend was written to its end: where the disk is full Blender may say nothing."""
+    with open(copy, "rb") as file:
+        file.seek(-min(64, copy.stat().st_size), os.SEEK_END)
+        return b"ENDB" in file.read()
 
 
 def _link(source, target):
@@ -279,11 +289,15 @@ def _words(props, copy, folder):
 
 
 def _command(words):
-    """What runs the words: this Blender, or this Python where Blender is its module."""
+    """What runs the words, and its environment: this Blender, or this Python where Blender is its module."""
+    environment = preferences.environment()
     if not bpy.app.binary_path:
-        return [sys.executable, str(Path(__file__).parents[1] / "__main__.py"), *words]
+        package = Path(__file__).parents[1]
+        places = str(package.parent), environment.get("PYTHONPATH")
+        path = {"PYTHONPATH": os.pathsep.join(filter(None, places))}
+        return [sys.executable, "-m", package.name, *words], environment | path
     enabled = "--addons", preferences.ADDON  # which preferences on disk may not know yet
-    return [bpy.app.binary_path, "--background", *enabled, "--command", "holopath", *words]
+    return [bpy.app.binary_path, "--background", *enabled, "--command", "holopath", *words], environment
 
 
 def _mark_as_changed():
