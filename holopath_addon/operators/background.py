@@ -212,7 +212,7 @@ def start(scene):
         copy = _copied(folder, name)
         try:
             words = _words(properties.of(scene), copy, folder)
-            current.start(*_command(words), folder, lambda: _remove(copy))
+            current.start(*_command(words, bpy.app.binary_path), folder, lambda: _remove(copy))
         except BaseException:
             _remove(copy)
             raise
@@ -288,16 +288,27 @@ def _words(props, copy, folder):
     return [*words, "--cluster", cluster] if cluster else words
 
 
-def _command(words):
-    """What runs the words, and its environment: this Blender, or this Python where Blender is its module."""
+def _command(words, blender):
+    """What runs the words, and its environment: this Blender, or this Python where Blender is its module.
+
+    Machines of a cluster have Python and no Blender, and want to be spoken with by the same.
+    """
     environment = preferences.environment()
-    if not bpy.app.binary_path:
+    if blender and "--cluster" in words:
+        command = shutil.which("holopath")
+        if command is None:
+            raise engine.InvalidInput(
+                "A cluster is spoken with by the command holopath, which is not found: install what its machines have, "
+                "`pip install holopath[cluster]`, and start Blender where that is on the PATH."
+            )
+        return [command, *words], environment
+    if not blender:
         package = Path(__file__).parents[1]
         places = str(package.parent), environment.get("PYTHONPATH")
         path = {"PYTHONPATH": os.pathsep.join(filter(None, places))}
         return [sys.executable, "-m", package.name, *words], environment | path
     enabled = "--addons", preferences.ADDON  # which preferences on disk may not know yet
-    return [bpy.app.binary_path, "--background", *enabled, "--command", "holopath", *words], environment
+    return [blender, "--background", *enabled, "--command", "holopath", *words], environment
 
 
 def _mark_as_changed():
