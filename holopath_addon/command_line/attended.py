@@ -9,6 +9,7 @@ import _thread
 import json
 import os
 import shutil
+import signal
 import sys
 import threading
 import time
@@ -40,7 +41,8 @@ class Told(Progress):
         self._tell(say=text)
 
     def _tell(self, **entries):
-        print(json.dumps(entries), file=sys.stderr, flush=True)
+        with suppress(OSError):  # the window is gone, and so is the input
+            print(json.dumps(entries), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -52,8 +54,10 @@ def attended(scene):
     scene : path
         Its folder is removed where its name begins with `COPY`.
     """
-    if hasattr(os, "nice"):
+    if os.name == "posix":
         os.nice(PRIORITY)
+        # Else it would kill Blender at once, in the middle of a file, to say something to a window that is gone.
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     threading.Thread(target=_listen, name="holopath attended", daemon=True).start()
     try:
         yield

@@ -242,3 +242,21 @@ def test_ends_with_its_input(tmp_path, killed):
     assert 0 < made < 900
     names = [f"frame_{number + 1:04d}" for number in range(made)]
     assert sorted(path.name for path in out.iterdir()) == [*names, "job.json"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="of POSIX")
+def test_nobody_hears(tmp_path):
+    """Signals as Blender has them: to say something to a window that is gone does not end it amid a file."""
+    words = f"--frame-range 1-2 --resolution 32x32 --quality preview --frames 1 --wavelengths 500 --out {tmp_path}"
+    code = (
+        "import signal, sys\n"
+        "signal.signal(signal.SIGPIPE, signal.SIG_DFL)\n"
+        "from holopath_addon.cli import main\n"
+        f"sys.exit(main({['render', 'demo:box', '--attended', *words.split()]!r}))"
+    )
+    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=MAIN.parents[1], **pipes)
+    assert process.stderr and process.stderr.readline()
+    process.stderr.close()
+    assert process.wait(60) == 0
+    assert sorted(fields(tmp_path)) == ["frame_0001", "frame_0002"]
