@@ -56,6 +56,19 @@ def wanted():
     return None if preferences.backend == "AUTO" else preferences.backend
 
 
+def cluster():
+    """What renders animations, as ``holopath render --cluster`` takes it; empty for this computer alone."""
+    preferences = _chosen()
+    return preferences.cluster.strip() if preferences is not None else ""
+
+
+def environment():
+    """That of a process that computes as this Blender does, which may have preferences that are not saved yet."""
+    backend = wanted()
+    kept = {"HOLOPATH_CACHE": str(store().folder)}
+    return os.environ | kept | ({"HOLOPATH_BACKEND": backend} if backend else {})
+
+
 def backends():
     """`variants.describe()`, asked once until `look_again`: it loads libraries."""
     if "rows" not in _found:
@@ -111,12 +124,21 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         subtype="DIR_PATH",
     )
 
+    cluster: StringProperty(
+        name="Cluster",
+        description=(
+            "What renders animations in the background: address of a Dask scheduler such as tcp://10.0.0.5:8786, or "
+            "local:4 for so many processes of this computer; empty: this computer alone"
+        ),
+    )
+
     def draw(self, context: bpy.types.Context):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "backend")
         layout.prop(self, "llvm_library")
         layout.prop(self, "bake_folder")
+        layout.prop(self, "cluster")
         column = layout.column(align=True)
         for row in backends():
             icon = "CHECKMARK" if row["available"] else "X"

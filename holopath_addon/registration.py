@@ -6,7 +6,7 @@ from functools import partial
 import bpy
 
 from . import operators, preferences, properties, render_engine, ui, viewport
-from .operators import devices, session
+from .operators import background, devices, session
 
 _CLASSES = (
     *properties.CLASSES,
@@ -33,6 +33,7 @@ def register():
         ):
             begin()
             _undo.append(end)
+        _undo.append(background.detach)
         for module in (session, devices, viewport):
             _undo.append(module.detach)
             for callbacks, handler in module.handlers():

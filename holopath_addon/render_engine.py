@@ -2,7 +2,6 @@
 
 import math
 import time
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from . import engine, output, properties, stills, viewport
 from .engine.progress import Compiling
 from .export import unit_scale
-from .operators import session
+from .operators import background, session
 from .operators.jobs import on_main_thread
 from .operators.rendering import output_size
 
@@ -113,12 +112,7 @@ def _region(settings, target, size):
 def _folder(depsgraph):
     """Output folder of the current frame of an animation; where several view layers are rendered, of this one's."""
     scene, layer = depsgraph.scene, depsgraph.view_layer
-    path = properties.of(scene).animation_folder
-    if not path or (path.startswith("//") and not bpy.data.filepath):
-        raise engine.InvalidInput(
-            "The animation's wave fields have no folder: save the .blend, or choose a folder in the Output properties."
-        )
-    folder = Path(bpy.path.abspath(path))
+    folder = background.folder_of(scene)
     if sum(each.use for each in scene.view_layers) > 1:
         folder /= bpy.path.clean_name(layer.name)
     return output.frame_folder(folder, scene.frame_current)

@@ -1,5 +1,6 @@
 """`holopath render`: a still, or every frame of an animation. What its words mean, and the work that they ask for."""
 
+import argparse
 import math
 import time
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from ..farm.parts import StillParts
 from ..farm.units import Unit
 from ..farm.work import Work
 from . import options, sources
+from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
 from .console import Progress
 from .options import argument
@@ -23,6 +25,7 @@ from .options import argument
 # Words that leave results as they are; all others decide them.
 _APART = {
     "run",
+    "attended",
     "scene",
     "out",
     "animation",
@@ -98,6 +101,7 @@ def add(command, store):
         metavar="N",
         help="also write such pictures through N x N points of the pupil into DIR/light_field",
     )
+    render.add_argument("--attended", action="store_true", help=argparse.SUPPRESS)  # by a window
 
 
 def add_scene(parser, store):
@@ -302,7 +306,14 @@ def still_of(args, source, job=None):
 
 
 def _render(args):
-    progress = Progress(quiet=args.quiet)
+    if args.attended:
+        with attended(args.scene):
+            _work(args, Told())
+    else:
+        _work(args, Progress(quiet=args.quiet))
+
+
+def _work(args, progress):
     if args.animation or args.frame_range or args.divide is not None:
         _share(args, progress)
         return
@@ -404,14 +415,14 @@ def _parts(args, out, say, saved):
 
     def still():
         start = time.perf_counter()
-        return _still(args, source, job.digest), time.perf_counter() - start
+        return still_of(args, source, job.digest), time.perf_counter() - start
 
     def joined(report):
         saved(output.first_picture(out, report), report["seconds"]["total"])
         for line in _remarks(report):
             say(line)
 
-    hologram, settings = _hologram_of(args, source.hologram), options.asked(args, source.settings)
+    hologram, settings = hologram_of(args, source.hologram), options.asked(args, source.settings)
     parts = StillParts(out, args.divide, hologram, settings, job.digest, args.encode, still, joined)
     return Work(parts.folder, job, parts.units, parts.names, parts.clear)
 

@@ -1,6 +1,6 @@
 """Operators: thin, over the plain functions of `session` and `pipeline`."""
 
-from . import baked, demos, field, focus_list, hologram, rendering, streaming
+from . import animation, baked, demos, field, focus_list, hologram, rendering, streaming
 
 CLASSES = (
     *rendering.CLASSES,
@@ -9,5 +9,6 @@ CLASSES = (
     *focus_list.CLASSES,
     *hologram.CLASSES,
     *streaming.CLASSES,
+    *animation.CLASSES,
     *demos.CLASSES,
 )

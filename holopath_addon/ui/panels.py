@@ -19,6 +19,7 @@ _SUBPANELS = (
     ("estimate", "Estimate", sections.estimate, True),
     ("baked_light", "Baked Light", sections.baked_light, True),
     ("render", "", sections.render, False),
+    ("animation", "Animation", sections.animation, True),
     ("reconstruct", "Reconstruction", sections.reconstruct, False),
     ("hologram", "Hologram", sections.hologram, False),
     ("device", "Display Device", device, True),

@@ -2,15 +2,16 @@
 
 from typing import Any
 
+import bpy
 from bpy.types import Context, UILayout
 
 from .. import pipeline, preferences, properties
 from ..engine.settings import BASELINES, DECLARED
-from ..operators import session
+from ..operators import background, session
 from ..operators.rendering import output_size, own_size
 from ..properties import HoloPathSettings, display_of, property_of
 from .focus_list import HOLOPATH_UL_focus
-from .text import alert, count, wrapped
+from .text import alert, count, duration, wrapped
 
 
 def summary(layout: UILayout, context: Context) -> None:
@@ -187,6 +188,54 @@ def render(layout: UILayout, context: Context) -> None:
     noted = len(session.current.notes)
     if noted and session.plan_of(context.scene) is not None:
         wrapped(layout, context, f"{count(noted, 'Export Note')}: Features Approximated", icon="INFO")
+
+
+def animation(layout: UILayout, context: Context) -> None:
+    """The button for all frames, or how far they are; what became of the last ones."""
+    layout.prop(properties.of(context.scene), "animation_folder", text="Folder")
+    layout.use_property_split = False
+    work = background.current
+    column = layout.column(align=True)
+    if background.running():
+        column.progress(factor=work.done, text=_frames_text(work))
+        row = column.row()
+        row.enabled = not work.canceled
+        row.operator("holopath.cancel_animation", text="Cancel", icon="CANCEL")
+    else:
+        column.scale_y = 2.0  # as high as both
+        column.operator("holopath.render_animation", icon="RENDER_ANIMATION")
+    _animation_state(layout, context, work)
+
+
+def _frames_text(work):
+    """``Frame 12 of 250, 3 min left``."""
+    if work.canceled:
+        return "Canceling…"
+    left = work.remaining
+    return f"Frame {work.frame} of {work.count}" + ("" if left is None else f", {duration(left)} left")
+
+
+def _animation_state(layout, context, work):
+    column = layout.column(align=True)
+    if background.running():
+        wrapped(column, context, f"{work.message}…")
+    elif work.error:
+        alert(column, context, work.error)
+    elif work.canceled:
+        wrapped(
+            column, context, f"Canceled: {work.finished} of {count(work.count, 'Frame')} Done", icon="INFO"
+        )
+    elif work.count:
+        wrapped(column, context, f"{count(work.count, 'Frame')} Done", icon="CHECKMARK")
+    else:
+        frames = len(background.frames_of(context.scene))
+        wrapped(column, context, f"{count(frames, 'Frame')}, in the Background")
+    if work.file and work.file != bpy.path.basename(bpy.data.filepath or "untitled.blend"):
+        wrapped(column, context, f"Of {work.file}")
+    if preferences.cluster():
+        wrapped(column, context, f"By {preferences.cluster()}", icon="NETWORK_DRIVE")
+    for note in work.notes:
+        wrapped(layout, context, note, icon="DOT")
 
 
 def failure(layout: UILayout, context: Context) -> None:

@@ -41,8 +41,8 @@ def activate(prefer: str | None = None) -> str:
     Parameters
     ----------
     prefer : {'cuda_ad_rgb', 'llvm_ad_rgb'}, optional
-        Variant to use. Default: the one already set if it is one of these, else CUDA where there is a
-        device with OptiX, else LLVM.
+        Variant to use. Default: the one already set if it is one of these, else what `HOLOPATH_BACKEND` names, else
+        CUDA where there is a device with OptiX, else LLVM.
 
     Returns
     -------
@@ -56,10 +56,11 @@ def activate(prefer: str | None = None) -> str:
     BackendUnavailable
         Where Mitsuba is not installed, or neither a CUDA device nor a libLLVM of 19 or newer can be used.
     """
-    if prefer not in (None, CUDA, LLVM):
-        raise InvalidInput(f"There is no backend '{prefer}': choose {CUDA} or {LLVM}.")
     with _lock:
         current = _current_variant()
+        prefer = prefer or (None if current else os.environ.get("HOLOPATH_BACKEND") or None)
+        if prefer not in (None, CUDA, LLVM):
+            raise InvalidInput(f"There is no backend '{prefer}': choose {CUDA} or {LLVM}.")
         wanted = prefer or current or (CUDA if _cuda_device()[0] else LLVM)
         if wanted == CUDA and current != CUDA:
             usable, detail = _cuda_device()

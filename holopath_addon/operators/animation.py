@@ -1,0 +1,60 @@
+"""Render an animation in the background."""
+
+import bpy
+
+from . import background, session
+from .working import ready, refused
+
+
+class HOLOPATH_OT_render_animation(bpy.types.Operator):
+    """Render every frame's wave field and pictures into the animation's folder, in the background; frames that are there, made of the same scene with the same settings, are skipped"""  # noqa: E501
+
+    bl_idname = "holopath.render_animation"
+    bl_label = "Render Animation"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        told = "An animation is being rendered: wait for it or cancel it"
+        return context.scene is not None and ready(cls, not background.running(), told)
+
+    def execute(self, context: bpy.types.Context):
+        """Render and wait for the end, as scripts do."""
+        done = self._start(context)
+        if done == {"CANCELLED"}:
+            return done
+        background.current.wait()
+        if background.current.error:
+            return refused(self, background.current.error)
+        return done
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        """Render while the window stays free."""
+        return self._start(context)
+
+    def _start(self, context):
+        try:
+            background.start(context.scene)
+        except Exception:
+            return refused(self, background.current.error)
+        finally:
+            session.redraw(images=False)
+        return {"FINISHED"}
+
+
+class HOLOPATH_OT_cancel_animation(bpy.types.Operator):
+    """Stop rendering the animation; frames that are done stay, and Render Animation goes on after them"""
+
+    bl_idname = "holopath.cancel_animation"
+    bl_label = "Cancel Animation"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        return background.running()
+
+    def execute(self, context: bpy.types.Context):
+        background.current.cancel()
+        session.redraw(images=False)
+        return {"FINISHED"}
+
+
+CLASSES = (HOLOPATH_OT_render_animation, HOLOPATH_OT_cancel_animation)
