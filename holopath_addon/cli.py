@@ -18,6 +18,7 @@ from .command_line.options import argument, renamed
 from .engine import encoding
 from .engine.progress import stage
 from .engine.settings import ENCODINGS
+from .farm.processes import INTERRUPTS
 
 
 def main(argv=None, store=None):
@@ -86,7 +87,7 @@ def _interruptible():
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, signal.default_int_handler) for number in sources.INTERRUPTS}
+    before = {number: signal.signal(number, signal.default_int_handler) for number in INTERRUPTS}
     try:
         yield
     finally:

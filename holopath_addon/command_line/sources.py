@@ -5,9 +5,7 @@ import glob
 import math
 import os
 import re
-import signal
 import sys
-import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,11 +14,11 @@ import numpy as np
 
 from .. import engine
 from ..engine.scene import variants
+from ..farm.processes import uninterrupted
 
 if TYPE_CHECKING:
     import mitsuba as mi
 
-INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 SHINING = {  # a note
     "object": "integrator",
     "feature": "hide_emitters",
@@ -100,7 +98,10 @@ class BlenderSource:
 
     def go_to(self, frame):
         """Make a frame the current one."""
-        with native_output_to_stderr():
+        with (
+            native_output_to_stderr(),
+            uninterrupted(),
+        ):  # in a handler Blender would swallow it, and what changed
             _scene().frame_set(frame)
 
     def load(self, width, height, camera=None):
@@ -111,7 +112,7 @@ class BlenderSource:
 
         with uninterrupted():
             variants.activate()
-        depsgraph = bpy.context.evaluated_depsgraph_get()
+            depsgraph = bpy.context.evaluated_depsgraph_get()
         exported = export_scene(depsgraph, (width, height), camera, self._cache)
         return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
 
@@ -312,23 +313,6 @@ def _bpy(what):
 
         properties.register()
     return bpy
-
-
-@contextlib.contextmanager
-def uninterrupted():
-    """Ctrl-C waits for the end of the block: bpy and Mitsuba crash where it tears their import."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    arrived = []
-    before = {number: signal.signal(number, lambda *_: arrived.append(True)) for number in INTERRUPTS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler or signal.SIG_DFL)
-        if arrived:
-            raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
