@@ -22,6 +22,7 @@ from .command_line import (
 from .command_line.console import Progress, alive, close_line
 from .command_line.options import argument
 from .engine.progress import stage
+from .farm.processes import INTERRUPTS
 
 
 def main(argv=None, store=None):
@@ -92,7 +93,7 @@ def _interruptible():
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, signal.default_int_handler) for number in sources.INTERRUPTS}
+    before = {number: signal.signal(number, signal.default_int_handler) for number in INTERRUPTS}
     try:
         yield
     finally:

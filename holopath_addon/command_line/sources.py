@@ -5,9 +5,7 @@ import glob
 import math
 import os
 import re
-import signal
 import sys
-import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,11 +14,11 @@ import numpy as np
 
 from .. import demo, engine
 from ..engine.scene import variants
+from ..farm.processes import uninterrupted
 
 if TYPE_CHECKING:
     import mitsuba as mi
 
-INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 SHINING = {  # a note
     "object": "integrator",
     "feature": "hide_emitters",
@@ -100,6 +98,7 @@ class BlenderSource:
 
     def go_to(self, frame):
         """Make a frame the current one."""
+        # in a handler Blender would swallow an interrupt
         with native_output_to_stderr(), uninterrupted():
             _scene().frame_set(frame)
 
@@ -334,26 +333,6 @@ def _bpy(what):
 
         properties.register()
     return bpy
-
-
-@contextlib.contextmanager
-def uninterrupted():
-    """Ctrl-C waits for the end of the block.
-
-    bpy and Mitsuba crash where it tears their import; Blender prints what its handlers raise, and goes on.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    arrived = []
-    before = {number: signal.signal(number, lambda *_: arrived.append(True)) for number in INTERRUPTS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler or signal.SIG_DFL)
-        if arrived:
-            raise KeyboardInterrupt
 
 
 @contextlib.contextmanager

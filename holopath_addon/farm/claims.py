@@ -76,30 +76,27 @@ class Claims:
         self._heart = threading.Thread(target=self._beat, name="claims", daemon=True)
 
     def __enter__(self) -> Claims:
-        while self._here not in self._held:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            try:
-                self._make(self._here)
-            except FileNotFoundError:  # another process ended just now and took the folder along
-                continue
-            except BaseException:
-                self._vanish()
-                raise
-        self._heart.start()
+        try:
+            while self._here not in self._held:
+                self._folder.mkdir(parents=True, exist_ok=True)
+                with suppress(FileNotFoundError):  # another process ended just now and took the folder along
+                    self._make(self._here)
+            self._heart.start()
+        except BaseException:
+            self._ended.set()
+            self._leave()
+            raise
         return self
 
     def __exit__(self, *_) -> None:
-        self._ended.set()
-        self._heart.join()
-        for name in list(self._held):
-            if name != self._here:
-                self._release(name)
-        with suppress(OSError):
-            for name in os.listdir(self._folder):
-                with self.claim(name):  # what killed processes left goes
-                    pass
-        self._release(self._here)
-        self._vanish()
+        with processes.uninterrupted():
+            self._ended.set()
+            self._heart.join()
+            with suppress(OSError):
+                for name in os.listdir(self._folder):
+                    with self.claim(name):  # what killed processes left goes
+                        pass
+            self._leave()
 
     @contextmanager
     def claim(self, name: str) -> Iterator[bool]:
@@ -110,11 +107,11 @@ class Claims:
         bool
             Whether this process holds it.
         """
-        held = self._claimed(name)
+        before = name in self._held
         try:
-            yield held
+            yield self._claimed(name)
         finally:
-            if held:
+            if not before and name in self._held:
                 self._release(name)
 
     @contextmanager
@@ -159,36 +156,39 @@ class Claims:
 
     def _make(self, name):
         """Whether there was no such claim before."""
-        path, pid = self._folder / name, os.getpid()
-        try:
-            handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
-        except FileExistsError:
-            return False
         claim = Claim(
             processes.host(),
             processes.place(),
-            pid,
-            processes.started(pid),
+            os.getpid(),
+            processes.started(os.getpid()),
             self._tag,
             secrets.token_hex(8),
         )
-        try:
-            with os.fdopen(handle, "w") as stream:
-                json.dump(asdict(claim), stream)
-        except BaseException:
-            self._remove(name)
-            raise
-        self._held[name] = claim
+        with processes.uninterrupted():
+            try:
+                handle = os.open(self._folder / name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
+            except FileExistsError:
+                return False
+            try:
+                with os.fdopen(handle, "w") as stream:
+                    json.dump(asdict(claim), stream)
+            except BaseException:
+                self._remove(name)
+                raise
+            self._held[name] = claim
         return True
 
-    def _vanish(self):
+    def _leave(self):
+        for name in list(self._held):
+            self._release(name)
         with suppress(OSError):
             self._folder.rmdir()  # unless others work here
 
     def _release(self, name):
-        if not self.lost(name):
-            self._remove(name)
-        del self._held[name]
+        with processes.uninterrupted():
+            if not self.lost(name):
+                self._remove(name)
+            del self._held[name]
 
     def _remove(self, name):
         for _ in range(TRIES):

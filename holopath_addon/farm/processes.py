@@ -1,14 +1,19 @@
-"""Which process is meant, on which machine, and whether it still runs: told of processes by other ones."""
+"""Processes: which one is meant, on which machine, whether it still runs, and when it may be interrupted."""
 
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 # Of Windows, for `_started_on_windows`.
 _QUERY_LIMITED_INFORMATION = 0x1000
 _STILL_ACTIVE = 259
@@ -40,6 +45,26 @@ def started(pid: int) -> str:
     words = ["ps", "-o", "state=,lstart=", "-p", str(pid)]
     told = subprocess.run(words, capture_output=True, text=True, check=False).stdout.split()
     return " ".join(told[1:]) if told and told[0][0] != "Z" else ""
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ctrl-C and SIGTERM wait for the end of the block.
+
+    bpy and Mitsuba crash where it tears their import, and nobody would know of a file that was made just then.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    arrived: list[int] = []
+    before = {number: signal.signal(number, lambda got, _: arrived.append(got)) for number in INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+        if arrived:
+            signal.raise_signal(arrived[0])  # to whom it was for, which may be a block around this one
 
 
 def _started_on_linux(pid):

@@ -98,8 +98,11 @@ def _made(folder, unit, claims, progress):
         if not unit.done():
             try:
                 unit.make(progress)
-            except (OSError, InvalidInput):
-                if not claims.lost(unit.name):
-                    raise
-                return False  # taken for gone, this process had what it was writing swept away
+            except BaseException as error:
+                lost = claims.lost(unit.name)
+                if not lost:
+                    files.sweep(folder / unit.name)
+                elif isinstance(error, (OSError, InvalidInput)):
+                    return False  # taken for gone, this process had what it was writing swept away
+                raise
         return True

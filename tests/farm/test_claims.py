@@ -193,3 +193,17 @@ def test_of_many_that_are_killed_one_holds_it_at_a_time(tmp_path):
     with Claims(tmp_path, "tag"):
         pass
     assert os.listdir(tmp_path) == []
+
+
+def test_interrupts_wait_for_the_end_of_the_outermost_block():
+    done = []
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), processes.uninterrupted():
+            with processes.uninterrupted():
+                signal.raise_signal(signal.SIGINT)
+                done.append("inner")
+            done.append("outer")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert done == ["inner", "outer"]
