@@ -265,7 +265,9 @@ def _security(stack, folder) -> Any:
         return named
     if shutil.which("openssl") is None:
         return None
-    own = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=".cluster-", dir=folder)))
+    own = Path(
+        stack.enter_context(tempfile.TemporaryDirectory(prefix=".cluster-", dir=Path(folder).absolute()))
+    )
     key, certificate = str(own / "key.pem"), str(own / "certificate.pem")
     words = "req -x509 -newkey rsa:2048 -nodes -batch -days 365 -subj /CN=dask-internal -keyout".split()
     subprocess.run(
