@@ -13,7 +13,8 @@ from ..farm.crew import Crew
 from ..farm.work import work_off
 from .options import argument
 
-SELDOM = 60.0  # seconds between two tables where they are lines of a file
+TOLD = 10.0  # seconds between two lines of progress in a file
+SELDOM = 60.0  # and between two tables
 DRAWN = 0.5  # seconds between two of them in a terminal
 
 
@@ -83,9 +84,12 @@ class _Watch:
     def __init__(self, progress, quiet):
         self._progress, self._quiet, self._terminal = progress, quiet, sys.stderr.isatty()
         self._lock = threading.Lock()  # remarks come in a thread of Dask's
-        self._last = time.monotonic()
+        self._last, self._told = time.monotonic(), -TOLD
 
     def progress(self, done, message):
+        if not self._terminal and time.monotonic() - self._told < TOLD:
+            return
+        self._told = time.monotonic()
         with self._lock:
             self._progress(done, message)
 

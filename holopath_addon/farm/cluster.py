@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from .. import failures
 from ..engine import BackendUnavailable, InvalidInput
 from ..engine.scene import variants
 from .errors import FarmFailed
@@ -37,6 +38,7 @@ CONFIGURATION = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
+CONNECT = 10.0  # seconds that a scheduler has to answer in
 PAGES = {"dashboard_address": "127.0.0.1:0"}  # any free port
 _KINDS = {  # of the options of `Slurm`: what they are, and whether a value is such
     "int": ("a whole number from 1 on", lambda value: type(value) is int and value > 0),
@@ -59,6 +61,7 @@ class Slurm:
     queue: str | None = None
     account: str | None = None
     interface: str | None = None
+    logs: str | None = None
     lines: list[str] = field(default_factory=list)
     prologue: list[str] = field(default_factory=list)
 
@@ -116,6 +119,7 @@ class Slurm:
             "queue": self.queue,
             "account": self.account,
             "interface": self.interface,
+            "log_directory": self.logs,
             "job_name": "holopath",
             "job_extra_directives": self.lines,
             "job_script_prologue": self.prologue,
@@ -186,13 +190,7 @@ class Cluster:
         with ExitStack() as stack:
             stack.enter_context(dask.config.set(CONFIGURATION))
             if self.address:
-                try:
-                    client = distributed.Client(self.address, set_as_default=False, timeout="10s")
-                except (OSError, TimeoutError, ValueError, RuntimeError) as error:
-                    raise FarmFailed(
-                        f"No Dask scheduler answers at {self.address} ({' '.join(str(error).split())}): start one with "
-                        "`dask scheduler`, or see its address, and its certificates if it is tls."
-                    ) from error
+                client = _connected(self.address)
                 stack.callback(client.close, timeout=2)
                 _check_scheduler(client)
             else:
@@ -239,6 +237,22 @@ class Cluster:
         return cluster
 
 
+def _connected(address):
+    import distributed
+
+    if address.startswith("tls") and not distributed.Security().get_connection_args("client")["ssl_context"]:
+        raise InvalidInput(
+            f"{address} needs certificates: name them in Dask's configuration (distributed.comm.tls)."
+        )
+    try:
+        return distributed.Client(address, set_as_default=False, timeout=CONNECT)
+    except (OSError, TimeoutError, ValueError, RuntimeError) as error:
+        raise FarmFailed(
+            f"No Dask scheduler answers at {address} ({failures.one_line(error)}): start one with `dask scheduler`, or "
+            "see its address, and its certificates if it is tls."
+        ) from error
+
+
 def _security(stack, folder) -> Any:
     """Certificates of Dask's configuration, else new ones for this run only; None where there is no openssl.
 
@@ -246,12 +260,14 @@ def _security(stack, folder) -> Any:
     """
     from distributed.security import Security
 
-    named: Any = Security()
+    named: Any = Security(require_encryption=True)
     if named.tls_ca_file:
         return named
     if shutil.which("openssl") is None:
         return None
-    own = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=".cluster-", dir=folder)))
+    own = Path(
+        stack.enter_context(tempfile.TemporaryDirectory(prefix=".cluster-", dir=Path(folder).absolute()))
+    )
     key, certificate = str(own / "key.pem"), str(own / "certificate.pem")
     words = "req -x509 -newkey rsa:2048 -nodes -batch -days 365 -subj /CN=dask-internal -keyout".split()
     subprocess.run(

@@ -87,11 +87,9 @@ async def _announce(private: bool, dask_worker: Any = None) -> dict:
     name = resource(found)
     if name not in dask_worker.state.total_resources:
         if private:
-            for number in (
-                signal.SIGINT,
-                signal.SIGTERM,
-            ):  # sent to all our processes, the client acts on them
-                signal.signal(number, signal.SIG_IGN)
+            # Sent to all our processes, these are for the client to act on.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
         await dask_worker.set_resources(**{name: 1})
         # The scheduler gives tasks that wait for a worker to one that begins to run, not to one that offers more.
         dask_worker.status = Status.paused
@@ -373,10 +371,6 @@ def _why(error):
 def _duration(seconds):
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return (
-        f"{hours} h {minutes:02} min"
-        if hours
-        else f"{minutes} min {seconds:02} s"
-        if minutes
-        else f"{seconds} s"
-    )
+    if hours:
+        return f"{hours} h {minutes:02} min"
+    return f"{minutes} min {seconds:02} s" if minutes else f"{seconds} s"

@@ -181,6 +181,7 @@ def test_cancelled_nothing_half_done_stays(tmp_path):
     assert "a" in names(tmp_path) and not [name for name in names(tmp_path) if name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_a_worker_killed_three_times(tmp_path):
     asked, killed = Asked(tmp_path, 1, "a", "b", "c"), []
 
@@ -201,6 +202,7 @@ def test_a_worker_killed_three_times(tmp_path):
     assert names(tmp_path) == ["a", "b", "c"]
 
 
+@pytest.mark.slow
 def test_a_unit_that_another_process_makes_is_waited_for(tmp_path):
     asked = Asked(tmp_path, 5, "a")
     plain = threading.Thread(target=toy.open_job(asked.words, print), args=("a", lambda *_: None))
@@ -211,6 +213,7 @@ def test_a_unit_that_another_process_makes_is_waited_for(tmp_path):
     assert any("Waiting for a" in row for rows in asked.shown for row in rows)
 
 
+@pytest.mark.slow
 def test_workers_may_come_late(tmp_path):
     results = tmp_path / "results"
     results.mkdir()
@@ -233,6 +236,7 @@ def test_workers_may_come_late(tmp_path):
     assert (results / "a" / "threads").read_text() == "3"
 
 
+@pytest.mark.slow
 def test_the_scheduler_dies_and_the_same_goes_on(tmp_path):
     results = tmp_path / "results"
     results.mkdir()
@@ -254,6 +258,7 @@ def test_the_scheduler_dies_and_the_same_goes_on(tmp_path):
     assert names(results) == list("abcd")
 
 
+@pytest.mark.slow
 def test_a_worker_of_another_version_is_not_used(tmp_path):
     results, other = tmp_path / "results", tmp_path / "site"
     results.mkdir()
@@ -276,10 +281,13 @@ def test_a_worker_of_another_version_is_not_used(tmp_path):
 
 
 def test_no_scheduler_no_dask_no_cluster(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT", 0.5)
     with pytest.raises(
         errors.FarmFailed, match=r"No Dask scheduler answers at tcp://127.0.0.1:1 .*dask scheduler"
     ):
         Asked(tmp_path, 0, "a").on("tcp://127.0.0.1:1")
+    with pytest.raises(InvalidInput, match="tls://127.0.0.1:1 needs certificates"):
+        Asked(tmp_path, 0, "a").on("tls://127.0.0.1:1")
     for text in ("", "local", "local:0", "local:two", "slurm:", "127.0.0.1:8786", "http://a:1"):
         with pytest.raises(InvalidInput, match="is no cluster: give tcp://HOST:PORT"):
             cluster.Cluster.parse(text)
