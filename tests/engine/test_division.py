@@ -32,7 +32,10 @@ def agrees(what, folder, count, alone=False):
     whole = engine.render(*what)
     joined = divided(what, folder, count, alone)
     assert joined.data.any() and np.array_equal(joined.data, whole.data)
-    assert joined.plan == whole.plan | {"stages": joined.plan["stages"], "seconds": joined.plan["seconds"]}
+    timed = {
+        name: joined.plan[name] for name in ("stages", "seconds", "decisions")
+    }  # which name seconds, too
+    assert joined.plan == whole.plan | timed
     return joined, whole
 
 
@@ -104,6 +107,19 @@ def test_another_scene_is_refused(build, planes, tmp_path):
     other = build.two_planes(build.emissive)
     with pytest.raises(engine.InvalidInput, match="another scene"):
         DividedRender(other, *planes[1:], tmp_path, 2).make("traced-1-of-2", quiet)
+
+
+def test_parts_of_two_preparations_do_not_mix(planes, tmp_path):
+    """A plan goes by what is measured: made again it may be another one, which parts of the first do not fit."""
+    work, other = (DividedRender(*planes, tmp_path, 2) for _ in range(2))
+    work.make(PREPARED, quiet)
+    work.make("traced-1-of-2", quiet)
+    other.make(PREPARED, quiet)
+    assert not work.done(tmp_path, "traced-1-of-2", "") and work.done(tmp_path, PREPARED, "")
+    for name in list(work.steps)[1:]:
+        work.make(name, quiet)
+        assert work.done(tmp_path, name, "")
+    assert np.array_equal(work.joined(quiet).data, engine.render(*planes).data)
 
 
 def test_a_part_that_is_cancelled_leaves_nothing(planes, tmp_path):

@@ -9,6 +9,7 @@ What all share is prepared once: the plan, baked light, radiance maps and the en
 from __future__ import annotations
 
 import json
+import secrets
 from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
@@ -128,13 +129,16 @@ class DividedRender:
         # of light that all need, not only the maps, all need the same
         self.store = store if store and self._mapped else BakeStore(self.folder / "baked")
         self._light: dict[int, RadianceMap | PathsPerRay] = {}
+        # Tells preparations apart: what was measured for one plan may have made another one, with other parts.
+        self._mark = ""
         self._clock = Clock()
         self._last: tuple[int, np.ndarray | None] = -1, None
 
     @staticmethod
     def done(folder: Path, name: str, job: str) -> bool:
-        """Whether the result of a step is there; it appears whole."""
-        return _report(folder, name).get("job") == job
+        """Whether the result of a step is there, of the same preparation as all others; it appears whole."""
+        report, prepared = _report(folder, name), _report(folder, PREPARED)
+        return report.get("job") == prepared.get("job") == job and report["mark"] == prepared["mark"]
 
     def make(self, name: str, progress: Progress) -> None:
         """Do a step whose needs are done.
@@ -150,6 +154,10 @@ class DividedRender:
         InvalidInput, BackendUnavailable, Cancelled, OSError
         """
         kind, _, number = name.partition("-")
+        if kind == PREPARED:
+            self._mark = secrets.token_hex(8)
+        else:
+            self._renew()
         with whole_folder(self.folder / name, lambda folder: None) as part:
             self._clock.seconds = {}
             if kind == PREPARED:
@@ -159,7 +167,9 @@ class DividedRender:
             else:
                 ways = _ways(self.hologram, self.settings, self.count)
                 report = self._gather(ways[int(number.split("-")[0]) - 1], part, progress)
-            (part / REPORT).write_text(_json({"job": self.job, "seconds": self._clock.seconds, **report}))
+            (part / REPORT).write_text(
+                _json({"job": self.job, "mark": self._mark, "seconds": self._clock.seconds, **report})
+            )
 
     def joined(self, progress: Progress) -> WaveField:
         """The wave field, once all steps are done.
@@ -173,6 +183,7 @@ class DividedRender:
         -------
         WaveField
         """
+        self._renew()
         hologram, settings, prepared = self.hologram, self.settings, self._prepared
         shape = settings.frames, len(hologram.wavelengths), hologram.height, hologram.width
         field, seconds, rays = np.empty(shape, np.complex64), {}, {}
@@ -186,6 +197,16 @@ class DividedRender:
         told = prepared["passes"], prepared["error"], prepared["bake"]
         report = report_of(plan, settings.frames, seconds, rays, *told)
         return WaveField(field, hologram, self.camera, plan.near, plan.to_dict(), report)
+
+    def _renew(self):
+        """Go by the preparation that is there: what was read of one that it has replaced goes."""
+        mark = _report(self.folder, PREPARED)["mark"]
+        if mark != self._mark:
+            self._mark = mark
+            self._light.clear()
+            self._last = -1, None
+            for name in ("_prepared", "_planned", "_index"):
+                self.__dict__.pop(name, None)
 
     @property
     def _mapped(self) -> bool:
