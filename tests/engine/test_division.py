@@ -116,6 +116,9 @@ def test_parts_of_two_preparations_do_not_mix(planes, tmp_path):
     work.make("traced-1-of-2", quiet)
     other.make(PREPARED, quiet)
     assert not work.done(tmp_path, "traced-1-of-2", "") and work.done(tmp_path, PREPARED, "")
+    work.make("traced-2-of-2", quiet)
+    with pytest.raises(engine.InvalidInput, match="give the same command again"):
+        work.make("gathered-1-of-2-of-2", quiet)
     for name in list(work.steps)[1:]:
         work.make(name, quiet)
         assert work.done(tmp_path, name, "")

@@ -188,7 +188,7 @@ class DividedRender:
         shape = settings.frames, len(hologram.wavelengths), hologram.height, hologram.width
         field, seconds, rays = np.empty(shape, np.complex64), {}, {}
         for number, name in enumerate(self.steps):
-            report = _report(self.folder, name)
+            report = self._report(name)
             seconds, rays = added(seconds, report["seconds"]), added(rays, report.get("rays", {}))
             for way, k, start, stop in report.get("ways", ()):
                 field[start:stop, k] = np.load(self.folder / name / f"{way}_{FIELD}", allow_pickle=False)
@@ -207,6 +207,21 @@ class DividedRender:
             self._last = -1, None
             for name in ("_prepared", "_planned", "_index"):
                 self.__dict__.pop(name, None)
+
+    def _report(self, name):
+        """The report of a step that is done.
+
+        Raises
+        ------
+        InvalidInput
+            Where another process has prepared all anew meanwhile.
+        """
+        report = _report(self.folder, name)
+        if report.get("mark") != self._mark:
+            raise InvalidInput(
+                f"{self.folder / name} is of another preparation of this hologram: give the same command again."
+            )
+        return report
 
     @property
     def _mapped(self) -> bool:
@@ -371,10 +386,13 @@ class DividedRender:
     @cached_property
     def _index(self) -> list[tuple[Path, list[int]]]:
         """What was traced, once all is: the file of values, and a row of `_trace` for each block."""
-        folders = [self.folder / name for name in self.steps if name.startswith(TRACED)]
-        return [
-            (folder / VALUES, row) for folder in folders for row in json.loads((folder / INDEX).read_text())
-        ]
+        found = []
+        for name in self.steps:
+            if name.startswith(TRACED):
+                self._report(name)
+                folder = self.folder / name
+                found += [(folder / VALUES, row) for row in json.loads((folder / INDEX).read_text())]
+        return found
 
     def stored(
         self, group: int, phasors: int, plane: RecordingPlane
