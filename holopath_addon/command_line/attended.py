@@ -41,8 +41,11 @@ class Told(Progress):
         self._tell(say=text)
 
     def _tell(self, **entries):
-        with suppress(OSError):  # the window is gone, and so is the input
+        try:
             print(json.dumps(entries), file=sys.stderr, flush=True)
+        except OSError:
+            # The window is gone, and so is the input. What waits to be said would fail again when Python ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 @contextmanager
@@ -73,6 +76,5 @@ def _listen():
             pass
     _thread.interrupt_main()
     time.sleep(PATIENCE)
-    os._exit(
-        failures.FAILED
-    )  # in the middle of a kernel: what is half written is swept away by whoever goes on
+    # In the middle of a kernel: what is half written is swept away by whoever goes on.
+    os._exit(failures.FAILED)
