@@ -64,6 +64,14 @@ def test_parts_join_to_the_whole(planes, tmp_path, count):
     assert joined.report["foretold"]["field_error"] == whole.report["foretold"]["field_error"]
 
 
+def test_no_packet_is_whole_at_the_edges(planes, tmp_path):
+    """Sides that tiles do not fill: their last packets belong to one part only."""
+    scene, camera, hologram, settings = planes
+    settings = replace(settings, frames=1)
+    joined, whole = agrees((scene, camera, replace(hologram, width=77, height=91), settings), tmp_path, 7)
+    assert joined.report["rays"] == whole.report["rays"]
+
+
 def test_any_process_makes_any_part(planes, tmp_path):
     agrees(planes, tmp_path, 3, alone=True)
 

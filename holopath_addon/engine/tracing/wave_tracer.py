@@ -90,8 +90,11 @@ class Block:
 
     def cut(self, low: float, high: float) -> Block:
         """Its pixels from one part of it to another, 0..1, in whole packets."""
-        first, last = (min(self.count, PACKET * round(self.count * end / PACKET)) for end in (low, high))
-        count = (self.count if high == 1 else last) - first
+        first, last = (
+            self.count if end == 1 else min(self.count, PACKET * round(self.count * end / PACKET))
+            for end in (low, high)
+        )
+        count = last - first
         return replace(self, first=self.first + first, count=count, rays=self.rays // self.count * count)
 
 
