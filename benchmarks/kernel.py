@@ -14,8 +14,8 @@ from holopath_addon.engine.scene.rays import Rays
 from holopath_addon.engine.scene.specular_chains import FirstHits
 from holopath_addon.engine.tracing.estimators import LatticeEstimator
 from holopath_addon.engine.tracing.grain_grid import GrainGrid
-from holopath_addon.engine.tracing.grains import measure_grains
 from holopath_addon.engine.tracing.kernel_table import Lattice, kernel_table
+from holopath_addon.engine.tracing.measurement import Measurement
 from holopath_addon.engine.tracing.wave_tracer import Part, blocks_of, trace_blocks
 from holopath_addon.engine.waves.phase_fields import random_phasors
 
@@ -74,9 +74,8 @@ def run(size=512, repeats=5):
     depths = (plan.z_low, plan.z_high)
     grid = GrainGrid(size, size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
     optics, tracer = FirstHits(plan.coherent), PathTracer(8)
-    radiance = measure_grains(
-        scene, rays, optics, tracer, grid, plan, wavelengths=(GREEN,), seed=0, progress=lambda done: None
-    )
+    measurement = Measurement(scene, rays, optics, tracer, grid, plan, wavelengths=(GREEN,), seed=0)
+    radiance = measurement.measured(lambda done: None)
     phasors = random_phasors(max(FRAMES), size, size)
     part = Part(np.arange(size * size, dtype=np.uint32), rays, estimator, optics)
 

@@ -75,7 +75,8 @@ def work_by(args, work, progress):
     with args.cluster.client(work.folder) as client:
         watch = _Watch(progress, args.quiet)
         crew = Crew(client, args.cluster.workers > 0, args.words, watch.progress, watch.say, watch.show)
-        work.made.extend(crew.work_off(work.folder, list(units), tag))
+        made = crew.work_off(work.folder, list(units), tag)
+        work.made.extend(name for name in made if not work.units[name].needless())
 
 
 class _Watch:

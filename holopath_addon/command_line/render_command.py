@@ -347,9 +347,10 @@ def _share(args, progress):
         work = units_of(args, progress.say, progress.saved)
         with work.job.join(work.folder, work.units):
             work_by(args, work, progress)
+        made = len(work.made)
+        others = sum(not unit.needless() for unit in work.units.values()) - made
         work.clear()
-    seconds, made = time.perf_counter() - start, len(work.made)
-    others = len(work.units) - made
+    seconds = time.perf_counter() - start
     before = f", {others} done before or by others" if others else ""
     progress(1.0, f"Done: {made} {what}{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
 

@@ -73,8 +73,18 @@ class StillParts:
     def units(self) -> dict[str, Unit]:
         """By name, in an order in which they can be made; the last one alone, where the still is there."""
         steps = {} if self.made() else self._steps
+
+        def needless(name):
+            return partial(DividedRender.needless, self.folder, name, self._job)
+
         found = [
-            Unit(name, partial(self._make, name), partial(self._made, name), needs)
+            Unit(
+                name,
+                partial(self._make, name),
+                partial(self._made, name),
+                needs,
+                needless(name),
+            )
             for name, needs in steps.items()
         ]
         found.append(Unit(JOINED, self._join, self.made, tuple(steps)))

@@ -22,9 +22,12 @@ class Unit:
         ``done()`` tells in no time whether the result is there, as this job asks for it.
     needs : tuple of str
         Names of units that have to be done before.
+    needless : callable
+        ``needless()`` tells of a unit that is done whether there is no result, as those before it say all.
     """
 
     name: str
     make: Callable[[Progress], None]
     done: Callable[[], bool]
     needs: tuple[str, ...] = ()
+    needless: Callable[[], bool] = lambda: False

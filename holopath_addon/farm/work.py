@@ -71,7 +71,8 @@ def work_off(
             before = len(todo)
             for unit in list(todo.values()):
                 if unit.done():
-                    say(f"{unit.name}: {found}")
+                    if not unit.needless():
+                        say(f"{unit.name}: {found}")
                 elif todo.keys() & set(unit.needs):
                     continue
                 else:

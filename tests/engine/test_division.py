@@ -16,14 +16,21 @@ def quiet(done, message):
     pass
 
 
+def made(work, last, first=None):
+    """Make the steps from the first one up to the last one, but those that are needless."""
+    names = list(work.steps)
+    for name in names[names.index(first) if first else 0 : names.index(last) + 1]:
+        if not work.needless(work.folder, name, work.job):
+            assert not work.done(work.folder, name, work.job)
+            work.make(name, quiet)
+            assert work.done(work.folder, name, work.job)
+
+
 def divided(what, folder, count, alone=False):
     """The field that parts join to; `alone` has a process of its own make each, which knows nothing of the others."""
     work = DividedRender(*what, folder, count)
     for name in work.steps:
-        worker = DividedRender(*what, folder, count) if alone else work
-        assert not worker.done(folder, name, worker.job)
-        worker.make(name, quiet)
-        assert worker.done(folder, name, worker.job)
+        made(DividedRender(*what, folder, count) if alone else work, name, name)
     return DividedRender(*what, folder, count).joined(quiet)
 
 
@@ -37,6 +44,12 @@ def agrees(what, folder, count, alone=False):
     }  # which name seconds, too
     assert joined.plan == whole.plan | timed
     return joined, whole
+
+
+@pytest.fixture(autouse=True)
+def chunks(monkeypatch):
+    """Of few paths: pixels of small holograms come in several, too."""
+    monkeypatch.setattr("holopath_addon.engine.tracing.grains.CHUNK_PATHS", 1 << 13)
 
 
 @pytest.fixture
@@ -114,22 +127,25 @@ def test_another_scene_is_refused(build, planes, tmp_path):
     DividedRender(*planes, tmp_path, 2).make(PREPARED, quiet)
     other = build.two_planes(build.emissive)
     with pytest.raises(engine.InvalidInput, match="another scene"):
-        DividedRender(other, *planes[1:], tmp_path, 2).make("traced-1-of-2", quiet)
+        DividedRender(other, *planes[1:], tmp_path, 2).make("asked-1-1-of-2", quiet)
 
 
 def test_parts_of_two_preparations_do_not_mix(planes, tmp_path):
     """A plan goes by what is measured: made again it may be another one, which parts of the first do not fit."""
     work, other = (DividedRender(*planes, tmp_path, 2) for _ in range(2))
-    work.make(PREPARED, quiet)
-    work.make("traced-1-of-2", quiet)
+    made(work, "traced-1-of-2")
     other.make(PREPARED, quiet)
-    assert not work.done(tmp_path, "traced-1-of-2", "") and work.done(tmp_path, PREPARED, "")
+    for name in ("asked-1-1-of-2", "told-1-of-2", "traced-1-of-2"):
+        assert not work.done(tmp_path, name, "")
+    assert work.done(tmp_path, PREPARED, "")
+    with pytest.raises(engine.InvalidInput, match="give the same command again"):
+        work.make("traced-2-of-2", quiet)
+    made(work, "told-5-of-2", "asked-1-1-of-2")
     work.make("traced-2-of-2", quiet)
     with pytest.raises(engine.InvalidInput, match="give the same command again"):
         work.make("gathered-1-of-2-of-2", quiet)
-    for name in list(work.steps)[1:]:
-        work.make(name, quiet)
-        assert work.done(tmp_path, name, "")
+    work.make("traced-1-of-2", quiet)
+    made(work, list(work.steps)[-1], "gathered-1-of-2-of-2")
     assert np.array_equal(work.joined(quiet).data, engine.render(*planes).data)
 
 
@@ -142,3 +158,24 @@ def test_a_part_that_is_cancelled_leaves_nothing(planes, tmp_path):
     with pytest.raises(engine.Cancelled):
         work.make(PREPARED, cancel)
     assert not work.done(tmp_path, PREPARED, work.job) and not list(tmp_path.iterdir())
+
+
+def test_later_questions_divide_too(build, camera, coloured, tmp_path, monkeypatch):
+    """Rays that see textures alone, more paths where the first were too few, and wavelengths with rays of their own."""
+    noise = "holopath_addon.engine.planning.noise"
+    monkeypatch.setattr(f"{noise}.passes_for", lambda settings, noise: 2)
+    monkeypatch.setattr(f"{noise}.wanted_noise", lambda settings: 0.1)
+    checks = np.random.default_rng(3).choice([0.02, 0.9], (256, 256, 1)) * np.ones(3)
+    texture = {"type": "bitmap", "bitmap": build.mi.Bitmap(checks.astype(np.float32)), "raw": True}
+    glass = {"type": "dispersive_dielectric", "int_ior": 1.62, "abbe": 20.0}
+    scene = build.scene(
+        wall=build.plane(1.2, build.diffuse(texture), 0.3),
+        ball={"type": "sphere", "center": [0.2, 0.2, -0.7], "radius": 0.1, "bsdf": glass},
+        lamp={"type": "sphere", "center": [-1, 1, -0.4], "radius": 0.5, **build.emissive(build.grey(1.0))},
+    )
+    settings = engine.Settings(method="full", frames=1, planes=1, fixed={"textures": 4})
+    agrees((scene, camera, replace(coloured, width=64, height=64), settings), tmp_path, 2)
+    told = [json.loads(file.read_text()) for file in sorted(tmp_path.glob("told-*/questions.json"))]
+    assert len(told[0]) == 3
+    kinds = [[question["kind"] for question in asked if question] for asked in zip(*told, strict=True)]
+    assert ["light", "textures", "light"] in [each[:3] for each in kinds]

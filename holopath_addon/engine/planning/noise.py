@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..tracing.grains import rays_for_textures
+from ..tracing.measurement import rays_for_textures
 from ..waves.phase_fields import SETS, speckle_contrast
 
 if TYPE_CHECKING:

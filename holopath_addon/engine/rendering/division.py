@@ -1,9 +1,10 @@
 """A render in parts that many processes make in one folder, and the field that they join to.
 
 What a part computes depends neither on how many there are nor on who makes it: the field is that of `render` to the
-last bit, on processors of one kind. Rays divide by recording planes and tiles of them, so that none is traced twice.
-The ways between planes and to the SLM divide by wavelengths and multiplexed frames, which know nothing of each other.
-What all share is prepared once: the plan, baked light, radiance maps and the energy of phase fields.
+last bit, on processors of one kind. Radiance maps divide by pixels, see `map_parts`. Rays divide by recording planes
+and tiles of them, so that none is traced twice. The ways between planes and to the SLM divide by wavelengths and
+multiplexed frames, which know nothing of each other. What all share is prepared once: the plan, baked light, maps that
+look it up, and the energy of phase fields.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from ..wavefield import WaveField
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
 from .fields import OWN, at_slm, kept_energy, phasors_numbered
+from .map_parts import ASKED, TOLD, MapParts, map_steps, save_maps, told_step
 from .planned import PlannedRender, added, report_of
 
 if TYPE_CHECKING:
@@ -56,7 +58,7 @@ def steps_of(hologram: Hologram, settings: Settings, count: int) -> dict[str, tu
     hologram : Hologram
     settings : Settings
     count : int
-        Parts that the rays divide into, and most that the ways to the SLM do.
+        Parts that radiance maps and rays divide into, and most that the ways to the SLM do.
 
     Raises
     ------
@@ -67,10 +69,18 @@ def steps_of(hologram: Hologram, settings: Settings, count: int) -> dict[str, tu
         raise InvalidInput(f"The method {settings.method} does not divide into parts: leave out --divide.")
     if not 1 <= count <= MOST_PARTS:
         raise InvalidInput(f"A hologram divides into 1 to {MOST_PARTS} parts, not {count}.")
+    settings = planner.resolved(settings)
+    maps = map_steps(count, PREPARED) if _mapped(settings) else {}
     traced = [f"{TRACED}-{n + 1}-of-{count}" for n in range(count)]
-    ways = _ways(hologram, planner.resolved(settings), count)
+    ways = _ways(hologram, settings, count)
     gathered = [f"{GATHERED}-{n + 1}-of-{len(ways)}-of-{count}" for n in range(len(ways))]
-    return {PREPARED: ()} | dict.fromkeys(traced, (PREPARED,)) | dict.fromkeys(gathered, (PREPARED, *traced))
+    lit = ([PREPARED, *maps][-1],)
+    return {PREPARED: (), **maps} | dict.fromkeys(traced, lit) | dict.fromkeys(gathered, tuple(traced))
+
+
+def _mapped(settings):
+    """Whether there are radiance maps."""
+    return settings.radiance != "ray"
 
 
 def _ways(hologram, settings, count):
@@ -127,7 +137,7 @@ class DividedRender:
         self.settings, self.folder, self.count = planner.resolved(settings), Path(folder), count
         self.steps = steps_of(hologram, settings, count)
         # of light that all need, not only the maps, all need the same
-        self.store = store if store and self._mapped else BakeStore(self.folder / "baked")
+        self.store = store if store and _mapped(self.settings) else BakeStore(self.folder / "baked")
         self._light: dict[int, RadianceMap | PathsPerRay] = {}
         # Tells preparations apart: what was measured for one plan may have made another one, with other parts.
         self._mark = ""
@@ -136,9 +146,22 @@ class DividedRender:
 
     @staticmethod
     def done(folder: Path, name: str, job: str) -> bool:
-        """Whether the result of a step is there, of the same preparation as all others; it appears whole."""
-        report, prepared = _report(folder, name), _report(folder, PREPARED)
-        return report.get("job") == prepared.get("job") == job and report["mark"] == prepared["mark"]
+        """Whether the result of a step is there, of the same preparation as all others, or it is `needless`."""
+        report = _report(folder, name, job)
+        return report is not None or DividedRender.needless(folder, name, job)
+
+    @staticmethod
+    def needless(folder: Path, name: str, job: str) -> bool:
+        """Whether a step is not to be made: a question that is not asked, as enough is known without it."""
+        kind, _, rest = name.partition("-")
+        if kind not in (ASKED, TOLD):
+            return False
+        number, count = int(rest.split("-")[0]), int(rest.split("-")[-1])
+        for earlier in range(number - 1, -1, -1):
+            report = _report(folder, told_step(earlier, count) if earlier else PREPARED, job)
+            if report is not None:
+                return report["maps"] is not None
+        return False
 
     def make(self, name: str, progress: Progress) -> None:
         """Do a step whose needs are done.
@@ -153,7 +176,7 @@ class DividedRender:
         ------
         InvalidInput, BackendUnavailable, Cancelled, OSError
         """
-        kind, _, number = name.partition("-")
+        kind, *numbers = name.split("-")
         if kind == PREPARED:
             self._mark = secrets.token_hex(8)
         else:
@@ -162,11 +185,16 @@ class DividedRender:
             self._clock.seconds = {}
             if kind == PREPARED:
                 report = self._prepare(part, progress)
+            elif kind == ASKED:
+                self._maps.ask(int(numbers[0]), int(numbers[1]) - 1, part, progress)
+                report = {}
+            elif kind == TOLD:
+                report = {"maps": self._maps.tell(int(numbers[0]), part, progress)}
             elif kind == TRACED:
-                report = self._trace(int(number.split("-")[0]) - 1, part, progress)
+                report = self._trace(int(numbers[0]) - 1, part, progress)
             else:
                 ways = _ways(self.hologram, self.settings, self.count)
-                report = self._gather(ways[int(number.split("-")[0]) - 1], part, progress)
+                report = self._gather(ways[int(numbers[0]) - 1], part, progress)
             (part / REPORT).write_text(
                 _json({"job": self.job, "mark": self._mark, "seconds": self._clock.seconds, **report})
             )
@@ -188,24 +216,32 @@ class DividedRender:
         shape = settings.frames, len(hologram.wavelengths), hologram.height, hologram.width
         field, seconds, rays = np.empty(shape, np.complex64), {}, {}
         for number, name in enumerate(self.steps):
+            if self.needless(self.folder, name, self.job):
+                continue
             report = self._report(name)
             seconds, rays = added(seconds, report["seconds"]), added(rays, report.get("rays", {}))
             for way, k, start, stop in report.get("ways", ()):
                 field[start:stop, k] = np.load(self.folder / name / f"{way}_{FIELD}", allow_pickle=False)
             progress((number + 1) / len(self.steps), "Joining")
-        plan = prepared["plan"]
-        told = prepared["passes"], prepared["error"], prepared["bake"]
-        report = report_of(plan, settings.frames, seconds, rays, *told)
+        plan, maps = prepared["plan"], self._lit[1]
+        rays = added(maps["rays"], rays)
+        report = report_of(
+            plan, settings.frames, seconds, rays, maps["passes"], maps["error"], prepared["bake"]
+        )
         return WaveField(field, hologram, self.camera, plan.near, plan.to_dict(), report)
 
     def _renew(self):
         """Go by the preparation that is there: what was read of one that it has replaced goes."""
-        mark = _report(self.folder, PREPARED)["mark"]
-        if mark != self._mark:
-            self._mark = mark
+        report = _report(self.folder, PREPARED, self.job)
+        if report is None:
+            raise InvalidInput(
+                f"{self.folder / PREPARED} is of another hologram: give the same command again."
+            )
+        if report["mark"] != self._mark:
+            self._mark = report["mark"]
             self._light.clear()
             self._last = -1, None
-            for name in ("_prepared", "_planned", "_index"):
+            for name in ("_prepared", "_planned", "_index", "_maps", "_lit"):
                 self.__dict__.pop(name, None)
 
     def _report(self, name):
@@ -216,17 +252,12 @@ class DividedRender:
         InvalidInput
             Where another process has prepared all anew meanwhile.
         """
-        report = _report(self.folder, name)
-        if report.get("mark") != self._mark:
+        report = _report(self.folder, name, self.job)
+        if report is None or report["mark"] != self._mark:
             raise InvalidInput(
                 f"{self.folder / name} is of another preparation of this hologram: give the same command again."
             )
         return report
-
-    @property
-    def _mapped(self) -> bool:
-        """Whether there are radiance maps."""
-        return self.settings.radiance != "ray"
 
     @property
     def _sets(self) -> range:
@@ -248,18 +279,7 @@ class DividedRender:
         planned = PlannedRender(self.scene, self.camera, hologram, settings, plan, self._clock)
         planned.bake(self.store, stage(progress, PLANNING, BAKING))
         from ..scene.fingerprint import scene_digest
-        from ..tracing.stored_map import save_map
 
-        errors, passes, rays = [], None, {}
-        at = parts(stage(progress, BAKING if plan.cached else PLANNING, 1.0), len(planned.groups))
-        for number, (group, told) in enumerate(zip(planned.groups, at, strict=True)):
-            with planned.recording(group) as recording:
-                radiance = recording.radiance(named(told, "Radiance"))
-                if self._mapped:
-                    (folder / f"map_{number}").mkdir()
-                    save_map(radiance, folder / f"map_{number}")
-            errors.append(recording.error)
-            passes, rays = recording.passes, added(rays, recording.rays_traced)
         own = planned.phasors
         with self._clock("phase fields"):
             kept = [kept_energy(phasors_numbered(n, own), settings.estimator) for n in self._sets]
@@ -267,12 +287,43 @@ class DividedRender:
             "scene": scene_digest(self.scene),
             "plan": plan.to_dict(),
             "kept_energy": kept,
-            "error": planned.error(errors),
-            "passes": passes,
             "bake": None if planned.baked is None else asdict(planned.baked),
         }
         (folder / INDEX).write_text(_json(prepared))
-        return {"rays": rays}
+        return {"maps": self._undivided(planned, folder, stage(progress, BAKING, 1.0))}
+
+    def _undivided(self, planned, folder, progress):
+        """Of the radiance maps, where they do not divide: of baked light, which is looked up quickly; else None."""
+        if not _mapped(self.settings):
+            return {"error": None, "passes": None, "rays": {}}
+        if not planned.plan.cached:
+            return None
+
+        def measured():
+            for group, told in zip(planned.groups, parts(progress, len(planned.groups)), strict=True):
+                with planned.recording(group) as recording:
+                    radiance = recording.radiance(named(told, "Radiance"))
+                yield radiance
+
+        return save_maps(planned, measured(), folder)
+
+    @cached_property
+    def _maps(self) -> MapParts:
+        return MapParts(self._planned, self.count, lambda name: self._made(name))
+
+    def _made(self, name):
+        """The folder of a step that is done."""
+        self._report(name)
+        return self.folder / name
+
+    @cached_property
+    def _lit(self) -> tuple[Path, dict[str, Any]]:
+        """Where the radiance maps are, and what is told of them."""
+        for name in self.steps:
+            report = _report(self.folder, name, self.job)
+            if report is not None and report.get("maps") is not None:
+                return self._made(name), report["maps"]
+        raise InvalidInput(f"{self.folder} has no radiance: give the same command again.")
 
     @cached_property
     def _prepared(self) -> dict[str, Any]:
@@ -297,7 +348,7 @@ class DividedRender:
     def _planned(self) -> PlannedRender:
         what = self.scene, self.camera, self.hologram, self.settings, self._prepared["plan"], self._clock
         planned = PlannedRender(*what)
-        if not self._mapped:  # else the light is in the maps
+        if not _mapped(self.settings):  # else the light is in the maps
             planned.bake(self.store, lambda done, message: None)
         return planned
 
@@ -307,8 +358,8 @@ class DividedRender:
 
         if number not in self._light:
             self._light[number] = (
-                load_map(self.folder / PREPARED / f"map_{number}")
-                if self._mapped
+                load_map(self._lit[0] / f"map_{number}")
+                if _mapped(self.settings)
                 else recording.radiance(lambda done: None)
             )
         return self._light[number]
@@ -340,7 +391,7 @@ class DividedRender:
         """One part of all blocks, by group of wavelengths, set of phasors and plane; the parts are alike in rays."""
         planned, found, blocks = self._planned, {}, []
         # where the pixels of a block draw random numbers together, it stays whole
-        divisible = self._mapped and self.settings.estimator != "paper"
+        divisible = _mapped(self.settings) and self.settings.estimator != "paper"
         for group, wavelengths in enumerate(planned.groups):
             with planned.recording(wavelengths) as recording:
                 radiance = self._radiance(group, recording)
@@ -389,8 +440,7 @@ class DividedRender:
         found = []
         for name in self.steps:
             if name.startswith(TRACED):
-                self._report(name)
-                folder = self.folder / name
+                folder = self._made(name)
                 found += [(folder / VALUES, row) for row in json.loads((folder / INDEX).read_text())]
         return found
 
@@ -436,10 +486,17 @@ class _Stored:
             progress(0.5, "Joining waves")
 
 
-def _report(folder, name):
-    """The report of a step; empty where it is not done."""
+def _report(folder, name, job):
+    """The report of a step of a job's preparation that is there; None where it is not done."""
+    report, prepared = _read(folder / name), _read(folder / PREPARED)
+    if report.get("job") == prepared.get("job") == job and report["mark"] == prepared["mark"]:
+        return report
+    return None
+
+
+def _read(folder):
     try:
-        return json.loads((folder / name / REPORT).read_text())
+        return json.loads((folder / REPORT).read_text())
     except FileNotFoundError:
         return {}
 

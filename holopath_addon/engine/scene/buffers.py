@@ -44,13 +44,14 @@ def loaded(kind: type, values: np.ndarray) -> Any:
 
     Parameters
     ----------
-    kind : {mitsuba.Float, mitsuba.UInt32}
+    kind : {mitsuba.Float, mitsuba.UInt32, mitsuba.UInt64}
     values : numpy.ndarray
         Numbers, in one dimension.
     """
-    space = np.empty(4 * values.size + ALIGNMENT, np.uint8)
+    number = np.dtype({mi.UInt32: np.uint32, mi.UInt64: np.uint64}.get(kind, np.float32))
+    space = np.empty(number.itemsize * values.size + ALIGNMENT, np.uint8)
     start = -space.ctypes.data % ALIGNMENT
-    aligned = space[start : start + 4 * values.size].view(np.uint32 if kind is mi.UInt32 else np.float32)
+    aligned = space[start : start + number.itemsize * values.size].view(number)
     aligned[:] = values
     return kind(aligned)
 

@@ -18,8 +18,8 @@ from ..scene.rays import Rays, intersect
 from ..scene.specular_chains import FirstHits, Images, OwnLight, optics_of
 from .estimators import LatticeEstimator, RandomEstimator
 from .grain_grid import GrainGrid
-from .grains import measure_grains
 from .kernel_table import Lattice, directions_of, kernel_table
+from .measurement import Measurement
 from .regions import Region, regions_of
 from .wave_tracer import Block, Part, add_pixels, blocks_of, trace_blocks
 
@@ -77,9 +77,16 @@ class Recording:
 
     def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
         """Where the radiance of rays comes from: a map of grains, or paths of their own."""
+        if self.settings.radiance == "ray":
+            return PathsPerRay(self.tracer, self.settings.paths)
+        with self.clock("radiance"):
+            radiance = self.measurement().measured(progress)
+        self.count(radiance)
+        return radiance
+
+    def measurement(self) -> Measurement:
+        """That of the map of grains."""
         plan, hologram, settings = self.plan, self.hologram, self.settings
-        if settings.radiance == "ray":
-            return PathsPerRay(self.tracer, settings.paths)
         size, slope = (hologram.width, hologram.height), plan.cone * self.max_slope
         cells = plan.margin, plan.slabs, plan.bins, plan.z_low, plan.z_high
         grid = GrainGrid(*size, *cells, slope, self.optics.branches)
@@ -87,14 +94,16 @@ class Recording:
         ends = ((plane.z - middle, plane.depth_limit) for plane in plan.planes)
         limit = max(abs(offset) + reach for offset, reach in ends)
         rays = Rays(hologram, self.camera, self.mapping, middle, limit)
-        with self.clock("radiance"):
-            wavelengths = hologram.wavelengths[:1] if plan.grey else hologram.wavelengths
-            what = self.scene, rays, self.optics, self.tracer, grid, plan
-            radiance = measure_grains(*what, wavelengths=wavelengths, seed=settings.seed, progress=progress)
-        self.rays_traced["radiance paths"] = grid.columns * grid.rows * radiance.passes
-        self.rays_traced["texture rays"] = grid.columns * grid.rows * radiance.textures
+        wavelengths = hologram.wavelengths[:1] if plan.grey else hologram.wavelengths
+        what = self.scene, rays, self.optics, self.tracer, grid, plan
+        return Measurement(*what, wavelengths=wavelengths, seed=settings.seed)
+
+    def count(self, radiance: RadianceMap) -> None:
+        """Take note of a map that was measured."""
+        pixels = radiance.grid.columns * radiance.grid.rows
+        self.rays_traced["radiance paths"] = pixels * radiance.passes
+        self.rays_traced["texture rays"] = pixels * radiance.textures
         self.error, self.passes = radiance.error, radiance.passes
-        return radiance
 
     @property
     def canvas(self) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Radiance maps on disk, for processes that share one."""
+"""Radiance maps, and what is known of one before it is whole, on disk, for processes that share one."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .grains import RadianceMap
 from .regions import Sightings
 
 NUMBERS = "passes", "textures", "colours", "error"
+ROWS, NUMBERS_OF = "_rows.npy", "_numbers.npy"  # of totals
 
 
 def save_map(radiance: RadianceMap, folder: Path) -> None:
@@ -66,3 +67,31 @@ def load_map(folder: Path) -> RadianceMap:
         ),
         **{name: told[name] for name in NUMBERS},
     )
+
+
+def save_totals(totals: dict[str, tuple[np.ndarray, np.ndarray]], folder: Path) -> None:
+    """Write what some pixels told into a folder that is there.
+
+    Parameters
+    ----------
+    totals : dict
+        As `measurement.sparse` has them.
+    folder : pathlib.Path
+    """
+    for name, (rows, values) in totals.items():
+        np.save(folder / f"{name}{ROWS}", rows)
+        np.save(folder / f"{name}{NUMBERS_OF}", values)
+
+
+def load_totals(folder: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Read what `save_totals` wrote.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    """
+    names = [file.name.removesuffix(ROWS) for file in folder.glob(f"*{ROWS}")]
+    return {
+        name: tuple(np.load(folder / f"{name}{end}", allow_pickle=False) for end in (ROWS, NUMBERS_OF))
+        for name in names
+    }

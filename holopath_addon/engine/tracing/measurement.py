@@ -1,0 +1,480 @@
+"""Measures the radiance map: what is asked next follows from what the rays before told.
+
+All that rays tell are sums of whole numbers, and largest ones: who asked which pixels, and in what order, then does not
+change the last bit. So a question may be asked of some pixels here and of others elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..hologram import channel
+from ..scene.buffers import loaded, row_stride
+from ..scene.rays import OUTSIDE
+from .filtering import Half, filtered, squared_error
+from .grains import TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
+from .questions import ROUNDS, Question
+from .regions import DEPTHS, TILE, Sightings, tiles_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from ..light.path_tracer import PathTracer
+    from ..plan import Plan
+    from ..progress import PartProgress
+    from ..scene.rays import Rays
+    from ..scene.specular_chains import FirstHits, SpecularChains
+    from .grain_grid import GrainGrid
+
+RADIANCE_STEPS = 2.0**26
+RADIANCE_LIMIT = 2.0**30
+ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of the sums part of the program
+HALF = 8  # numbers of a `Half`
+SUMS = 2 * HALF + 2  # of a row: those of both halves, and slopes along x and y
+LOOKED = 4  # numbers of a row that rays for textures add: reflectances, and how many they were
+WIDTHS = {
+    "sums": SUMS,
+    "reflectances": LOOKED,
+}  # of the totals that are added up; of all others, 1, the largest counts
+OTHERS = 1 << 13  # number of the first of the rays that see textures alone, which no path has
+TEXTURES = 0.35  # of the wanted error: what textures may have of it
+MOST_LOOKS = 256  # rays of a pixel that see textures alone
+NOISIER = 1.1  # than wished is good enough
+CELLS = 0.1  # of the time goes to find them
+
+Totals = dict[str, Any]  # flat arrays of whole numbers by name, Dr.Jit's
+
+
+class Measurement:
+    """Path-traces the radiance of the grains in view, every path for all pixels that see its grain.
+
+    A pixel takes the root of a mean over paths, since the root of a noisy sample is biased dark.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    rays : Rays
+    optics : FirstHits or SpecularChains
+    tracer : PathTracer
+    grid : GrainGrid
+    plan : Plan
+        How many paths and rays for textures each pixel has, and how far grains share their light, see `filtering`; the
+        error that is wanted is that of `_field_error`.
+    wavelengths : sequence of float
+        That have a radiance each, metres.
+    seed : int
+
+    Attributes
+    ----------
+    question : Question or None
+        To be asked next; None where all is known.
+    """
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        rays: Rays,
+        optics: FirstHits | SpecularChains,
+        tracer: PathTracer,
+        grid: GrainGrid,
+        plan: Plan,
+        *,
+        wavelengths: Sequence[float],
+        seed: int,
+    ) -> None:
+        self._scene, self._rays, self._optics, self._tracer = scene, rays, optics, tracer
+        self._grid, self._plan, self._wavelengths, self._seed = grid, plan, wavelengths, seed
+        # of the radiances that are added up, for their squares to be whole numbers of steps
+        self._unit = plan.white if 0 < plan.white < math.inf else 1.0
+        self._scale = dr.opaque(mi.Float, 1 / self._unit)
+        self._tiles = _Tiles(grid, rays, plan.planes if plan.regions else ())
+        self.question: Question | None = Question("cells", plan.passes, 0, CELLS)
+        self._light: Totals = {}
+        self._taken = self._rounds = self._looks = 0
+        self._error = math.inf
+        self._looked = Half.of([mi.Float(0)] * HALF)
+
+    @property
+    def chunks(self) -> int:
+        """How many parts the pixels of the question come in."""
+        assert self.question is not None
+        return chunk_count(self._grid, self.question.passes)
+
+    def nothing(self) -> Totals:
+        """What is known of the question before any pixel is asked."""
+        assert self.question is not None
+        if self.question.kind == "cells":
+            grid = self._grid
+            return {"occupied": dr.zeros(mi.UInt32, grid.columns * grid.rows * grid.slabs * grid.branches)}
+        if self.question.kind == "textures":
+            return {"reflectances": dr.zeros(mi.UInt64, LOOKED * self._rows)}
+        sums, shining = dr.zeros(mi.UInt64, SUMS * self._rows), dr.zeros(mi.UInt32, self._rows)
+        return {"sums": sums, "shining": shining, **self._tiles.nothing()}
+
+    def ask(self, chunks: range, totals: Totals, progress: PartProgress) -> None:
+        """Ask some of the pixels.
+
+        Parameters
+        ----------
+        chunks : range
+            Among `chunks`.
+        totals : dict
+            Of those asked before; these are added.
+        progress : callable
+            ``progress(done)``, may raise.
+        """
+        question = self.question
+        assert question is not None
+        add = {"cells": self._cells_of, "light": self._light_of, "textures": self._textures_of}[question.kind]
+        what = self._scene, self._rays, self._optics, self._grid
+        for number in chunks:
+            add(grains_of(*what, number, question.passes, self._seed, question.before), totals)
+            dr.eval(totals)
+            dr.sync_thread()
+            progress((number + 1 - chunks.start) / len(chunks))
+
+    def _cells_of(self, grains, totals):
+        kind = dr.select(grains.binned, mi.UInt32(self._grid.bins**2), 1)
+        dr.scatter_reduce(dr.ReduceOp.Max, totals["occupied"], kind, grains.cell, grains.inside, mode=ATOMIC)
+
+    def _light_of(self, grains, totals):
+        scene, seen, sums = self._scene, grains.seen, totals["sums"]
+        light = self._tracer.radiance(
+            scene, grains.sampler, seen.ray, seen.surface, seen.whole, parts=seen.parts
+        )
+        light *= self._scale / seen.colour
+        row, inside = row_of(grains, self._grid, self._numbers, self._occupied)
+        inside &= dr.all(dr.isfinite(light))
+        reflectance, shines = shown(scene, seen, inside)
+        first = dr.gather(mi.UInt32, self._numbers, grains.cell, inside) >> 1
+        dr.scatter_reduce(
+            dr.ReduceOp.Max, totals["shining"], mi.UInt32(1), first, inside & shines, mode=ATOMIC
+        )
+        half = SUMS * row + HALF * (grains.number & 1)
+        for k, value in enumerate(Half.path(light, reflectance).numbers):
+            dr.scatter_add(sums, _steps(value), half + k, inside, mode=ATOMIC)
+        for k, slope in enumerate(self._rays.tilt(seen)):  # of either sign: the sums wrap round
+            steps = mi.UInt64(mi.Int64(slope * RADIANCE_STEPS))
+            dr.scatter_add(sums, steps, SUMS * (row + 1) - TILT + k, inside, mode=ATOMIC)
+        self._tiles.add(grains, inside & dr.any(light > 0), totals)
+
+    def _textures_of(self, grains, totals):
+        row, inside = row_of(grains, self._grid, self._numbers, self._occupied)
+        reflectance, _ = shown(self._scene, grains.seen, inside)
+        for k, value in enumerate((*reflectance, mi.Float(1))):
+            dr.scatter_add(totals["reflectances"], _steps(value), LOOKED * row + k, inside, mode=ATOMIC)
+
+    def include(self, totals: Totals) -> None:
+        """Take in what all pixels told; of light, together with the rounds before.
+
+        Parameters
+        ----------
+        totals : dict
+        """
+        question = self.question
+        assert question is not None
+        if question.kind == "cells":
+            self._occupied = totals["occupied"]
+            self._numbers, self._rows = numbered(self._occupied, self._grid)
+            if not dr.any((self._numbers & 1) == 1):
+                self._grid = replace(self._grid, bins=1)
+        elif question.kind == "light":
+            self._light, self._taken, self._rounds = totals, self._taken + question.passes, self._rounds + 1
+        else:
+            self._looked, self._looks = _looked(totals["reflectances"]), question.passes
+
+    def decide(self) -> None:
+        """Find the next question, once all is included."""
+        self.question = self._next()
+
+    def _next(self):
+        plan, asked = self._plan, self.question
+        assert asked is not None
+        if asked.kind == "cells":
+            return self._paths(plan.passes)
+        if asked.kind == "light":
+            self._share()
+        wanted, most = plan.wanted_error, plan.most_passes
+        self._error, of_textures = _field_error(
+            self._halves, self._kept, self._shared, self._looked.count, plan.white / self._unit
+        )
+        if self._rounds == 1 and asked.kind == "light" and of_textures > 0:
+            looks = plan.textures
+            if looks is None:
+                looks = rays_for_textures(of_textures, wanted, self._taken)
+            if looks:
+                return Question("textures", looks, OTHERS, 0.0)
+        if self._error <= NOISIER * wanted or self._taken >= most or self._rounds == ROUNDS:
+            return None
+        return self._paths(
+            min(most - self._taken, math.ceil(self._taken * ((self._error / wanted) ** 2 - 1)))
+        )
+
+    def _paths(self, passes):
+        """Question for light; another one may follow."""
+        another = self._rounds < ROUNDS - 1 and self._taken + passes < self._plan.most_passes
+        return Question("light", passes, self._taken, 0.5 if another else 1.0)
+
+    def _share(self):
+        """Have grains share their light."""
+        self._halves = self._kept = _halves(self._light["sums"])
+        self._shared = dr.zeros(mi.Bool, self._rows)
+        plan, numbers = self._plan, self._numbers
+        shining = dr.gather(mi.UInt32, self._light["shining"], numbers >> 1)
+        cells = dr.compress((self._occupied > 0) & (shining == 0))
+        if plan.reach and self._taken > 1 and dr.width(cells):
+            self._kept, self._shared = filtered(self._halves, cells, numbers, self._grid, plan.reach)
+
+    def radiance_map(self) -> RadianceMap:
+        """The map, once there is no question.
+
+        Returns
+        -------
+        RadianceMap
+        """
+        own = self._halves[0] + self._halves[1]
+        shared = (self._kept[0] + self._kept[1]).over * (own + self._looked).reflectance
+        light = self._unit * dr.select(self._shared, shared, own.radiance)
+        dr.eval(light, own.count)
+        what = self._light["sums"], light, own.count, self._numbers, self._grid, self._wavelengths
+        told = len(self._wavelengths), self._taken, self._looks, self._error
+        return RadianceMap(
+            self._grid, self._numbers, _means(*what), *told, self._tiles.sightings(self._light)
+        )
+
+    def measured(self, progress: PartProgress) -> RadianceMap:
+        """The map, of questions that all pixels are asked here.
+
+        Parameters
+        ----------
+        progress : callable
+            ``progress(done)``, may raise.
+
+        Returns
+        -------
+        RadianceMap
+        """
+        done = 0.0
+        while (question := self.question) is not None:
+            share = (1 - done) * question.share
+            # paths of a later round add to those before
+            again = question.kind == "light" and self._light
+            totals = self._light if again else self.nothing()
+            self.ask(
+                range(self.chunks),
+                totals,
+                lambda part, done=done, share=share: progress(done + share * part),
+            )
+            done += share
+            self.include(totals)
+            self.decide()
+        return self.radiance_map()
+
+    def joined(self, parts: Iterable[dict[str, tuple[np.ndarray, np.ndarray]]]) -> Totals:
+        """What parts of the pixels told together, and of light those of earlier rounds.
+
+        Parameters
+        ----------
+        parts : iterable of dict
+            As `sparse` has them.
+
+        Returns
+        -------
+        dict
+            See `include`.
+        """
+        assert self.question is not None
+        again = self.question.kind == "light" and self._light
+        before = self._light if again else self.nothing()
+        whole = {name: _columns(name, np.array(values)) for name, values in before.items()}
+        for part in parts:
+            for name, (rows, values) in part.items():
+                if name in WIDTHS:
+                    whole[name][rows] += values  # whose numbers are all different
+                else:
+                    whole[name][rows] = np.maximum(whole[name][rows], values)
+        return {name: loaded(type(before[name]), values.ravel()) for name, values in whole.items()}
+
+
+def sparse(totals: Totals) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Totals as NumPy's: of each the rows that are not nothing, and their numbers.
+
+    Parameters
+    ----------
+    totals : dict
+    """
+    found = {}
+    for name, values in totals.items():
+        columns = _columns(name, np.array(values))
+        rows = np.flatnonzero(columns.any(1)).astype(np.uint32)
+        found[name] = rows, columns[rows]
+    return found
+
+
+def _columns(name, values):
+    return values.reshape(-1, WIDTHS.get(name, 1))
+
+
+def _steps(value):
+    """As whole numbers, to be added up."""
+    return mi.UInt64(dr.clip(value, 0, RADIANCE_LIMIT) * RADIANCE_STEPS)
+
+
+def rays_for_textures(error, wanted, passes):
+    """Rays through each pixel that, with so many paths, leave little of the error that textures make."""
+    return min(MOST_LOOKS, max(0, math.ceil(passes * (error / (TEXTURES * wanted)) ** 2) - passes))
+
+
+def _looked(reflectances):
+    """Reflectances that rays saw in each row, as a `Half` without light."""
+    row = dr.arange(mi.UInt32, dr.width(reflectances) // LOOKED)
+    columns = [
+        mi.Float(dr.gather(mi.UInt64, reflectances, LOOKED * row + k)) / RADIANCE_STEPS for k in range(LOOKED)
+    ]
+    dr.eval(columns)
+    return Half(mi.Color3f(0), mi.Color3f(*columns[:3]), columns[3], mi.Float(0))
+
+
+def _halves(sums):
+    """The `Half`s of all rows."""
+    row = dr.arange(mi.UInt32, dr.width(sums) // SUMS)
+    halves = tuple(
+        Half.of([_sum_of(sums, row, first + k) / RADIANCE_STEPS for k in range(HALF)]) for first in (0, HALF)
+    )
+    dr.eval(halves)
+    return halves
+
+
+def _sum_of(sums, row, column):
+    return mi.Float(dr.gather(mi.UInt64, sums, SUMS * row + column))
+
+
+def _field_error(halves, kept, shared, looks, white):
+    """Relative error of the field that is left of the radiances' noise, and what textures have of it.
+
+    An amplitude sqrt(L) errs by dL / (2 sqrt(L)), so the field by sqrt(sum L (dL / L)^2 / 4 / sum L), where the
+    factors L count at most as `white`: lamps in view must not hide the rest. dL is half the difference of the means of
+    every second path, two halves that know nothing of each other; where they are filtered, see `squared_error`.
+    """
+    own, light = halves[0] + halves[1], kept[0] + kept[1]
+    bright, both = dr.mean(own.radiance), (halves[0].count > 0) & (halves[1].count > 0)
+    weight = (
+        dr.select(both & (bright > 0), own.count * dr.minimum(bright, white), 0) / 12
+    )  # channels, and 2^2
+
+    def part(where, squared, of):
+        return dr.select(where, weight * squared / dr.maximum(dr.square(of), 1e-30), 0)
+
+    def apart(a, b):
+        return 0.25 * dr.squared_norm(a - b)
+
+    # textures and edges, of which a few paths show a part, and the rays that look at them a larger one
+    over, seen = dr.mean(light.over), own.count / dr.maximum(own.count + looks, 1)
+    parts = [
+        weight,
+        part(~shared, apart(*(half.radiance for half in halves)), bright),
+        part(shared, apart(*(half.over for half in kept)), over),
+        part(shared, squared_error(halves, kept), over),
+        part(shared, seen * apart(*(half.reflectance for half in halves)), dr.mean(own.reflectance)),
+    ]
+    dr.eval(parts)  # in one kernel
+    whole, alone, least, differing, texture = (float(dr.sum(values)[0]) for values in parts)
+    wrong = alone + max(least, differing) + texture
+    return tuple(math.sqrt(error / (12 * whole)) if whole > 0 else 0.0 for error in (wrong, texture))
+
+
+def _ends(slab):
+    """The outer ends of a slab, finite."""
+    return np.clip((slab.far[0], slab.near[1]), -OUTSIDE, OUTSIDE)
+
+
+class _Tiles:
+    """Takes in what rays saw from the tiles of recording planes."""
+
+    def __init__(self, grid, rays, planes):
+        self._shape, self._planes = tiles_of(grid.width, grid.height), planes
+        self._width, self._height, self._across = (
+            dr.opaque(mi.Int, number) for number in (grid.width, grid.height, self._shape[1])
+        )
+        self._pitch, self._from = rays.pitch, rays.plane
+        self._numbers = [
+            [
+                dr.opaque(mi.Float, float(number))
+                for number in (plane.z, plane.depth_limit, *_ends(plane.slab), *_ends(plane.images))
+            ]
+            for plane in planes
+        ]
+
+    def nothing(self):
+        """Totals that nothing was added to."""
+        count = len(self._planes) * self._shape[0] * self._shape[1]
+        return {name: dr.zeros(mi.UInt32, max(1, count)) for name in ("depth", "chains")}
+
+    def add(self, grains, lit, totals):
+        """Add grains to the totals; `lit` says which of them shine."""
+        z, first = self._from + grains.dz, self._from + grains.first
+        for number, (plane, limit, far, near, images_far, images_near) in enumerate(self._numbers):
+            walk = (plane - self._from) / self._pitch
+            column = mi.Int(dr.round(grains.column + grains.slope.x * walk))
+            row = mi.Int(dr.round(grains.row - grains.slope.y * walk))
+            inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
+            inside &= (first > far) & (first < near)
+            recorded = inside & lit & (z > images_far) & (z < images_near)
+            if self._planes[number].sees != "all":
+                recorded &= (grains.seen.hits > 0) == (self._planes[number].sees == "images")
+            tile = (
+                mi.UInt32(row // TILE * self._across + column // TILE)
+                + number * self._shape[0] * self._shape[1]
+            )
+            part = 1 + mi.UInt32(dr.minimum(dr.abs(z - plane) / limit, 1) * (DEPTHS - 1))
+            dr.scatter_reduce(dr.ReduceOp.Max, totals["depth"], part, tile, recorded, mode=ATOMIC)
+            chained = inside & (grains.seen.hits > 0)
+            dr.scatter_reduce(dr.ReduceOp.Max, totals["chains"], mi.UInt32(1), tile, chained, mode=ATOMIC)
+
+    def sightings(self, totals):
+        """The `Sightings` of each plane."""
+        shape = (len(self._planes), *self._shape)
+        depth, chains = (
+            np.array(totals[name])[: math.prod(shape)].reshape(shape) for name in ("depth", "chains")
+        )
+        images = [plane.sees != "surfaces" for plane in self._planes]
+        return tuple(map(Sightings, depth, chains > 0, images))
+
+
+def _means(sums, light, count, numbers, grid, wavelengths):
+    """Mean slopes, and the radiances `light`; a pupil bin that no path came through takes the mean of its cell."""
+    rows, stride = dr.width(sums) // SUMS, row_stride(TILT + len(wavelengths))
+    means = dr.zeros(mi.Float, rows * stride)
+
+    def stored(row):
+        paths = dr.gather(mi.Float, count, row)
+        shown = dr.gather(mi.Color3f, light, row) * paths
+        tilt = [
+            mi.Float(mi.Int64(dr.gather(mi.UInt64, sums, SUMS * row + SUMS - TILT + k))) / RADIANCE_STEPS
+            for k in range(TILT)
+        ]
+        return [*tilt, *shown, paths]
+
+    def store(total, row, active=True):
+        paths = total[-1]
+        values = total[:TILT] + [total[TILT + channel(wavelength)] for wavelength in wavelengths]
+        for k, value in enumerate(values):
+            dr.scatter(means, dr.select(paths > 0, value / paths, 0), row * stride + k, active)
+
+    row = dr.arange(mi.UInt32, rows)
+    store(stored(row), row)
+    if grid.bins > 1:
+        first = dr.gather(mi.UInt32, numbers, dr.compress((numbers & 1) == 1)) >> 1
+        bins = [first + k for k in range(grid.bins**2)]
+        whole = [sum(values) for values in zip(*(stored(row) for row in bins), strict=True)]
+        for row in bins:
+            store(whole, row, stored(row)[-1] == 0)
+    dr.eval(means)
+    dr.sync_thread()
+    return means
