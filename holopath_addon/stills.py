@@ -186,6 +186,9 @@ def write(
         "rays": result.field.report.get("rays", {}),
         "spp": result.plan.rays_per_pixel,
         "variant": result.field.report.get("variant"),
+        "field_seconds": result.field.report.get(
+            "seconds", {}
+        ),  # of all stages, also those of other processes
         "bake": bake,
         "foretold": result.field.report.get("foretold"),
         "warnings": notes,

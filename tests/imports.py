@@ -12,7 +12,12 @@ from pathlib import Path
 
 PACKAGE = "holopath_addon"
 # Houses, and what they may know beside themselves.
-HOUSES = {"engine": (), "slm": ("engine",), "export": ("engine",)}
+HOUSES = {
+    "engine": (),
+    "slm": ("engine",),
+    "export": ("engine",),
+    "farm": ("engine", "stills", "output", "failures"),
+}
 # The engine's rooms from low to high: modules of one know those of lower ones, and of their own.
 ROOMS = ("scene", "waves", "light", "tracing", "encoding", "planning", "viewing", "baselines")
 TOP = "rendering"  # the module that knows all of them
