@@ -131,6 +131,12 @@ def test_a_slow_machine_decides_nothing_else(blend, tmp_path, slow_paths):
     slow_paths()
     make(blend, both)
     assert method(here) == "full" and fields(both) == fields(here)
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    bpy.context.scene["note"] = "saved anew"
+    bpy.ops.wm.save_mainfile()
+    before = (both / "light" / "light.json").read_text()
+    make(blend, both)
+    assert method(both) == "full" and before != (both / "light" / "light.json").read_text()
     told = report(both, 4)
     assert told["settings"]["method"] == "auto" and told["method"] == "full"
     make(blend, there, "--frame-range", "4")

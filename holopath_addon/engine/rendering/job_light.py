@@ -6,9 +6,11 @@ are done once for all, for views of the scene's own range of frames, and kept in
 
 from __future__ import annotations
 
+import hashlib
 import json
+import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -86,7 +88,7 @@ class JobLight:
             return {}
 
     def make(self, frames: Sequence[int], look: Callable[[int], View], progress: Progress) -> None:
-        """Decide and bake; that of another job is replaced.
+        """Decide and bake; that of another job is replaced, or kept where its first views are the same.
 
         Parameters
         ----------
@@ -104,14 +106,21 @@ class JobLight:
         BackendUnavailable, Cancelled, OSError
         """
         variants.activate()
+        views, before = spread(frames), self._record
         with whole_folder(self.folder, earlier("HoloPath's light", RECORD)) as folder:
-            store, nothing = JobStore(folder, self._own), JobStore(folder, self._own, sealed=True)
-            method = _found(spread(frames), look, store, nothing, progress)
-            if method != "fast":
-                store.clear()
+            progress(0.0, "Exporting the scene")
+            first = [_told(look, frame) for frame in views[:2]]
+            moves = len({told and told[0] for told in first}) > 1
+            of = None if None in first else hashlib.sha256(json.dumps(first).encode()).hexdigest()
+            if of is not None and of == before.get("of"):  # a file that was saved anew
+                method = before["method"]
+                for file in self.store.files():
+                    shutil.copyfile(file, folder / file.name)
+            else:
+                method = _found(views, look, moves, JobStore(folder, self._own), progress)
             for file in BakeStore(folder).files():
                 file.chmod(0o644)  # for other users that share the folder, too
-            record = {"format": FORMAT, "job": self._job, "method": method}
+            record = {"format": FORMAT, "job": self._job, "of": of, "method": method}
             (folder / RECORD).write_text(json.dumps(record) + "\n")
 
 
@@ -121,49 +130,48 @@ def spread(frames: Sequence[int]) -> list[int]:
     return [frames[round(n * (len(frames) - 1) / max(1, count - 1))] for n in range(count)]
 
 
-def _found(frames, look, store, nothing, progress):
-    """The method, decided in the first of the views that can be planned; light is baked into a store then.
-
-    Light of a scene that moves serves no other frame, so that `nothing` is there for the decision, whatever the store
-    has of the first one.
-    """
+def _told(look, frame):
+    """JSON-able: a frame's scene, by its digest, and all else that decides its light; None where it is no view."""
     from ..scene.fingerprint import scene_digest
 
-    progress(0.0, "Exporting the scene")
-    moves = len({_digest(look, frame) for frame in frames[:2]}) > 1
+    try:
+        view = look(frame)
+    except InvalidInput:
+        return None
+    asked = view.camera.to_dict(), view.hologram.to_dict(), asdict(view.settings)
+    return [scene_digest(view.scene), repr(asked)]
+
+
+def _found(frames, look, moves, store, progress):
+    """The method, decided in the first of the views that can be planned; light is baked into a store then."""
+    from ..scene.fingerprint import scene_digest
+
+    # Light of a scene that moves serves no other frame: what there is of the first one then must not decide.
+    known = JobStore(store.folder, store, sealed=True) if moves else store
     method, digest, seen, errors = None, None, [], []
     for frame, at in zip(frames, parts(progress, len(frames)), strict=True):
-        if moves and method:
-            break
         at(0.0, "Exporting the scene")
         try:
             view = look(frame)
             if method and scene_digest(view.scene) != digest:
                 break
             settings = planner.resolved(replace(view.settings, method=method or view.settings.method))
-            known = view.camera.to_dict(), view.hologram, replace(settings, method="fast")
-            if known in seen:
+            asked = view.camera.to_dict(), view.hologram, replace(settings, method="fast")
+            if asked in seen:
                 continue
             what = view.scene, view.camera, view.hologram, settings
             at(0.0, "Planning")
-            plan = planner.plan(*what, nothing if moves else store)
+            plan = planner.plan(*what, known)
             method, digest = "fast" if plan.cached else "full", scene_digest(view.scene)
             if not plan.cached:
+                store.clear()  # what it may have begun with
                 break
             PlannedRender(*what, plan, Clock()).bake(store, at)
-            seen.append(known)
-        except InvalidInput as error:  # in view there may be nothing
+            seen.append(asked)
+        except InvalidInput as error:  # there may be nothing in view
             errors.append(InvalidInput(f"Frame {frame}: {error}"))
+        if moves and method:
+            break
     if method is None:
         raise errors[0]
     return method
-
-
-def _digest(look, frame):
-    """Of the scene in a frame; None where it cannot be exported."""
-    from ..scene.fingerprint import scene_digest
-
-    try:
-        return scene_digest(look(frame).scene)
-    except InvalidInput:
-        return None
