@@ -257,7 +257,7 @@ def test_ends_with_its_input(tmp_path, killed):
     made = len(fields(out))
     assert 0 < made < 900
     names = [f"frame_{number + 1:04d}" for number in range(made)]
-    assert sorted(path.name for path in out.iterdir()) == [*names, "job.json"]
+    assert sorted(path.name for path in out.iterdir()) == [*names, "job.json", "light"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="of POSIX")
