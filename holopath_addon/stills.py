@@ -68,6 +68,8 @@ class Still:
         Whether to write a picture in which everything is sharp, with the depths in it.
     light_field : int or None
         Points of the pupil in a row and in a column to write such pictures through.
+    method : str or None
+        How light is found, where that was decided for all frames of an animation and the settings leave it open.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Still:
     job: str | None = None
     rgbd: bool = False
     light_field: int | None = None
+    method: str | None = None
 
     @cached_property
     def asked(self):
@@ -107,11 +110,12 @@ class Still:
 
     def compute(self, progress, rendered=None, offer=None):
         """Its `pipeline.Result`, see `pipeline.compute`; a field that was `rendered` before is only refocused."""
+        settings = replace(self.settings, method=self.method) if self.method else self.settings
         return pipeline.compute(
             self.scene,
             self.camera,
             self.hologram,
-            self.settings,
+            settings,
             self.focus,
             self.pupil,
             progress,
@@ -213,6 +217,7 @@ def write(
         "total": export_seconds + time.perf_counter() - start,
     }
     report |= {"job": still.job} if still.job else {}
+    report |= {"method": still.method} if still.method else {}
     output.write_report(folder, {**report, "versions": output.versions()})
     return result, report
 

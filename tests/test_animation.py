@@ -74,8 +74,8 @@ def animate(blend, out, *more, words=WORDS):
 
 
 def names(folder):
-    """But for what tells of the job."""
-    return sorted(p.name for p in folder.iterdir() if p.name != "job.json")
+    """But for what tells of the job, and its light."""
+    return sorted(p.name for p in folder.iterdir() if p.name not in ("job.json", "light"))
 
 
 def field(folder):

@@ -76,7 +76,7 @@ def work_by(args, work, progress):
         watch = _Watch(progress, args.quiet)
         crew = Crew(client, args.cluster.workers > 0, args.words, watch.progress, watch.say, watch.show)
         made = crew.work_off(work.folder, list(units), tag)
-        work.made.extend(name for name in made if not work.units[name].needless())
+        work.made.extend(name for name in made if work.units[name].told())
 
 
 class _Watch:

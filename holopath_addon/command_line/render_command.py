@@ -3,7 +3,6 @@
 import argparse
 import math
 import time
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,12 +13,12 @@ from ..engine.settings import DEPTH_MAPPINGS, ENCODINGS
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
-from ..farm.units import Unit
 from ..farm.work import Work
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
 from .console import Progress
+from .frames import AnimationFrames
 from .options import argument
 
 # Words that leave results as they are; all others decide them.
@@ -348,7 +347,7 @@ def _share(args, progress):
         with work.job.join(work.folder, work.units):
             work_by(args, work, progress)
         made = len(work.made)
-        others = sum(not unit.needless() for unit in work.units.values()) - made
+        others = sum(unit.told() for unit in work.units.values()) - made
         work.clear()
     seconds = time.perf_counter() - start
     before = f", {others} done before or by others" if others else ""
@@ -387,7 +386,7 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
 
 
 def _frames(args, out, say, saved):
-    """A unit a frame."""
+    """A unit a frame, and the light of all."""
     if Path(args.scene).suffix.lower() == ".xml":
         flag = "--frame-range" if args.frame_range else "--animation"
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
@@ -395,11 +394,28 @@ def _frames(args, out, say, saved):
         raise engine.InvalidInput("An animation has frames of its own: leave out --at-frame.")
     source = sources.open_source(args.scene)
     assert isinstance(source, sources.BlenderSource)
-    work, told = Work(out, _job(args, source), {}, []), set()
-    for number in args.frame_range or source.frames:
-        unit = _frame(args, source, work, number, say, saved, told)
-        work.units[unit.name] = unit
-    return work
+    job, told = _job(args, source), set()
+
+    def finished(folder, report):
+        """Remarks that were made of an earlier frame are left out."""
+        saved(output.first_picture(folder, report), report["seconds"]["total"])
+        for line in [line for line in _remarks(report) if line not in told]:
+            say(f"{folder.name}: {line}")
+            told.add(line)
+
+    frames = AnimationFrames(
+        out,
+        args.frame_range or source.frames,
+        source,
+        job.digest,
+        options.asked(args, source.settings).method,
+        args.encode,
+        args.store,
+        lambda: still_of(args, source, job.digest),
+        finished,
+        say,
+    )
+    return Work(out, job, frames.units, frames.names)
 
 
 def _joined(args, say):
@@ -438,44 +454,6 @@ def _job(args, source):
 def versions():
     """Those of the programs on which results depend, as a `SharedJob` takes them."""
     return {name: text or "none" for name, text in output.versions().items() if name != "python"}
-
-
-def _frame(args, source, work, number, say, saved, told):
-    """A frame as a unit; remarks on its result that were `told` of an earlier one are left out."""
-    folder = output.frame_folder(work.folder, number)
-    job = work.job.digest
-
-    def make(progress):
-        def at(done, message):
-            progress(min(done, 0.999), f"Frame {number}: {message}")
-
-        with _naming(number):
-            began = time.perf_counter()
-            at(0.0, "Exporting the scene")
-            source.go_to(number)
-            still = still_of(args, source, job)
-            spent = time.perf_counter() - began
-            result, report = stills.update(
-                folder, still, stage(at, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")
-            )
-        if result is None:
-            return
-        work.made.append(folder.name)
-        saved(output.first_picture(folder, report), report["seconds"]["total"])
-        for line in [line for line in _remarks(report) if line not in told]:
-            say(f"{folder.name}: {line}")
-            told.add(line)
-
-    return Unit(folder.name, make, lambda: stills.made(folder, job, args.encode))
-
-
-@contextmanager
-def _naming(number):
-    """Errors of bad input name the frame."""
-    try:
-        yield
-    except engine.InvalidInput as error:
-        raise engine.InvalidInput(f"Frame {number}: {error}") from error
 
 
 def _remarks(report):

@@ -28,7 +28,7 @@ from ..engine import InvalidInput
 from ..engine.progress import Progress
 from .claims import FOLDER, Claims
 from .errors import FarmFailed, WorkerDied
-from .units import Unit
+from .units import Unit, counted
 from .worker import SEEN, Child
 
 # What results depend on, and what Dask's messages do.
@@ -194,6 +194,7 @@ class Crew:
         self._rows: dict[str, _Row] = {}  # of the workers that are used, by address
         self._refused: dict[str, str] = {}  # why others are not
         self._waiting: dict[str, Unit] = {}  # for what is to be made, by name
+        self._of: set[str] = set()  # names of what is counted
 
     def work_off(self, folder: Path | str, units: list[Unit], tag: str) -> list[str]:
         """Have all units made that are not done.
@@ -214,7 +215,8 @@ class Crew:
         """
         folder, mark = Path(folder).absolute(), f".cluster-{self._topic}"
         self._waiting = {unit.name: unit for unit in units if not unit.done()}
-        count, start, before = len(self._waiting), time.monotonic(), len(units) - len(self._waiting)
+        self._of, start = counted(units), time.monotonic()
+        before = len(self._of - self._waiting.keys())
         futures: dict[str, Any] = {}
         with Claims(folder, tag) as claims, claims.claim(mark):
             try:
@@ -229,9 +231,11 @@ class Crew:
                     for name, unit in list(self._waiting.items()):
                         if futures[name].status not in IN_WORK and self._taken(futures[name], unit):
                             del self._waiting[name]
+                            if unit.prepares:  # how long that took says nothing of the others
+                                start = time.monotonic()
                     if time.monotonic() - looked > LOOK:
                         looked = self._look()
-                    self._tell(before, count, time.monotonic() - start)
+                    self._tell(before, time.monotonic() - start)
                     time.sleep(POLL)
             except BaseException as error:
                 self._stop(list(futures.values()))
@@ -338,10 +342,11 @@ class Crew:
         ]
         return ", ".join(others)
 
-    def _tell(self, before, count, spent):
+    def _tell(self, before, spent):
         rows = list(self._rows.values())
-        parts = sum(row.done for row in rows if row.unit)
-        made = count - len(self._waiting)
+        parts = sum(row.done for row in rows if row.unit in self._of)
+        count = len(self._of) - before
+        made = count - len(self._waiting.keys() & self._of)
         left = f", {_duration(spent * (count - made - parts) / (made + parts))} left" if made else ""
         workers = f"{len(rows)} worker{'' if len(rows) == 1 else 's'}" if rows else "waiting for workers"
         message = f"{made + before} of {count + before} done, {workers}{left}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from ..engine.progress import Progress
@@ -24,6 +24,8 @@ class Unit:
         Names of units that have to be done before.
     needless : callable
         ``needless()`` tells of a unit that is done whether there is no result, as those before it say all.
+    prepares : bool
+        Whether it only makes ready for those that were asked for, and is not counted among them.
     """
 
     name: str
@@ -31,3 +33,14 @@ class Unit:
     done: Callable[[], bool]
     needs: tuple[str, ...] = ()
     needless: Callable[[], bool] = lambda: False
+    prepares: bool = False
+
+    def told(self) -> bool:
+        """Whether one that is done is spoken of."""
+        return not (self.prepares or self.needless())
+
+
+def counted(units: Iterable[Unit]) -> set[str]:
+    """Names of those whose number tells how far all is: but for what prepares, unless there is nothing else."""
+    units = list(units)
+    return {unit.name for unit in units if not unit.prepares} or {unit.name for unit in units}

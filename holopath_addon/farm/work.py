@@ -11,7 +11,7 @@ from ..engine import InvalidInput, files
 from ..engine.progress import Progress, stage
 from .claims import Claims
 from .job import SharedJob
-from .units import Unit
+from .units import Unit, counted
 
 POLL = 1.0  # seconds from one look at what others make to the next
 
@@ -65,24 +65,28 @@ def work_off(
         What a unit's making raises; its claim is given back.
     """
     folder, todo = Path(folder), {unit.name: unit for unit in units}
-    count, names, found = len(todo), set(todo), "done before, skipped"
+    names, of, found = set(todo), counted(todo.values()), "done before, skipped"
+
+    def done_without(*others):
+        return 1 - len((todo.keys() & of) - set(others)) / max(1, len(of))
+
     with Claims(folder, tag) as claims:
         while todo:
             before = len(todo)
             for unit in list(todo.values()):
                 if unit.done():
-                    if not unit.needless():
+                    if unit.told():
                         say(f"{unit.name}: {found}")
                 elif todo.keys() & set(unit.needs):
                     continue
                 else:
-                    at = stage(progress, 1 - len(todo) / count, 1 - (len(todo) - 1) / count)
+                    at = stage(progress, done_without(), done_without(unit.name))
                     if not _made(folder, unit, claims, at):
                         continue
                 del todo[unit.name]
             if todo and len(todo) == before:
                 found = "done by another process"
-                progress(1 - len(todo) / count, f"Waiting for {next(iter(todo))}, made by another process")
+                progress(done_without(), f"Waiting for {next(iter(todo))}, made by another process")
                 time.sleep(POLL)
         for name in files.unfinished(folder) & names:
             with claims.claim(name) as held:

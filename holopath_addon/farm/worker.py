@@ -108,12 +108,32 @@ def _enter(folder):
 
 def _check_shared(mark, progress):
     """That this machine sees the folder of those that it works with, by a file of theirs."""
+    wait_until(lambda: os.path.exists(mark), Path(mark).parents[1], progress)
+
+
+def wait_until(seen: Callable[[], bool], folder: Path, progress: Progress) -> None:
+    """Wait for what another machine has made in a folder of the results, as long as file systems take to show it.
+
+    Parameters
+    ----------
+    seen : callable
+        ``seen()`` tells whether it is there.
+    folder : path
+        Which, for the message.
+    progress : callable
+        ``progress(done, message)``, may raise `Cancelled`.
+
+    Raises
+    ------
+    InvalidInput
+        If it does not show.
+    """
     end = time.monotonic() + SEEN
-    while not os.path.exists(mark):
+    while not seen():
         if time.monotonic() > end:
             raise InvalidInput(
-                f"{socket.gethostname()} does not see the folder of the results: {Path(mark).parents[1]} must be one "
-                "that all machines share, under the same name."
+                f"{socket.gethostname()} does not see the folder of the results: {folder} must be one that all "
+                "machines share, under the same name."
             )
         progress(0.0, "Waiting for the folder")
         time.sleep(OFTEN)

@@ -26,7 +26,7 @@ from . import session
 REDRAW = 0.5  # seconds between two looks for news
 ENOUGH = 0.2  # of a frame, after which the time of the others is told
 _NOTE = re.compile(r"(?:frame_\d+: )?note: (.*)")
-_FRAME = re.compile(r"Frame -?\d+: (.*)")
+_MAKING = re.compile(r"(Light|Frame -?\d+): (.*)")
 
 
 @dataclass
@@ -43,6 +43,8 @@ class Background:
         0..1, frames that were there before included.
     message : str
         What is being done.
+    lighting : bool
+        Whether that is for the light of all frames, before the first one.
     notes : list of str
         What is to be known of the results.
     error : str
@@ -55,6 +57,7 @@ class Background:
     count: int = 0
     done: float = 0.0
     message: str = ""
+    lighting: bool = False
     notes: list = field(default_factory=list)
     error: str = ""
     canceled: bool = False
@@ -140,13 +143,14 @@ class Background:
         if "skipped" in told.get("say", ""):  # it took no time
             self._begun = None
         if "done" in told:
-            frame = _FRAME.fullmatch(told["message"])
-            self.done, self.message = told["done"], frame[1] if frame else told["message"]
+            making = _MAKING.fullmatch(told["message"])
+            self.done, self.message = told["done"], making[2] if making else told["message"]
+            self.lighting = bool(making and making[1] == "Light")
             self._estimate()
 
     def _estimate(self):
         now = time.monotonic()
-        if self._begun is None:
+        if self._begun is None or self.lighting:
             self._begun = now, self.done
         began, there = self._begun
         made = self.done - there

@@ -208,9 +208,11 @@ def animation(layout: UILayout, context: Context) -> None:
 
 
 def _frames_text(work):
-    """``Frame 12 of 250, 3 min left``."""
+    """``Frame 12 of 250, 3 min left``, and before them ``Light of 250 Frames``."""
     if work.canceled:
         return "Canceling…"
+    if work.lighting:
+        return f"Light of {count(work.count, 'Frame')}"
     left = work.remaining
     return f"Frame {work.frame} of {work.count}" + ("" if left is None else f", {duration(left)} left")
 

@@ -58,7 +58,7 @@ def test_renders_the_scene_as_it_is_and_nothing_twice(moving, tmp_path):
     out = tmp_path / "out"
     assert bpy.ops.holopath.render_animation() == {"FINISHED"}
     made = fields(out)
-    assert sorted(path.name for path in out.iterdir()) == ["frame_0001", "frame_0002", "job.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["frame_0001", "frame_0002", "job.json", "light"]
     assert bpy.data.filepath == "" and "2 Frames Done" in panel(moving).words
     assert bpy.ops.holopath.render_animation() == {"FINISHED"}
     assert fields(out) == made and background.current.finished == 2
@@ -109,6 +109,22 @@ def test_panel_while_at_work_and_canceled(moving):
     assert "Canceled: 11 of 250 Frames Done" in layout.words
     assert layout.all("operator", "operator") == ["holopath.render_animation"]
     assert not bpy.ops.holopath.cancel_animation.poll()
+
+
+def test_panel_while_the_light_is_made(moving):
+    """It is no frame, and its time tells nothing of theirs."""
+    work, _ = playing([told(0.0, "Opening the scene"), told(0.0, "Light: Baking light in view")])
+    until(lambda: work.lighting)
+    layout = panel(moving)
+    assert layout.all("progress", "text") == ["Light of 250 Frames"]
+    assert "Baking light in view…" in layout.words and work.finished == 0 and work.remaining is None
+    began = work._begun[0]
+    work._hear(told(0.0, "Light: Baking light in view"))
+    assert work._begun[0] > began
+    work._hear(told(0.5 / 250, "Frame 1: Radiance"))
+    assert panel(moving).all("progress", "text")[0].startswith("Frame 1 of 250, ")
+    bpy.ops.holopath.cancel_animation()
+    assert work.wait(10)
 
 
 @pytest.mark.parametrize(
@@ -241,7 +257,7 @@ def test_ends_with_its_input(tmp_path, killed):
     made = len(fields(out))
     assert 0 < made < 900
     names = [f"frame_{number + 1:04d}" for number in range(made)]
-    assert sorted(path.name for path in out.iterdir()) == [*names, "job.json"]
+    assert sorted(path.name for path in out.iterdir()) == [*names, "job.json", "light"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="of POSIX")

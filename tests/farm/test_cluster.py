@@ -371,7 +371,7 @@ def test_an_animation_is_the_same_by_however_many(count, alone, tmp_path):
     assert process.returncode == 0, error
     assert output == "" and "Done: 6 frames" in error
     assert fields(out) == alone and len(alone) == 6
-    assert names(out) == [*alone, "job.json"] and names(tmp_path) == ["out"]
+    assert names(out) == [*alone, "job.json", "light"] and names(tmp_path) == ["out"]
     process = render(out, "--frame-range", "1-6", "--cluster", f"local:{count}")
     assert "Done: 0 frames" in process.communicate()[1]
 
@@ -389,7 +389,7 @@ def test_an_animation_whose_workers_are_killed_is_the_same(alone, tmp_path):
                 killed += 1
     assert process.returncode == 0, process.stderr.read()
     assert killed == 3
-    assert fields(out) == alone and names(out) == [*alone, "job.json"]
+    assert fields(out) == alone and names(out) == [*alone, "job.json", "light"]
 
 
 @pytest.mark.slow
@@ -408,7 +408,7 @@ def test_who_interrupts_it_keeps_what_is_done(number, alone, tmp_path):
         f"holopath: Cancelled: the frames that are done are in {out}, and the same command goes on after them."
     ]
     assert "Traceback" not in error
-    assert all(name.startswith("frame_") or name == "job.json" for name in names(out)), names(out)
+    assert all(name.startswith("frame_") or name in ("job.json", "light") for name in names(out)), names(out)
     assert not [p for p in psutil.process_iter(["cmdline"]) if str(out) in " ".join(p.info["cmdline"] or ())]
 
 
@@ -418,7 +418,7 @@ def test_plain_processes_help_a_cluster(alone, tmp_path):
     both = [render(out, "--frame-range", "1-6", *more) for more in (("--cluster", "local:1"), ())]
     told = [process.communicate()[1] for process in both]
     assert [process.returncode for process in both] == [0, 0], told
-    assert fields(out) == alone and names(out) == [*alone, "job.json"]
+    assert fields(out) == alone and names(out) == [*alone, "job.json", "light"]
 
 
 @pytest.mark.slow

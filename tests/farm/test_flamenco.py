@@ -40,7 +40,6 @@ def test_a_job_of_ten_frames():
     assert flamenco.words(command, variables) == [
         *("/opt/blender", "-b", "-y", "--background", "--command", "holopath"),
         *("render", "/srv/my scene.flamenco.blend", "--out", "/srv/films/my film", "--frame-range", "5-7"),
-        *("--cache", "/srv/films/my film/baked"),
     ]
 
 
@@ -88,7 +87,7 @@ def test_what_blender_offers_to_choose():
 
 @pytest.mark.slow
 def test_its_tasks_render_the_animation(tmp_path):
-    """As the worker runs them, with Blender as a Python module; what the first bakes is not baked again."""
+    """As the worker runs them, with Blender as a Python module; the first bakes for all."""
     bpy = pytest.importorskip("bpy")
     shared = tmp_path / "shared folder"
     shared.mkdir()
@@ -117,6 +116,6 @@ def test_its_tasks_render_the_animation(tmp_path):
     frames = [film / f"frame_{number:04d}" for number in range(1, 11)]
     assert sorted(seen) == [frame / "reconstruction" / "focus_0.5m.png" for frame in frames]
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in seen)
-    assert sorted(film.iterdir()) == [film / "baked", *frames, film / "job.json"]
+    assert sorted(film.iterdir()) == [*frames, film / "job.json", film / "light"]
     reports = [json.loads((frame / "report.json").read_text()) for frame in frames]
-    assert [report["bake"]["reused"] for report in reports] == ["nothing"] + 9 * ["all"]
+    assert [report["bake"]["reused"] for report in reports] == 10 * ["all"]

@@ -76,7 +76,7 @@ def test_what_a_task_runs(slurm, script):
     said, _ = task.communicate(timeout=20)
     assert said.splitlines() == [
         *("render", "my scene.blend", "--out", "out dir", "--frame-range", "3-6"),
-        *("--cache", "out dir/baked", "--focus", "0.5m, 2m", "threads 1 1"),
+        *("--focus", "0.5m, 2m", "threads 1 1"),
     ]
     assert task.returncode == 3 and not slurm.requeued.exists()
 
@@ -141,5 +141,5 @@ def test_the_animation_is_whole(slurm, script):
         said, _ = task.communicate(timeout=120)
         assert task.returncode == 0, said
     frames = [f"frame_{number:04d}" for number in range(1, 7)]
-    assert sorted(os.listdir(slurm.folder / "out")) == ["baked", *frames, "job.json"]
+    assert sorted(os.listdir(slurm.folder / "out")) == [*frames, "job.json", "light"]
     assert all((slurm.folder / "out" / frame / "report.json").is_file() for frame in frames)

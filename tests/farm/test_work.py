@@ -26,7 +26,7 @@ class Made:
     def __init__(self, folder):
         self.folder, self.names, self.told = folder, [], []
 
-    def unit(self, name, needs=(), fails=None):
+    def unit(self, name, needs=(), fails=None, prepares=False):
         def make(progress):
             progress(0.5, f"Making {name}")
             self.names.append(name)
@@ -34,7 +34,7 @@ class Made:
                 raise fails
             (self.folder / name).write_text(name)
 
-        return Unit(name, make, (self.folder / name).exists, needs)
+        return Unit(name, make, (self.folder / name).exists, needs, prepares=prepares)
 
     def off(self, *units, progress=lambda done, message: None):
         work_off(self.folder, units, "tag", progress, self.told.append)
@@ -67,6 +67,19 @@ def test_progress_goes_on_over_all(made):
     told = []
     made.off(*map(made.unit, "ab"), progress=lambda done, message: told.append((done, message)))
     assert told == [(0.25, "Making a"), (0.75, "Making b")]
+
+
+def test_what_prepares_is_not_counted(made):
+    told = []
+    light = made.unit("light", prepares=True)
+    units = light, *(made.unit(name, ("light",)) for name in "ab")
+    made.off(*units, progress=lambda done, message: told.append((done, message)))
+    assert told == [(0.0, "Making light"), (0.25, "Making a"), (0.75, "Making b")]
+    made.off(*units)
+    assert made.told == ["a: done before, skipped", "b: done before, skipped"]
+    (made.folder / "light").unlink()
+    made.off(light, progress=lambda done, message: told.append((done, message)))  # as a worker does
+    assert told[3:] == [(0.5, "Making light")]
 
 
 def test_what_fails_is_given_back(made):

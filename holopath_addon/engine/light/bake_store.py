@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -231,6 +232,11 @@ class BakeStore:
             base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         return cls(Path(base) / "holopath")
 
+    @property
+    def speed(self) -> Path | None:
+        """Folder in which this machine's speed is kept, see `planning.machine`; None for none."""
+        return self.folder
+
     def _file(self, triangles):
         return self.folder / (triangles.structure + SUFFIX)
 
@@ -339,3 +345,59 @@ class BakeStore:
             with suppress(OSError):
                 file.unlink()
         return before - self.size()
+
+
+class JobStore(BakeStore):
+    """The light that all frames of a job have alike: a store in a folder of the job's.
+
+    Until it is sealed, it begins with what another store holds, and that gets what is saved, too.
+
+    Parameters
+    ----------
+    folder : path
+    other : BakeStore or None
+        The user's own.
+    sealed : bool
+        Whether it is read alone: what is saved is not kept.
+    """
+
+    def __init__(self, folder: Path | str, other: BakeStore | None, sealed: bool = False) -> None:
+        super().__init__(folder)
+        self._other, self._sealed = other, sealed
+
+    @property
+    def speed(self) -> Path | None:
+        """See `BakeStore.speed`: it is no matter of the job."""
+        return self._other and self._other.speed
+
+    def files(self) -> list[Path]:
+        """All files, those that it may still begin with included; the oldest first."""
+        return super().files() or ([] if self._sealed or self._other is None else self._other.files())
+
+    def head(self, triangles: Triangles) -> Head | None:
+        """See `BakeStore.head`."""
+        self._begin(triangles)
+        return super().head(triangles)
+
+    def load(self, triangles: Triangles) -> tuple[Stored | None, str]:
+        """See `BakeStore.load`."""
+        self._begin(triangles)
+        return super().load(triangles)
+
+    def save(self, triangles: Triangles, stored: Stored) -> None:
+        """See `BakeStore.save`."""
+        if self._sealed:
+            return
+        super().save(triangles, stored)
+        if self._other is not None:
+            with suppress(InvalidInput):  # the job has it
+                self._other.save(triangles, stored)
+
+    def _begin(self, triangles):
+        mine = self._file(triangles)
+        if self._sealed or self._other is None or mine.exists():
+            return
+        theirs = self._other._file(triangles)
+        with suppress(OSError):  # there is none; half a copy would be found damaged, and baked again
+            shutil.copyfile(theirs, mine)
+            os.utime(theirs)

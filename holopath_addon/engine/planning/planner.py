@@ -83,7 +83,7 @@ def plan(
         # the least that tells the depths in view
         least = replace(settings, method="direct", fixed={"max_depth": settings.max_depth})
         return _of_baseline(plan(scene, camera, hologram, least), settings, warnings)
-    survey = look_at(scene, camera, hologram, settings, store and store.folder)
+    survey = look_at(scene, camera, hologram, settings, store and store.speed)
     planes = recording_planes(survey)
     margin = margin_of(planes.value, survey)
     baking = light.diffuse_light(survey, margin, store)
@@ -235,8 +235,12 @@ def _frames(survey: Survey) -> Decided[None]:
 def _chunk(settings: Settings) -> Decided[int]:
     """Bytes of the sums of pixels that are traced at once."""
     asked = settings.fixed.get("chunk")
-    chunk = asked or min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
-    reason = "as asked" if asked else "an eighth of what is free at most"
+    if settings.radiance == "ray" or settings.estimator == "paper":
+        chunk, reason = CHUNK_BYTES, "the same everywhere, as random numbers are drawn by chunks"
+    else:
+        chunk = min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
+        reason = "an eighth of what is free at most"
+    chunk, reason = (asked, "as asked") if asked else (chunk, reason)
     return Decided(chunk, (Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason),))
 
 

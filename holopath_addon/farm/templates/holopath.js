@@ -42,7 +42,7 @@ function compileJob(job) {
     const settings = job.settings;
     const frames = frameChunker(settings.frames, 1);
 
-    // What is baked for the first frame serves the others, and what is wrong with the file is told once.
+    // What is wrong with the file is told once, and no worker only waits for the light that the first task finds for all.
     const first = renderTask(settings, frames[0]);
     job.addTask(first);
     if (frames.length == 1) {
@@ -60,7 +60,6 @@ function renderTask(settings, chunk) {
         "--command", "holopath", "render", settings.blendfile,
         "--out", settings.render_output_path,
         "--frame-range", chunk,
-        "--cache", path.join(settings.render_output_path, "baked"),
     ];
     // Phases are made by the task that renders: side by side, and with the scene at hand.
     if (settings.encode && settings.encode != "none") {

@@ -53,5 +53,5 @@ out_of_time() {
 trap out_of_time USR1
 trap 'stop; exit $?' TERM # canceled, or the node is needed for others
 
-"${holopath[@]}" render "$scene" --out "$out" --frame-range "$range" --cache "$out/baked" "${@:3}" &
+"${holopath[@]}" render "$scene" --out "$out" --frame-range "$range" "${@:3}" &
 wait "$!"

@@ -57,6 +57,33 @@ def test_what_is_saved_is_loaded(store, triangles, stored):
     assert store.load(triangles) == (None, "") and store.size() == 0
 
 
+def test_a_job_begins_with_what_is_there_and_gives_what_it_bakes(store, triangles, stored, tmp_path):
+    (tmp_path / "job").mkdir()
+    job = bake_store.JobStore(tmp_path / "job", store)
+    assert job.files() == store.files()
+    assert job.head(triangles) == store.head(triangles) and job.speed == store.folder
+    assert same(job.load(triangles)[0], stored) and job.files() != store.files()
+    more = replace(stored, digest="more")
+    job.save(triangles, more)
+    assert same(store.load(triangles)[0], more) and same(job.load(triangles)[0], more)
+
+
+def test_a_sealed_one_is_read_alone(store, triangles, stored, tmp_path):
+    (tmp_path / "job").mkdir()
+    sealed = bake_store.JobStore(tmp_path / "job", store, sealed=True)
+    sealed.save(triangles, stored)
+    assert sealed.load(triangles) == (None, "") and sealed.head(triangles) is None and sealed.files() == []
+    assert not list((tmp_path / "job").iterdir()) and same(store.load(triangles)[0], stored)
+
+
+def test_a_job_has_its_light_where_the_users_own_store_cannot_be_written(triangles, stored, tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "job").mkdir()
+    job = bake_store.JobStore(tmp_path / "job", engine.BakeStore(tmp_path / "file"))
+    job.save(triangles, stored)
+    assert same(job.load(triangles)[0], stored)
+
+
 def test_a_bake_of_nothing_is_loaded(store, triangles, stored):
     """Of a view in which all that scatters light is traced."""
     from holopath_addon.engine.light.radiance_cache import RadianceCache
