@@ -10,7 +10,9 @@ A process that was only slow may find its claim taken over: both then make the s
 from __future__ import annotations
 
 import json
+import math
 import os
+import random
 import secrets
 import threading
 import time
@@ -22,9 +24,11 @@ from pathlib import Path
 from . import processes
 
 FOLDER = ".claims"
-BEAT = 5.0  # seconds from one touch of a claim to the next
+BEAT = 15.0  # seconds from one touch of a claim to the next
 STALE = 60.0  # seconds without one after which a process of another machine is taken for gone
-WAIT = 0.1  # seconds from one look at what another process holds for moments to the next
+WAIT = 0.1  # seconds from one look at what another process holds for moments to the next, at first
+LONGEST_WAIT = 3.0  # and at most, so that a thousand who wait leave the server time for the one who is in
+ENOUGH = 8  # living processes after which one that leaves lets others clear away what killed ones left
 TRIES = 10
 
 
@@ -71,6 +75,7 @@ class Claims:
     def __init__(self, folder: Path | str, tag: str) -> None:
         self._folder, self._tag = Path(folder) / FOLDER, tag
         self._held: dict[str, Claim] = {}  # by name
+        self._alive: dict[str, tuple[Claim, float]] = {}  # others' by name, and until when they surely are
         self._here = f".{secrets.token_hex(8)}"  # this process's own claim, and the server's clock
         self._ended = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="claims", daemon=True)
@@ -93,9 +98,7 @@ class Claims:
             self._ended.set()
             self._heart.join()
             with suppress(OSError):
-                for name in os.listdir(self._folder):
-                    with self.claim(name):  # what killed processes left goes
-                        pass
+                self._clear()
             self._leave()
 
     @contextmanager
@@ -117,12 +120,24 @@ class Claims:
     @contextmanager
     def wait(self, name: str) -> Iterator[None]:
         """Hold a claim that nobody holds for longer than moments."""
+        pause = WAIT
         while True:
             with self.claim(name) as held:
                 if held:
                     yield
                     return
-            time.sleep(WAIT)
+            time.sleep(pause * random.uniform(0.5, 1.0))
+            pause = min(1.5 * pause, LONGEST_WAIT)
+
+    def names(self) -> list[str]:
+        """Of all claims, living or not, by one look at the folder; a dot begins those on no piece of work."""
+        return os.listdir(self._folder)
+
+    def alive(self, name: str) -> bool:
+        """Whether a claim's holder lives for all that `claim` found, told without a look at the folder."""
+        claim, until = self._alive.get(name, (Claim(), 0.0))
+        here = claim.place == processes.place()
+        return time.monotonic() < until and not (here and processes.started(claim.pid) != claim.started)
 
     def lost(self, name: str) -> bool:
         """Whether another process has taken over a claim that this one holds."""
@@ -132,7 +147,7 @@ class Claims:
     def holder(self, name: str) -> Claim | None:
         """The living process that holds a claim; None where there is none."""
         found = self._read(name)
-        return None if found is None or self._gone(*found) else found[0]
+        return None if found is None or self._left(*found) < 0 else found[0]
 
     def holders(self) -> dict[str, Claim]:
         """Claims of all living processes by name; a dot begins names of those on no piece of work."""
@@ -146,7 +161,9 @@ class Claims:
             found = self._read(name)
             if found is None:
                 continue  # released meanwhile
-            if not self._gone(*found):
+            left = self._left(*found)
+            if left >= 0:
+                self._alive[name] = found[0], time.monotonic() + left
                 return False
             with self.claim(f".{name.lstrip('.')}.{found[0].token}") as mine:
                 again = self._read(name)
@@ -177,6 +194,15 @@ class Claims:
                 raise
             self._held[name] = claim
         return True
+
+    def _clear(self):
+        """Remove what killed processes left, as far as there are not many who do so after this one."""
+        living, names = 0, [name for name in self.names() if name not in self._held]
+        for name in random.sample(names, len(names)):
+            with self.claim(name) as held:
+                living += not held
+            if living == ENOUGH:
+                return
 
     def _leave(self):
         for name in list(self._held):
@@ -213,14 +239,14 @@ class Claims:
         except (ValueError, TypeError):
             return Claim(), touched
 
-    def _gone(self, claim, touched):
-        """Whether the process that holds a claim runs no more."""
+    def _left(self, claim, touched):
+        """Seconds for which the process that holds a claim cannot be taken for gone; negative if it runs no more."""
         if claim.place == processes.place():
-            return processes.started(claim.pid) != claim.started
+            return STALE if processes.started(claim.pid) == claim.started else -math.inf
         with suppress(OSError):
             os.utime(self._folder / self._here)
         now = self._read(self._here)
-        return now is not None and now[1] - touched > STALE
+        return STALE if now is None else STALE - (now[1] - touched)
 
     def _beat(self):
         while not self._ended.wait(BEAT):

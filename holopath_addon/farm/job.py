@@ -73,10 +73,12 @@ class SharedJob:
             with door.wait(_DOOR):
                 files.sweep(folder / NAME)
                 begun = _read(folder)
-                others = {name: c for name, c in door.holders().items() if c.tag not in ("", self.digest)}
-                self._check(folder, begun, others)
-                unfinished = begun.unfinished if begun is not None and begun == self else frozenset()
-                self._write(folder, unfinished | names)
+                if begun != self:  # else all who work here were let in by this very job
+                    others = {n: c for n, c in door.holders().items() if c.tag not in ("", self.digest)}
+                    self._check(folder, begun, others)
+                    self._write(folder, names)
+                elif not names <= begun.unfinished:
+                    self._write(folder, names | begun.unfinished)
                 inside.enter_context(Claims(folder, self.digest))
             try:
                 yield
@@ -85,8 +87,11 @@ class SharedJob:
                     if set(os.listdir(folder)) <= {NAME, FOLDER}:
                         (folder / NAME).unlink()
                 raise
-            with door.wait(_DOOR):
-                self._write(folder, (_read(folder) or self).unfinished - names)
+            if (
+                _read(folder) or self
+            ).unfinished & names:  # of all that end at once the first one strikes them out
+                with door.wait(_DOOR):
+                    self._write(folder, (_read(folder) or self).unfinished - names)
 
     def _check(self, folder, begun, others):
         if begun is not None:

@@ -106,7 +106,7 @@ class StillParts:
         return DividedRender(*what, self.folder, self._count, still.store, self._job), still, seconds
 
     def _made(self, name):
-        return self.made() or DividedRender.done(self.folder, name, self._job)
+        return DividedRender.done(self.folder, name, self._job) or self.made()
 
     def _make(self, name, progress):
         progress(0.0, "Exporting the scene")

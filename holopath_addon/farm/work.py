@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from .job import SharedJob
 from .units import Unit, counted
 
 POLL = 1.0  # seconds from one look at what others make to the next
+CROWD = 300  # claims, of about a hundred processes; with more of them each looks less often
 
 
 @dataclass(frozen=True)
@@ -72,26 +74,63 @@ def work_off(
 
     with Claims(folder, tag) as claims:
         while todo:
-            before = len(todo)
-            for unit in list(todo.values()):
-                if unit.done():
+            before, claimed = len(todo), claims.names()
+            for unit in in_turn(todo.values(), set(claimed)):
+                if not todo.keys().isdisjoint(unit.needs):
+                    continue
+                if unit.name in claimed:
+                    if claims.alive(unit.name):
+                        continue
+                elif unit.done():
                     if unit.told():
                         say(f"{unit.name}: {found}")
-                elif todo.keys() & set(unit.needs):
+                    del todo[unit.name]
                     continue
-                else:
-                    at = stage(progress, done_without(), done_without(unit.name))
-                    if not _made(folder, unit, claims, at):
-                        continue
-                del todo[unit.name]
+                at = stage(progress, done_without(), done_without(unit.name))
+                if _made(folder, unit, claims, at):
+                    del todo[unit.name]
+                    break  # it took its time: who holds what is looked up anew
             if todo and len(todo) == before:
                 found = "done by another process"
-                progress(done_without(), f"Waiting for {next(iter(todo))}, made by another process")
-                time.sleep(POLL)
+                _wait(pause(len(claimed)), progress, done_without(), next(iter(todo)))
         for name in files.unfinished(folder) & names:
             with claims.claim(name) as held:
                 if held:
                     files.sweep(folder / name)
+
+
+def in_turn(units: Iterable[Unit], claimed: set[str]) -> list[Unit]:
+    """Units in the order in which to try them: the first ones first, but in a crowd each process begins elsewhere.
+
+    Parameters
+    ----------
+    units : iterable of Unit
+    claimed : set of str
+        Names of those that others may be making: they come last.
+
+    Returns
+    -------
+    list of Unit
+    """
+    free = [unit for unit in units if unit.name not in claimed]
+    others = [unit for unit in units if unit.name in claimed]
+    first = free[: 1 + 2 * len(others)]
+    return [*random.sample(first, len(first)), *free[len(first) :], *others]
+
+
+def pause(claims: int) -> float:
+    """Seconds from one look at a folder with so many claims to the next.
+
+    A hundred looks a second in all are the most, however many processes there are, and not all at one time.
+    """
+    return POLL * max(1.0, claims / CROWD) * random.uniform(0.75, 1.25)
+
+
+def _wait(seconds, progress, done, name):
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        progress(done, f"Waiting for {name}, made by another process")  # which may cancel
+        time.sleep(min(left, POLL))
 
 
 def _made(folder, unit, claims, progress):

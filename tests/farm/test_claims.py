@@ -154,15 +154,15 @@ def test_of_two_that_find_a_stale_claim_at_once_one_takes_it_over(tmp_path, monk
     file = of_elsewhere(tmp_path)
     os.utime(file, (0, 0))
     with Claims(tmp_path, "tag") as slow, Claims(tmp_path, "tag") as quick:
-        gone, taken = slow._gone, quick.claim("unit")
+        left, taken = slow._left, quick.claim("unit")
 
         def overtaken(*found):
-            monkeypatch.setattr(slow, "_gone", gone)
-            told = gone(*found)
+            monkeypatch.setattr(slow, "_left", left)
+            told = left(*found)
             assert taken.__enter__()
             return told
 
-        monkeypatch.setattr(slow, "_gone", overtaken)
+        monkeypatch.setattr(slow, "_left", overtaken)
         with slow.claim("unit") as held:
             assert not held and not quick.lost("unit")
         taken.__exit__(None, None, None)
