@@ -73,7 +73,7 @@ class SharedJob:
             with door.wait(_DOOR):
                 files.sweep(folder / NAME)
                 begun = _read(folder)
-                if begun != self:  # else all who work here were let in by this very job
+                if begun is None or begun != self:  # else all who work here were let in by this very job
                     others = {n: c for n, c in door.holders().items() if c.tag not in ("", self.digest)}
                     self._check(folder, begun, others)
                     self._write(folder, names)

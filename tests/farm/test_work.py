@@ -111,9 +111,9 @@ def test_what_others_make_is_waited_for(made):
     assert made.names == ["b"] and made.told == ["a: done by another process"]
 
 
-def test_what_a_process_of_another_machine_left_is_taken_over(made):
-    file = hold(made.folder, "a")
-    threading.Timer(0.2, lambda: os.utime(file, (0, 0))).start()
+def test_what_a_process_of_another_machine_left_is_taken_over(made, monkeypatch):
+    monkeypatch.setattr(claims, "STALE", 0.5)
+    hold(made.folder, "a")
     made.off(*map(made.unit, "ab"))
     assert made.names == ["b", "a"]
     assert sorted(os.listdir(made.folder)) == ["a", "b"]
