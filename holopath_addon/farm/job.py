@@ -87,7 +87,9 @@ class SharedJob:
                     if set(os.listdir(folder)) <= {NAME, FOLDER}:
                         (folder / NAME).unlink()
                 raise
-            if (_read(folder) or self).unfinished & names:  # of all that end at once the first one strikes them out
+            if (
+                _read(folder) or self
+            ).unfinished & names:  # of all that end at once the first one strikes them out
                 with door.wait(_DOOR):
                     self._write(folder, (_read(folder) or self).unfinished - names)
 
