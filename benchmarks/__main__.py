@@ -23,6 +23,7 @@ ALL = {
     "exporter": ("exporter.main", False),
 }
 NAMED = {
+    "farm": ("farm.run", False),
     "foretold": ("foretold.run", False),
     "slm": ("slm.run", False),
     "stability": ("stability.report.run", True),

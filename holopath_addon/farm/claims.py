@@ -130,7 +130,11 @@ class Claims:
             pause = min(1.5 * pause, LONGEST_WAIT)
 
     def names(self) -> list[str]:
-        """Of all claims, living or not, by one look at the folder; a dot begins those on no piece of work."""
+        """Of all claims, living or not, by one look at the folder; a dot begins those on no piece of work.
+
+        That it is touched has network file systems ask the server, and not tell what was there a minute ago.
+        """
+        os.utime(self._folder)
         return os.listdir(self._folder)
 
     def alive(self, name: str) -> bool:

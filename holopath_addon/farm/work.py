@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import time
 from collections.abc import Callable, Iterable
@@ -15,6 +16,7 @@ from .job import SharedJob
 from .units import Unit, counted
 
 POLL = 1.0  # seconds from one look at what others make to the next
+HURRY = 0.1  # at most where another process was quicker to take what was free; longer, where it is again and again
 CROWD = 300  # claims, of about a hundred processes; with more of them each looks less often
 
 
@@ -51,7 +53,7 @@ def work_off(
     Parameters
     ----------
     folder : path
-        Which there is, of the units' results: each is at the unit's name.
+        Which there is, of the units' results: what appears at a unit's name while this runs is its result.
     units : iterable of Unit
         What they need is among them, or done.
     tag : str
@@ -72,16 +74,20 @@ def work_off(
     def done_without(*others):
         return 1 - len((todo.keys() & of) - set(others)) / max(1, len(of))
 
+    hurry, needed = HURRY, {name for unit in todo.values() for name in unit.needs}
     with Claims(folder, tag) as claims:
+        earlier = {*os.listdir(folder), *files.unfinished(folder)}
         while todo:
-            before, claimed = len(todo), claims.names()
+            before, claimed, refused = len(todo), claims.names(), False
+            # All who work here do so on this job. What others need is looked into all the same.
+            results = set(os.listdir(folder)) - earlier - needed
             for unit in in_turn(todo.values(), set(claimed)):
                 if not todo.keys().isdisjoint(unit.needs):
                     continue
                 if unit.name in claimed:
                     if claims.alive(unit.name):
                         continue
-                elif unit.done():
+                elif unit.name in results or unit.done():
                     if unit.told():
                         say(f"{unit.name}: {found}")
                     del todo[unit.name]
@@ -90,6 +96,14 @@ def work_off(
                 if _made(folder, unit, claims, at):
                     del todo[unit.name]
                     break  # it took its time: who holds what is looked up anew
+                if unit.name not in claimed:
+                    refused = True
+                    break
+            if refused:
+                time.sleep(random.uniform(0.0, hurry))
+                hurry = min(2 * hurry, POLL)
+                continue
+            hurry = HURRY
             if todo and len(todo) == before:
                 found = "done by another process"
                 _wait(pause(len(claimed)), progress, done_without(), next(iter(todo)))

@@ -151,6 +151,38 @@ def test_a_slow_process_whose_work_was_taken_over_goes_on(made):
         made.off(made.unit("c", fails=OSError(28, "full")))
 
 
+def test_what_was_there_of_another_job_is_made_anew(made):
+    """That there is something at a unit's name tells nothing, unless it came while one is at work."""
+    (made.folder / "a").write_text("of another job")
+    made.off(Unit("a", made.unit("a").make, lambda: (made.folder / "a").read_text() == "a"))
+    assert (made.folder / "a").read_text() == "a"
+
+
+def test_what_another_process_made_meanwhile_is_not_looked_into(made):
+    file, asked = hold(made.folder, "a"), []
+
+    def finish():
+        (made.folder / "a").write_text("a")
+        file.unlink()
+
+    threading.Timer(0.2, finish).start()
+    made.off(Unit("a", made.unit("a").make, lambda: asked.append("a")))
+    assert made.names == [] and asked == [] and made.told == ["a: done by another process"]
+
+
+def test_in_a_crowd_each_begins_elsewhere(made):
+    units = [made.unit(f"u{n}") for n in range(9)]
+    assert work.in_turn(units, set()) == units
+    orders = [[unit.name for unit in work.in_turn(units, {"u0", "u4"})] for _ in range(200)]
+    assert {tuple(order[5:]) for order in orders} == {("u7", "u8", "u0", "u4")}
+    assert {order[0] for order in orders} == {"u1", "u2", "u3", "u5", "u6"}
+
+
+def test_a_crowd_looks_as_often_as_a_hundred_processes():
+    assert 0.7 < work.pause(2) < 1.3 and 0.7 < work.pause(300) < 1.3
+    assert 7 < work.pause(3000) < 13
+
+
 SHARES = """
 import sys, time
 from pathlib import Path
