@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
 import time
 from collections import defaultdict
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import mean
 
@@ -24,6 +23,7 @@ from holopath_addon import cli, engine
 from holopath_addon.command_line import render_command, sources
 from holopath_addon.engine import files
 from holopath_addon.engine.rendering.division import steps_of
+from holopath_addon.engine.rendering.map_parts import ASKED, TOLD
 from holopath_addon.farm.parts import JOINED, StillParts
 
 from .farm_operations import Operations, rules
@@ -57,15 +57,27 @@ def measured(size, folder: Path) -> dict:
     still = render_command.still_of(args, sources.open_source(args.scene), "benchmark")
     asked = {"hologram": json.dumps(still.hologram.to_dict()), "settings": json.dumps(asdict(still.settings))}
     found = {"size": size, **asked, "units": _units(still, folder), "rules": asdict(rules())}
-    more = "--method", "fast", "--cache", str(folder / "cache"), "--frame-range", "1-2"
-    spent = _run(_words("demo:suzanne", size, *more, "--out", str(folder / "film")))
-    reports = [
-        json.loads(path.read_text())["seconds"]["total"]
-        for path in sorted(folder.glob("film/frame_*/report.json"))
-    ]
-    bytes_ = sum(path.stat().st_size for path in folder.glob("film/frame_0002/**/*") if path.is_file())
-    found |= {"start": spent - sum(reports), "frame": [reports[1], bytes_, found["units"][-1][-1]]}
-    return found | {"dask": _dask(folder)}
+    return found | _film(size, folder, found["units"][-1][-1]) | {"dask": _dask()}
+
+
+def _film(size, folder, done):
+    """Seconds to open the scene; a frame's, its bytes, and the seconds that a process's first one takes besides."""
+    words = _words(
+        "demo:suzanne",
+        size,
+        "--method",
+        "fast",
+        "--cache",
+        str(folder / "cache"),
+        "--out",
+        str(folder / "film"),
+    )
+    _run([*words, "--frame-range", "1"])  # bakes
+    spent = _run([*words, "--frame-range", "2-3"])
+    reports = [folder / "film" / f"frame_{number:04d}" / "report.json" for number in (2, 3)]
+    first, second = (json.loads(path.read_text())["seconds"]["total"] for path in reports)
+    written = sum(path.stat().st_size for path in reports[1].parent.rglob("*") if path.is_file())
+    return {"start": spent - first - second, "frame": [second, written, done, max(first - second, 0.0)]}
 
 
 def _run(words):
@@ -120,10 +132,11 @@ def _forget(folder):
 
 def _read():
     """Bytes that this process has read from disks."""
-    return int(re.search(r"^read_bytes: (\d+)", Path("/proc/self/io").read_text(), re.MULTILINE)[1])
+    told = dict(line.split(": ") for line in Path("/proc/self/io").read_text().splitlines())
+    return int(told["read_bytes"])
 
 
-def _dask(folder):
+def _dask():
     """Seconds of Dask for a task: that nobody else has meanwhile, and until a worker has its next one."""
     from distributed import Client, LocalCluster
 
@@ -163,14 +176,16 @@ BEFORE = Rules(38, 28, 58, 96, 15, 32, 0, 9, 1, 10, 8, 3.2, crowd=0)
 
 def film(found) -> list[Step]:
     """Units of an animation."""
-    seconds, written, done = found["frame"]
-    return [Step(f"frame_{n:04d}", "last frames", seconds, 0.0, written, done=done) for n in range(FRAMES)]
+    seconds, written, done, first = found["frame"]
+    frame = Step("", "last frames", seconds, 0.0, written, first, done=done)
+    return [replace(frame, name=f"frame_{n:04d}") for n in range(FRAMES)]
 
 
 def still(found, count, scale=1.0) -> list[Step]:
     """Units of a still in parts, by the engine's graph; `scale` is how many times as many pixels as measured it has."""
     hologram, settings = (json.loads(found[name]) for name in ("hologram", "settings"))
     needs = steps_of(engine.Hologram.from_dict(hologram), engine.Settings(**settings), count)
+    needs = _asked(needs, {_kind(row[1]) for row in found["units"]})
     needs[JOINED] = tuple(needs)
     kinds = [_kind(name) for name in needs]
     costs = {kind: _cost(found["units"], kind, kinds.count(kind), scale) for kind in set(kinds)}
@@ -180,8 +195,19 @@ def still(found, count, scale=1.0) -> list[Step]:
 
 
 def _kind(name):
-    """Units whose names differ in numbers alone are alike."""
-    return re.sub(r"-?\d+(-of)?", "", name)
+    """Units are alike but for the number of the part; questions of the radiance map are not."""
+    words = name.split("-")
+    return "-".join(words[:2]) if words[0] in (ASKED, TOLD) else words[0]
+
+
+def _asked(needs, known):
+    """Steps of a still but for questions that were not asked; who needs these needs what they need."""
+
+    def those(names):
+        for name in names:
+            yield from [name] if _kind(name) in known else those(needs[name])
+
+    return {name: tuple(dict.fromkeys(those(each))) for name, each in needs.items() if _kind(name) in known}
 
 
 def _cost(rows, kind, number, scale):
@@ -258,16 +284,25 @@ def check() -> str:
         f"a still in {count} parts": (["--method", "full", "--divide", str(count)], still(found, count)),
         f"{frames} frames": (["--method", "fast", "--frame-range", f"1-{frames}"], film(found)[:frames]),
     }
+    cache = ["--cache", str(FOUND.absolute().with_suffix(".cache"))]
+    with tempfile.TemporaryDirectory(dir=FOUND.parent) as folder:
+        _run(
+            [
+                *_words("demo:suzanne", SMALL, *cache, "--out", folder),
+                "--method",
+                "fast",
+                "--frame-range",
+                "1",
+            ]
+        )
     for name, (more, steps) in jobs.items():
         for workers in (1, 2):
             with tempfile.TemporaryDirectory(dir=FOUND.parent) as folder:
-                words = _words(
-                    "demo:suzanne", SMALL, *more, "--out", f"{folder}/out", "--cache", f"{FOUND}.cache"
-                )
+                words = _words("demo:suzanne", SMALL, *more, "--out", f"{folder}/out", *cache)
                 start = time.perf_counter()
                 command = [sys.executable, "-m", "holopath_addon", *words]
                 running = [
-                    subprocess.Popen(["taskset", "-c", str(n), *command], stderr=subprocess.DEVNULL)
+                    subprocess.Popen(["taskset", "-c", str(n), *command, "--quiet"])
                     for n in processors[:workers]
                 ]
                 assert not any(process.wait() for process in running)
@@ -288,7 +323,7 @@ def run(what="small") -> str:
     )
     size, pixels = "{} x {}".format(*found["size"]), found["size"][0] * found["size"][1]
     larger = UHD[0] * UHD[1] / pixels
-    seconds, written, _ = found["frame"]
+    seconds, written, *_ = found["frame"]
     shown = (
         f"start {found['start']:.1f} s, a frame {seconds:.1f} s and {written / 1e6:.0f} MB; {found['rules']}"
     )

@@ -44,10 +44,10 @@ class Operations:
 
     def _counted(self, call, weight):
         def counted(*args, **kwargs):
-            ours = args and str(args[0]).startswith(self._folder)
-            self.count += bool(ours)  # and what an opened file needs besides, if there is one
+            ours = bool(args) and str(args[0]).startswith(self._folder)
+            self.count += ours
             result = call(*args, **kwargs)
-            self.count += ours and weight - 1
+            self.count += ours * (weight - 1)  # what a file that there is needs besides
             return result
 
         return counted

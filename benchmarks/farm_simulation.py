@@ -271,7 +271,8 @@ def simulate(
     Result
     """
     random.seed(0)
-    farm, scheduler, spent, events = _Farm(steps, folder, rules), _Server(1.0), Counter(), []
+    farm, scheduler, events = _Farm(steps, folder, rules), _Server(1.0), []
+    spent: Counter[str] = Counter()
     for number in range(workers):
         worker = _dask_worker(farm, start, dask, scheduler) if dask else _process(farm, start)
         heappush(events, (0.0, number, worker))
@@ -283,12 +284,12 @@ def simulate(
             if until is None:
                 parked.append((what, farm.now, worker))
             else:
-                spent[what] += until - farm.now if farm.done < len(steps) else 0.0
+                spent.update({what: until - farm.now if farm.done < len(steps) else 0.0})
                 heappush(events, (until, count := count + 1, worker))
             break
         if farm.done > before:
             for what, since, waiting in parked:
-                spent[what] += farm.now - since
+                spent.update({what: farm.now - since})
                 heappush(events, (farm.now, count := count + 1, waiting))
             parked.clear()
     return Result(farm.seconds, farm.now, spent, farm.operations.asked, farm.wire.asked)

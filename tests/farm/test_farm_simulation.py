@@ -41,6 +41,21 @@ def test_units_are_those_of_a_still_in_parts(tmp_path, count):
     ]
 
 
+def test_questions_that_were_not_asked_are_left_out():
+    hologram = engine.Hologram(64, 64, 8e-6, (640e-9,))
+    settings = engine.Settings(frames=1, method="full")
+    kinds = ["prepared", "asked-1-1", "told-1", "asked-2-1", "told-2", "traced-1", "gathered-1", "joined"]
+    found = {
+        "hologram": json.dumps(hologram.to_dict()),
+        "settings": json.dumps(asdict(settings)),
+        "units": [[n, kind, 1.0, 2, 3, 4] for n in (2, 1) for kind in kinds],
+    }
+    steps = {step.name: step.needs for step in farm.still(found, 2)}
+    assert len(steps) == 11 and "told-5-of-2" not in steps
+    assert steps["traced-2-of-2"] == ("told-2-of-2",)
+    assert steps["asked-2-1-of-2"] == ("told-1-of-2",)
+
+
 def test_what_divides_and_what_does_not():
     """Of units that take 1 s each and 12 s together, the first of a process 3 s more."""
     rows = [
