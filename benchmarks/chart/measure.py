@@ -219,7 +219,7 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
     try:
         warm = _render(method, *view, warmed(settings), Stages(task.limit))
         if encoding:
-            pipeline.encode(warm, encoding, Stages(task.limit), scene, settings, views=1, most_steps=1)
+            pipeline.encode(warm, encoding, Stages(task.limit), scene, settings, most_steps=1)
         free()
         seconds, field = _timed(method, *view, settings, encoding, clock)
         peak = peak_bytes()

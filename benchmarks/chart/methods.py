@@ -65,6 +65,7 @@ MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
     "high, despeckled": {"quality": "high", "despeckle": 200},
     "high, refined": {"quality": "high", "encode": "refine"},
+    "high, despeckled, refined": {"quality": "high", "despeckle": 200, "encode": "refine"},
 }
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 
