@@ -91,7 +91,7 @@ class Views:
         self._transfers: dict[float, np.ndarray] = {}
         self._frames = 0
         slope, rng = math.tan(math.asin(wavelength / (2 * pitch))), np.random.default_rng(seed)
-        depths = min(MOST_DEPTHS, 2 + math.ceil((high - low) * slope**2 / wavelength))
+        depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
         for distance in np.linspace(low, high, depths):
             for numbers, kind in zip(self.kinds, KINDS, strict=True):
                 for _ in range(kind.each):
