@@ -186,8 +186,9 @@ class Curve:
                 self.note(phases)
                 return told(*state)
 
-            descend(phases, *others, noted, stage)
+            gain = descend(phases, *others, noted, stage)
             self.note(phases, end=True)
+            return gain
 
         return way
 
@@ -217,7 +218,7 @@ def refine(folder, side=SIDE):
             curve = curves[name, start] = Curve(look)
             with (
                 mock.patch.object(descent, "adam", curve.watched(descent.adam)),
-                mock.patch.object(descent, "kaczmarz", curve.watched(descent.kaczmarz)),
+                mock.patch.object(descent, "together", curve.watched(descent.together)),
             ):
                 phase = _start(subject, start)
             cells = [curve.at(s) for s in MARKS]
@@ -279,11 +280,11 @@ def _start(subject, start, **options):
 
 def _stages(phase, curve):
     """What the stages of an encoding took."""
-    sgd, references, refinement = phase.report["stages"]
+    sgd, many, refinement = phase.report["stages"]
     (first, _), (last, _) = curve.ends
     return (
-        f"{sgd['steps']} steps of sgd until {first:.1f} s, {references['views']} references in "
-        f"{references['seconds']:.1f} s, {refinement['steps']} steps until {last:.1f} s"
+        f"{sgd['steps']} steps of sgd until {first:.1f} s, {many['frames']} frames more in "
+        f"{many['seconds']:.1f} s, {refinement['steps']} steps until {last:.1f} s"
     )
 
 

@@ -1,6 +1,5 @@
 """From a scene to refocused pictures in one call: what the command line and Blender share. Imports no bpy."""
 
-import itertools
 import math
 import time
 from dataclasses import dataclass, field, replace
@@ -24,7 +23,6 @@ COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, whe
 DRAFT_FRAMES = 4  # most
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
-REFERENCE_PATHS = 32  # a pixel, of each of many references whose noise averages out
 
 
 @dataclass
@@ -316,8 +314,8 @@ def compute(
     return Result(plan, field, depths, images, clock.seconds)
 
 
-def encode(field, method, progress, scene=None, settings=None, **options):
-    """Encode a field, with references of its scene where the method wants them.
+def encode(field, method, progress, scene=None, settings=None, store=None, **options):
+    """Encode a field, with many more frames of its scene where the method wants them.
 
     Parameters
     ----------
@@ -330,6 +328,8 @@ def encode(field, method, progress, scene=None, settings=None, **options):
         That the field was rendered of.
     settings : engine.Settings, optional
         With which it was.
+    store : engine.BakeStore, optional
+        Where baked light is kept.
     options
         Of `engine.encode`.
 
@@ -345,24 +345,10 @@ def encode(field, method, progress, scene=None, settings=None, **options):
         return engine.encode(field, method, progress, **options)
     if method == "auto" and settings.method == "full":
         method = "refine"
-    last, seeds = [0.0], itertools.count()
 
-    def told(done, message):
-        last[0] = done
-        progress(done, message)
+    def many(progress):
+        view = scene, field.camera, field.hologram, settings
+        plan = _planned(field) or engine.plan(*view, store)
+        return engine.many_frames(*view, plan, progress, store)
 
-    def references(focus, pupil):
-        return engine.reference(
-            scene,
-            field.camera,
-            field.hologram,
-            [focus],
-            pupil,
-            REFERENCE_PATHS,
-            field.near,
-            settings.max_depth,
-            lambda done, message: progress(last[0], "References"),
-            next(seeds),
-        )[0]
-
-    return engine.encode(field, method, told, references=references, **options)
+    return engine.encode(field, method, progress, many=many, **options)

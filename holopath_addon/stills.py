@@ -24,7 +24,8 @@ VIEW_PATHS = 64  # a pixel, of each view of a light field
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_VIEW = {"focus_asked", "pupil_m", "compared", "encoded", "encoding_bits", "rgbd", "light_field"}
+_PHASES = {"encoded", "encoding_bits", "refine_seconds"}
+_VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
     "focus_asked": "focus",
@@ -32,6 +33,7 @@ _NAMES = {
     "compared": "comparison with the reference",
     "encoded": "encoding",
     "encoding_bits": "bits",
+    "refine_seconds": "seconds of the encoding",
     "rgbd": "picture with depth",
     "light_field": "light field",
     "settings": "setting",
@@ -70,6 +72,8 @@ class Still:
         Points of the pupil in a row and in a column to write such pictures through.
     method : str or None
         How light is found, where that was decided for all frames of an animation and the settings leave it open.
+    refine_seconds : float or None
+        That the descent of the encoding `refine` takes.
     """
 
     name: str
@@ -88,6 +92,7 @@ class Still:
     rgbd: bool = False
     light_field: int | None = None
     method: str | None = None
+    refine_seconds: float | None = None
 
     @cached_property
     def asked(self):
@@ -106,6 +111,7 @@ class Still:
             "encoding_bits": self.bits,
             "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
             "light_field": self.light_field,
+            "refine_seconds": self.refine_seconds,
         }
 
     def compute(self, progress, rendered=None, offer=None):
@@ -225,7 +231,8 @@ def write(
 def _encode(still, field, progress, stoppable):
     """The phases that are asked for, and a warning if the user stopped before they were their best."""
     try:
-        phase = pipeline.encode(field, still.encode, progress, still.scene, still.settings, bits=still.bits)
+        what = field, still.encode, progress, still.scene, still.settings, still.store
+        phase = pipeline.encode(*what, bits=still.bits, seconds=still.refine_seconds)
         return phase, []
     except engine.Cancelled as error:
         if error.kept is None or not stoppable:
@@ -354,7 +361,7 @@ def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Resul
     report, rendered, encoded = output.read_report(folder), None, None
     if report and _mapped(folder) is not None:
         changed = _changes(report, output.plain(still.asked))
-        if still.encode != "none" and "encoded" not in changed and "encoding_bits" not in changed:
+        if still.encode != "none" and not _PHASES & changed.keys():
             encoded = _whole_hologram(folder)
             if encoded is None:
                 changed["encoded"] = [_NAMES["encoded"]]

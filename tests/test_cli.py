@@ -458,7 +458,19 @@ def test_refine_where_the_scene_is_at_hand(xml, tmp_path):
     phase = engine.PhaseHologram.load(out / "hologram")
     assert phase.method == "refine"
     stages = {stage["stage"]: stage for stage in phase.report["stages"]}
-    assert stages["references"]["views"] > 5 and stages["refine"]["steps"] > 50
+    assert stages["many frames"]["frames"] == 192 and stages["refine"]["steps"] == 400
+
+
+def test_seconds_of_refinement(xml, tmp_path, capfd):
+    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--quiet", "--out", str(tmp_path / "out")]
+    assert cli.main([*words, "--encode", "joint", "--refine-seconds", "1"]) == 2
+    assert "--refine-seconds is for --encode refine" in capfd.readouterr().err
+    assert cli.main([*words, "--encode", "refine", "--refine-seconds", "0"]) == 2
+    assert "more than 0 seconds" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert cli.main([*words, "--encode", "refine", "--refine-seconds", "0.4"]) == 0
+    (stage,) = engine.PhaseHologram.load(tmp_path / "out" / "hologram").report["stages"][2:]
+    assert stage["stage"] == "refine" and 0.3 < stage["seconds"] < 3
 
 
 def test_pictures_of_stored_phases(rendered, tmp_path, capfd):

@@ -219,7 +219,7 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
     try:
         warm = _render(method, *view, warmed(settings), Stages(task.limit))
         if encoding:
-            pipeline.encode(warm, encoding, Stages(task.limit), scene, settings, views=1, most_steps=1)
+            _encode(warm, encoding | {"most_steps": 1}, Stages(task.limit), scene, settings)
         free()
         seconds, field = _timed(method, *view, settings, encoding, clock)
         peak = peak_bytes()
@@ -253,8 +253,12 @@ def _timed(method, scene, camera, hologram, settings, encoding, clock):
     start = time.perf_counter()
     field = _render(method, scene, camera, hologram, settings, clock, plan)
     if encoding:
-        field = pipeline.encode(field, encoding, clock, scene, settings).field()
+        field = _encode(field, encoding, clock, scene, settings).field()
     return time.perf_counter() - start, field
+
+
+def _encode(field, encoding, clock, scene, settings):
+    return pipeline.encode(field, progress=clock, scene=scene, settings=settings, **encoding)
 
 
 def _render(method, scene, camera, hologram, settings, clock, plan=None):

@@ -21,7 +21,7 @@ class Method:
     name : str
     kind : {'ours', 'paper', 'baseline', 'peer'}
     efforts : dict of str to dict
-        `engine.Settings` by the effort's name, from the least; ``encode`` among them is a method of `pipeline.encode`,
+        `engine.Settings` by the effort's name, from the least; ``encode`` among them are words of `pipeline.encode`,
         and what is compared is then the light of its phases.
     usual : str
         The effort of the seconds over frames, of the phase-only loss and of Table 1.
@@ -42,7 +42,7 @@ class Method:
         return engine.Settings(**{"method": method, "frames": frames} | own)
 
     def encoding(self, effort):
-        """How an effort finds phases; None where it leaves the complex field."""
+        """Words of `pipeline.encode` by which an effort finds phases; None where it leaves the complex field."""
         return self.efforts[effort].get("encode")
 
     def missing(self):
@@ -64,7 +64,9 @@ DESCENTS = {
 MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
     "high, despeckled": {"quality": "high", "despeckle": 200},
-    "high, refined": {"quality": "high", "encode": "refine"},
+    "balanced, refined": {"quality": "balanced", "encode": {"method": "refine", "most_steps": 100}},
+    "high, refined": {"quality": "high", "encode": {"method": "refine"}},
+    "high, despeckled, refined": {"quality": "high", "despeckle": 200, "encode": {"method": "refine"}},
 }
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 

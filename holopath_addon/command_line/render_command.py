@@ -84,6 +84,12 @@ def add(command, store):
     )
     add_bits(render)
     render.add_argument(
+        "--refine-seconds",
+        type=argument(_seconds),
+        metavar="S",
+        help="let the descent of --encode refine take so long, more seconds for more accuracy (default: 400 steps)",
+    )
+    render.add_argument(
         "--compare-reference",
         action="store_true",
         help="also render every picture with a thin-lens camera, and report PSNR and SSIM",
@@ -189,6 +195,12 @@ def bits(text):
     return int(text)
 
 
+def _seconds(text):
+    if not 0 < float(text) < math.inf:
+        raise engine.InvalidInput(f"Refining takes more than 0 seconds, not {text}")
+    return float(text)
+
+
 def add_bits(parser):
     parser.add_argument(
         "--bits",
@@ -284,6 +296,8 @@ def load(args, source):
 
 def still_of(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
+    if args.refine_seconds is not None and args.encode != "refine":
+        raise engine.InvalidInput("--refine-seconds is for --encode refine: choose it, or leave them out.")
     loaded, hologram, settings = load(args, source)
     return stills.Still(
         args.scene,
@@ -301,6 +315,7 @@ def still_of(args, source, job=None):
         job,
         args.rgbd,
         args.light_field,
+        refine_seconds=args.refine_seconds,
     )
 
 

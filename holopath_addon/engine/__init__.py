@@ -14,6 +14,7 @@ from .planning.fixable import FIXABLE, parse_fixed
 from .planning.planner import plan
 from .pupil import Pupil
 from .rendering import render
+from .rendering.many import many_frames
 from .settings import Settings
 from .viewing.depth import depth_map
 from .viewing.metrics import psnr, psnr_deviation, psnr_of_halves, ssim
@@ -45,6 +46,7 @@ __all__ = [
     "depth_map",
     "diffracted",
     "encode",
+    "many_frames",
     "parse_fixed",
     "plan",
     "psnr",

@@ -118,7 +118,7 @@ ENCODINGS = choices(
     (
         "auto",
         "Automatic",
-        "References where the method Full traced all light; else All Frames, or Each Frame where there is one",
+        "Many Frames where the method Full traced all light; else All Frames, or Each Frame where there is one",
     ),
     ("sgd", "Each Frame", "Gradient descent towards each frame's complex field"),
     (
@@ -128,8 +128,9 @@ ENCODINGS = choices(
     ),
     (
         "refine",
-        "References",
-        "Each frame, then all together towards pictures of the scene through a thin lens, which takes longer",
+        "Many Frames",
+        "Each frame, then all together towards the mean of 192 more frames, which are traced for it: nearest to the "
+        "scene, and takes longer",
     ),
 )
 

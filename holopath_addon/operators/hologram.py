@@ -42,7 +42,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
             scene = ()
             if method == "refine" or (method == "auto" and full):
                 if task is not None and field.report.get("variant") == variants.activate(wanted):
-                    scene = task.exported.scene, task.settings
+                    scene = task.exported.scene, task.settings, task.store
                 elif method == "refine":
                     raise engine.InvalidInput(
                         "The scene of this hologram is no longer at hand: press Render Hologram, or choose another "

@@ -1,24 +1,38 @@
-"""The ways down: Adam against each frame's field, and one picture after another for all frames."""
+"""The ways down: towards each frame's field, and of all frames together, one picture or several views a step."""
 
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.fft
+
+from .views import KINDS, intensity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from ..waves.supervision import Frames
     from .frame_mean import FrameMean
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
+    from .views import Views
 
 RATE, WARM = 0.2, 0.05  # radians, Adam's longest step from the field's phases, and from an earlier hologram
 FIXES, FEW = 20, 6  # how often pixels are brought to levels, and steps between
 TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
+# Of `kaczmarz`. A few frames cannot show all pictures exactly: they need an average, not the last word.
+RELAXATION = 1.2  # length of a step: 1 for one that mends the picture; under 2
+LASTS = 4  # rounds of ever smaller steps at the end
+WORTH = 8.0  # tolerances that a step gains on the mean of a round, while steps stay as long as they are
+# Of `together`.
+LONGEST = 0.15  # radians; from 0.2 on some scenes find no rest
+STEPS = 400  # where seconds do not say how many
+WARM_UP = 20  # steps until they are as long
 
 
 @dataclass(frozen=True)
@@ -38,29 +52,6 @@ class Effort:
     tolerance: float
     most_steps: int
     seed: int
-
-
-@dataclass(frozen=True)
-class Manner:
-    """How pictures are taken one after another.
-
-    Attributes
-    ----------
-    relaxation : float
-        Length of a step: 1 for one that mends the picture; under 2.
-    lasts : int
-        Rounds of ever smaller steps at the end.
-    worth : float
-        How many tolerances a step gains on the mean of a round, as long as the steps stay as long as they are.
-    """
-
-    relaxation: float
-    lasts: int
-    worth: float
-
-
-# A few frames cannot show all pictures exactly: they need an average, not the last word.
-JOINT, REFINE = Manner(1.2, 4, 8.0), Manner(0.7, 18, 1e6)
 
 
 def adam(
@@ -110,7 +101,6 @@ def adam(
 def kaczmarz(
     phases: Phases,
     mean: FrameMean,
-    manner: Manner,
     bits: int | None,
     effort: Effort,
     told: Callable[[float, float], object],
@@ -127,7 +117,6 @@ def kaczmarz(
     phases : Phases
     mean : FrameMean
         Of the pictures.
-    manner : Manner
     bits : int or None
         With few, ever more pixels come to their levels in the last rounds.
     effort, stage :
@@ -143,8 +132,8 @@ def kaczmarz(
     rng = np.random.default_rng(effort.seed)
     errors = np.array([float(wanted.any()) for wanted in pictures.wanted])
     rounds, numbers, steps = [], [], 0
-    lasts = min(effort.most_steps, manner.lasts * len(pictures) * (1 if bits is None else 2))
-    least = manner.worth * effort.tolerance * len(pictures)
+    lasts = min(effort.most_steps, LASTS * len(pictures) * (1 if bits is None else 2))
+    least = WORTH * effort.tolerance * len(pictures)
     left = None
     while left != 0 and errors.sum() > 0:
         if not numbers:
@@ -159,16 +148,211 @@ def kaczmarz(
             phases.fix(1 - left / lasts, bits)
         number = numbers.pop()
         loss, back = mean.gradient(phases.light, number)
-        phases.relax(back, loss, manner.relaxation * shorter)
+        phases.relax(back, loss, RELAXATION * shorter)
         errors[number] = loss
         steps, left = steps + 1, None if left is None else left - 1
         psnr = _psnr(loss, pictures.wanted[number])
         told(steps / (steps + (lasts + len(pictures) if left is None else left)), psnr)
         stage.update(steps=steps, loss=float(errors.mean()), psnr_db=psnr)
-    reached = [_psnr(e, w) for e, w in zip(errors, pictures.wanted, strict=True) if w.any()]
-    stage["psnr_db"] = float(np.mean(reached))
+    stage["psnr_db"] = _mean_psnr(errors, pictures.wanted)
     if bits is not None:
         phases.fix(1, bits)
+
+
+def together(
+    phases: Phases,
+    views: Views,
+    gain: float,
+    bits: int | None,
+    effort: Effort,
+    seconds: float | None,
+    threads: Frames,
+    told: Callable[[float, float], object],
+    stage: dict,
+) -> float:
+    """Adam on some views a step, with steps that rise at once and fall as a cosine; the best round's phases are kept.
+
+    L = sum over `KINDS` of weight times the mean over views of sum over pixels of w (g^2 I - t)^2, as of `FrameMean`.
+    In a round each view of the whole pupil comes up once.
+
+    Parameters
+    ----------
+    phases : Phases
+    views : Views
+    gain : float
+        Amplitude of the light sent in, to begin with.
+    bits : int or None
+        With few, ever more pixels come to their levels in the second half.
+    effort : Effort
+    seconds : float or None
+        That it takes; None for `STEPS`.
+    threads : Frames
+    told : callable
+        ``told(done, psnr)``, the PSNR by the whole pupil, may raise.
+    stage : dict
+        Takes steps, loss and PSNR.
+
+    Returns
+    -------
+    float
+        The gain that makes all views as bright as they should be.
+    """
+    seen, begun = Seen(phases.light, views, gain, threads), time.perf_counter()
+    most = min(effort.most_steps, STEPS if seconds is None else effort.most_steps)
+    rng = np.random.default_rng(effort.seed)
+    queues: list[list[int]] = [[] for _ in KINDS]
+    kept, least = phases.values(), seen.loss
+    steps, fixes, done = 0, 1, 0.0
+    even = np.ones(len(phases.light), np.complex64)
+    stage.update(steps=0, loss=seen.loss, psnr_db=seen.psnr)
+    try:
+        while done < 1:
+            chosen = []
+            for kind, numbers, queue in zip(KINDS, views.kinds, queues, strict=True):
+                for _ in range(kind.looks):
+                    if not queue:
+                        queue += rng.permutation(numbers).tolist()
+                    chosen.append((queue.pop(), kind.weight / kind.looks))
+            back = seen.gradient(phases.light, chosen)
+            late = done if bits is None else min(done, 0.5)  # what is free makes up for what has its level
+            rate = LONGEST * 0.5 * (1 + math.cos(math.pi * late))
+            phases.descend(back, even, rate * min(1, (steps + 1) / WARM_UP))
+            steps += 1
+            done = steps / most
+            if seconds is not None:
+                done = max(done, (time.perf_counter() - begun) / seconds)
+            if bits is not None and 2 * done - 1 > fixes / FIXES:
+                phases.fix(min(1.0, 2 * done - 1), bits)
+                fixes += 1
+            if not queues[0]:
+                seen.adjust()
+                if seen.loss < least and bits is None:
+                    kept, least = phases.values(), seen.loss
+            stage.update(steps=steps, loss=seen.loss, psnr_db=seen.psnr)
+            told(min(1.0, done), seen.psnr)
+    finally:
+        if bits is not None:
+            phases.fix(1, bits)
+        seen.look(phases.light)
+        if bits is None and seen.loss > least:
+            phases.set(kept)
+            seen.look(phases.light)
+        stage.update(loss=seen.loss, psnr_db=seen.psnr)
+    return seen.gain
+
+
+class Seen:
+    """Light of all frames in views: their losses, the gain that makes them bright enough, and the way down.
+
+    Parameters
+    ----------
+    light : numpy.ndarray, complex, shape (frame, y, x)
+    views : Views
+    gain : float
+        Amplitude of the light sent in, where views are black.
+    threads : Frames
+
+    Attributes
+    ----------
+    gain : float
+        See `adjust`.
+    losses : numpy.ndarray
+        Of each view, as it was when last looked at.
+    """
+
+    def __init__(self, light: np.ndarray, views: Views, gain: float, threads: Frames) -> None:
+        self.gain = gain
+        self._views, self._threads = views, threads
+        self._spectra, self._gradient = np.empty((2, len(light), *views.padded), light.dtype)
+        self.losses, self._shown, self._wanted, self._weights = np.zeros((4, len(views)))
+        for number, wanted in enumerate(views.wanted):
+            self._wanted[number] = self._brightness(number, wanted)
+        for kind, numbers in zip(KINDS, views.kinds, strict=True):
+            self._weights[numbers] = kind.weight / len(numbers)
+        self.look(light)
+
+    @property
+    def loss(self) -> float:
+        """Over all views."""
+        return float(self._weights @ self.losses)
+
+    @property
+    def psnr(self) -> float:
+        """Through the whole pupil, dB."""
+        whole = self._views.kinds[0]
+        return _mean_psnr(self.losses[whole], [self._views.wanted[n] for n in whole])
+
+    def look(self, light: np.ndarray) -> None:
+        """Look at all views."""
+        self._transform(light)
+        images = [self._image(number)[1] for number in range(len(self._views))]
+        for number, image in enumerate(images):
+            self._shown[number] = self._brightness(number, image)
+        self.adjust()
+        for number, image in enumerate(images):
+            error = self.gain**2 * image - self._views.wanted[number]
+            self.losses[number] = (self._views.weight(number) * error * error).sum(dtype=float)
+
+    def adjust(self) -> None:
+        """Set the gain with which sum w t g^2 I = sum w t^2, over all views."""
+        shown = float(self._weights @ self._shown)
+        self.gain = math.sqrt(float(self._weights @ self._wanted) / shown) if shown > 0 else 0.0
+
+    def gradient(self, light: np.ndarray, chosen: list[tuple[int, float]]) -> np.ndarray:
+        """With respect to the light, of the loss in some views: their numbers and weights.
+
+        Returns
+        -------
+        numpy.ndarray
+            In memory that the next call overwrites, as of `FrameMean.gradient`.
+        """
+        views, frames = self._views, len(self._spectra)
+        scale = np.float32(self.gain**2)
+        self._transform(light)
+        self._gradient[:] = 0
+        for number, share in chosen:
+            wanted, weight = views.wanted[number], views.weight(number)
+            waves, image = self._image(number)
+            self._shown[number] = self._brightness(number, image)
+            error = scale * image - wanted
+            slope = error * weight
+            self.losses[number] = float((error * slope).sum(dtype=float))
+            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves[0].dtype)
+
+            def back(frame, number=number, waves=waves, slope=slope):
+                wave, (rows, columns) = waves[frame], slope.shape
+                wave[:rows, :columns] *= slope
+                wave[rows:], wave[:rows, columns:] = 0, 0
+                views.back(wave, number, self._gradient[frame])
+
+            self._threads.each(back, frames)
+        rows, columns = views.shape
+
+        def finish(frame):
+            self._gradient[frame] = scipy.fft.ifft2(self._gradient[frame], overwrite_x=True)
+
+        self._threads.each(finish, frames)
+        return self._gradient[:, :rows, :columns]
+
+    def _transform(self, light):
+        def each(frame):
+            self._spectra[frame] = scipy.fft.fft2(light[frame], self._views.padded)
+
+        self._threads.each(each, len(light))
+
+    def _image(self, number):
+        """Each frame's wave in a view, and the mean of their intensities."""
+        views = self._views
+        waves = self._threads.each(lambda frame: views.wave(self._spectra[frame], number), len(self._spectra))
+        shape = views.wanted[number].shape
+        image = np.zeros(shape, waves[0].real.dtype)
+        for wave in waves:
+            image += intensity(wave, shape)
+        return waves, image / np.float32(len(waves))
+
+    def _brightness(self, number, image):
+        views = self._views
+        return (views.weight(number) * views.wanted[number] * image).sum(dtype=float)
 
 
 def _round(errors, rng):
@@ -185,6 +369,12 @@ def _flat(losses, window, tolerance):
         return False
     before, now = np.mean(losses[-2 * window : -window]), np.mean(losses[-window:])
     return before - now <= tolerance * window * now
+
+
+def _mean_psnr(losses, wanted):
+    """Of pictures that are not black."""
+    reached = [_psnr(e, w) for e, w in zip(losses, wanted, strict=True) if w.any()]
+    return float(np.mean(reached)) if reached else 0.0
 
 
 def _psnr(loss, wanted):

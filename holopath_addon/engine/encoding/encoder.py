@@ -12,6 +12,7 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
+from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.modulator import Modulator
@@ -23,22 +24,22 @@ from .double_phase import clipping_level, double_phase, half_band
 from .frame_mean import FrameMean
 from .phase_hologram import PhaseHologram
 from .phases import Phases
-from .refinement import chosen_pictures
 from .targets import AmplitudeTarget, ComplexTarget
+from .views import Views
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from ..progress import Progress
-    from ..pupil import Pupil
     from ..wavefield import WaveField
 
 SUPERVISIONS = ("complex", "amplitude")
 STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
 DARK = 1e-6  # of the brightest colour's amplitude
-BYTES = {"sgd": 40, "joint": 32, "pictures": 24}  # of a pixel of a frame
-SHARE = {"joint": 0.3, "refine": 0.2}  # of the progress that comes before the stage
+BYTES = {"sgd": 40, "joint": 32, "refine": 44, "pictures": 24}  # of a pixel of a frame
+SHARE = {"joint": 0.3, "refine": 0.1}  # of the progress that comes before the stage
+TRACED = 0.4  # and is done when the many frames are there
 
 
 def encode(
@@ -51,8 +52,8 @@ def encode(
     planes: int = 1,
     aperture: bool = True,
     start: str | PhaseHologram = "arg",
-    references: Callable[[float, Pupil | None], np.ndarray] | None = None,
-    views: int = 40,
+    many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None = None,
+    seconds: float | None = None,
     tolerance: float = 1e-3,
     most_steps: int = 1000,
     seed: int = 0,
@@ -66,7 +67,7 @@ def encode(
         One of `ENCODINGS`. ``dpac``: double phase (Hsueh and Sawchuk, Appl. Opt. 17, 3874 (1978); Maimone et al., ACM
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame for itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths and
-        through parts of the pupil all over the volume. ``refine``: instead, so that it is that of `references`.
+        through parts of the pupil all over the volume. ``refine``: instead, so that it is that of `many` frames.
         ``auto``: `joint` where there are several frames, else `sgd`.
     progress : callable, optional
         ``progress(done, message)`` with the PSNR so far, may raise `Cancelled`; what is done by then is in the
@@ -82,13 +83,14 @@ def encode(
     start : str or PhaseHologram
         Of the optimisation: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such as
         that of the frame before in an animation.
-    references : callable, optional
-        ``references(focus, pupil)`` gives a picture, array [y, x, wavelength], for `refine`; see `reference`.
-    views : int
-        How many references `refine` asks for.
+    many : callable, optional
+        For `refine`: ``many(progress)`` gives fields of many more frames of the same light, batch by batch, with the
+        numbers of the wavelengths that they are of; shape (frame, those wavelengths, y, x). See `many_frames`.
+    seconds : float, optional
+        That the descents of `refine` take, all wavelengths together. Default: as long as 400 steps of each.
     tolerance : float
         `sgd` ends when its loss falls by less than this share a step; the full steps of `joint` end at eight times as
-        much, and the shorter ones that follow have a fixed number, as all of `refine`.
+        much, and the shorter ones that follow have a fixed number.
     most_steps : int
         Of each stage, but for those in which `sgd` brings phases to few levels.
     seed : int
@@ -108,7 +110,7 @@ def encode(
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
     effort = descent.Effort(tolerance, most_steps, seed)
-    asked = _Asked(method, bits, supervision, planes, aperture, start, references, views, effort)
+    asked = _Asked(method, bits, supervision, planes, aperture, start, many, seconds, effort)
     asked.check(field)
     with Frames() as threads:
         work = _Work(field, asked, progress or (lambda done, message: None), threads)
@@ -143,8 +145,8 @@ class _Asked:
     planes: int
     aperture: bool
     start: str | PhaseHologram
-    references: Callable[[float, Pupil | None], np.ndarray] | None
-    views: int
+    many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None
+    seconds: float | None
     effort: descent.Effort
 
     def check(self, field):
@@ -160,8 +162,12 @@ class _Asked:
             raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
         if not 1 <= self.planes <= 64:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
-        if not 1 <= self.views <= 1000:
-            raise InvalidInput(f"References must be 1 to 1000, not {self.views}.")
+        if self.seconds is not None and not 0 < self.seconds < math.inf:
+            raise InvalidInput(f"The seconds of refine must be more than 0, not {self.seconds}.")
+        if self.seconds is not None and self.method != "refine":
+            raise InvalidInput(
+                "Only refine takes as many seconds as are given: leave them out, or choose refine."
+            )
         if not 0 <= self.effort.tolerance < 1 or self.effort.most_steps < 1:
             raise InvalidInput(
                 "The tolerance of an encoding is a share from 0 to 1, and it has at least one step."
@@ -171,9 +177,9 @@ class _Asked:
                 "Without a stop in the Fourier plane only sgd with complex supervision encodes: choose it, or leave "
                 "the aperture."
             )
-        if self.method == "refine" and self.references is None:
+        if self.method == "refine" and self.many is None:
             raise InvalidInput(
-                "The encoding refine needs the scene, for its references: give it to `holopath render --encode "
+                "The encoding refine needs the scene, for many more frames of it: give it to `holopath render --encode "
                 "refine`, or choose joint."
             )
         if not isinstance(self.start, (str, PhaseHologram)):
@@ -293,47 +299,59 @@ class _Work:
         for group in _groups(len(field.data), math.prod(pictures.padded) * BYTES["pictures"]):
             self._progress(begun, "Pictures of the field")
             pictures.add(self._fields(group, colour))
-        self._together("joint", descent.JOINT, colour, pictures, begun, "All frames")
+        self._together(colour, pictures, begun)
 
     def refine(self):
-        """All frames together, towards references."""
-        begun, share = SHARE["refine"], 0.4
-
-        def rendered(done):
-            self._progress(begun + share * done, "References")
-
-        with self._stage("references", None) as stage:
-            pictures = chosen_pictures(
-                self.field,
-                phases=self.phases,
-                gains=self.gains,
-                colours=self.colours,
-                volume=self._volume(),
-                references=self._asked.references,
-                count=self._asked.views,
-                progress=rendered,
-                threads=self._threads,
-            )
-            stage["views"] = len(pictures[self.colours[0]])
+        """All frames together, towards the mean of many more."""
+        begun, wanted, counts = SHARE["refine"], self._wanted(), dict.fromkeys(self.colours, 0)
+        with self._stage("many frames", None) as stage:
+            for numbers, fields in self._asked.many(part_of(self._progress, begun, TRACED)):
+                for place, colour in enumerate(numbers):
+                    if colour in wanted:
+                        counts[colour] += len(fields)
+                        scale = np.float32(1 / self._scales[colour])
+                        wanted[colour].add(fields[:, place] * scale, self._threads)
+            stage["frames"] = min(counts.values())
+        part = (1 - TRACED) / len(self.colours)
         for number, colour in enumerate(self.colours):
-            at = begun + share + (1 - begun - share) * number / len(self.colours)
-            own = pictures.pop(colour)
-            own.wanted /= np.float32(self._scales[colour] ** 2)
-            self.gains[colour] /= self._scales[colour]
-            self._together("refine", descent.REFINE, colour, own, at, "Towards references")
+            self._towards(wanted.pop(colour), colour, TRACED + number * part, part)
 
-    def _together(self, name, manner, colour, pictures, begun, doing):
-        """A stage of all frames that fit into memory."""
+    def _wanted(self):
+        """What `refine` goes towards, by wavelength, before frames are counted."""
+        hologram, seed = self.field.hologram, self._asked.effort.seed
+        shape, volume = self.field.data.shape[-2:], self._volume()
+        return {
+            colour: Views(shape, hologram.pitch, hologram.wavelengths[colour], *volume, seed)
+            for colour in self.colours
+        }
+
+    def _towards(self, views, colour, begun, share):
+        groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["refine"])
+        asked, gains = self._asked, []
+        seconds = asked.seconds and asked.seconds / len(self.colours) / len(groups)
+        for number, group in enumerate(groups):
+
+            def told(done, psnr, number=number):
+                at = begun + share * (number + done) / len(groups)
+                self._progress(at, f"Towards many frames, {psnr:.1f} dB")
+
+            with self._stage("refine", colour) as stage, self._phases(group, colour) as phases:
+                what = phases, views, self.gains[colour], asked.bits, asked.effort, seconds
+                gains.append(descent.together(*what, self._threads, told, stage))
+        self.gains[colour] = float(np.mean(gains))
+
+    def _together(self, colour, pictures, begun):
+        """`joint` of all frames that fit into memory."""
         groups = _groups(len(self.phases), math.prod(pictures.padded) * BYTES["joint"])
         part = (1 - begun) / (len(self.colours) - self.colours.index(colour)) / len(groups)
         for number, group in enumerate(groups):
 
             def told(done, psnr, at=begun + number * part):
-                self._progress(at + part * done, f"{doing}, {psnr:.1f} dB")
+                self._progress(at + part * done, f"All frames, {psnr:.1f} dB")
 
-            with self._stage(name, colour) as stage, self._phases(group, colour) as phases:
+            with self._stage("joint", colour) as stage, self._phases(group, colour) as phases:
                 mean = FrameMean(pictures, self.gains[colour], self._threads)
-                descent.kaczmarz(phases, mean, manner, self._asked.bits, self._asked.effort, told, stage)
+                descent.kaczmarz(phases, mean, self._asked.bits, self._asked.effort, told, stage)
 
     def _fields(self, which, colour):
         """Complex fields of some frames, of root mean square 1 over all; a copy."""

@@ -148,6 +148,11 @@ class Phases:
             self._threads.each(each, len(self._angle))
             self._each(self._show)
 
+    def set(self, values: np.ndarray) -> None:
+        """Go back to earlier `values`."""
+        self._angle[:] = values.reshape(self._angle.shape)
+        self._each(self._show)
+
     def values(self) -> np.ndarray:
         """Radians in [0, 2 pi), float32."""
         turn = np.float32(2 * math.pi)

@@ -1,0 +1,203 @@
+"""What light is to show from all over the volume and the pupil, each view on a grid as fine as its light asks for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+
+from ..waves.pictures import Vantage
+from ..waves.propagation import FreeSpace, padded_shape
+from ..waves.supervision import relative
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..waves.supervision import Frames
+
+MOST_DEPTHS = 20
+COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
+MOST_BYTES = 1 << 30  # of transfer functions that are kept
+
+
+@dataclass(frozen=True)
+class ViewKind:
+    """Views through parts of the pupil of one size.
+
+    Attributes
+    ----------
+    radius : float
+        Of the part, of the pupil's; 1 is the whole pupil.
+    each : int
+        At each depth.
+    weight : float
+        Of their mean loss; the weights of all kinds sum to 1.
+    looks : int
+        At such views in a step.
+    """
+
+    radius: float
+    each: int
+    weight: float
+    looks: int
+
+
+# A few frames cannot show all views exactly. These weights are worth most: halves and quarters gain nearly as much from
+# a twentieth each as from half of it, while the whole pupil loses decibels (docs/theory.md, Many frames).
+KINDS = (ViewKind(1.0, 1, 0.9, 1), ViewKind(0.5, 3, 0.05, 2), ViewKind(0.25, 4, 0.05, 2))
+
+
+class Views:
+    """Mean intensities that are wanted, in one wavelength.
+
+    At depths a depth of focus apart, through the whole pupil and random parts of it. Light through half of the pupil
+    has half the bandwidth, so that every second pixel holds it, and its FFTs take a quarter of the time.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the fields.
+    pitch, wavelength : float
+        Metres.
+    low, high : float
+        Ends of the volume, from the fields' plane, metres.
+    seed : int
+        Of the parts of the pupil.
+
+    Attributes
+    ----------
+    kinds : list of list of int
+        Numbers of the views of each of `KINDS`.
+    wanted : list of numpy.ndarray, float32, shape (y, x)
+        Intensity of each view.
+    vantages : list of Vantage
+        Of each view.
+    padded : (int, int)
+        Shape of spectra.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], pitch: float, wavelength: float, low: float, high: float, seed: int
+    ) -> None:
+        self.shape = shape
+        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, max(abs(low), abs(high)))))
+        self.kinds: list[list[int]] = [[] for _ in KINDS]
+        self.wanted = []
+        self._space = FreeSpace(self.padded, pitch, wavelength)
+        self._views: list[_View] = []
+        self._transfers: dict[float, np.ndarray] = {}
+        self._frames = 0
+        slope, rng = math.tan(math.asin(wavelength / (2 * pitch))), np.random.default_rng(seed)
+        depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
+        for distance in np.linspace(low, high, depths):
+            for numbers, kind in zip(self.kinds, KINDS, strict=True):
+                for _ in range(kind.each):
+                    numbers.append(len(self._views))
+                    vantage = Vantage(float(distance), _part(kind.radius, rng))
+                    self._views.append(_View(vantage, kind.radius, self.padded))
+        for view in self._views:
+            rows, columns = (-(-n // view.apart) for n in shape)
+            self.wanted.append(np.zeros((rows, columns), np.float32))
+
+    @property
+    def vantages(self) -> list[Vantage]:
+        return [view.vantage for view in self._views]
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def add(self, fields: np.ndarray, threads: Frames) -> None:
+        """Count frames towards the wanted means; fields of shape (frames, y, x)."""
+        spectra = threads.each(lambda n: scipy.fft.fft2(fields[n], self.padded), len(fields))
+        before, self._frames = self._frames, self._frames + len(fields)
+
+        def count(number):
+            wanted = self.wanted[number]
+            wanted *= np.float32(before)
+            for spectrum in spectra:
+                wanted += intensity(self.wave(spectrum, number), wanted.shape)
+            wanted *= np.float32(1 / self._frames)
+
+        threads.each(count, len(self))
+
+    def weight(self, number: int) -> np.ndarray:
+        """Of the squared error of each pixel of a view."""
+        return relative(self.wanted[number])
+
+    def wave(self, spectrum: np.ndarray, number: int) -> np.ndarray:
+        """The wave in a view, on its own padded grid, of the padded spectrum of a field."""
+        view = self._views[number]
+        part = spectrum[view.bins] * self._transfer(view)
+        part *= np.float32(1 / view.apart**2)
+        return scipy.fft.ifft2(part, overwrite_x=True)
+
+    def back(self, wave: np.ndarray, number: int, gradient: np.ndarray) -> None:
+        """The adjoint of `wave` times the spectrum's number of bins, added to `gradient`; overwrites the wave."""
+        view = self._views[number]
+        part = scipy.fft.fft2(wave, overwrite_x=True)
+        part *= np.conj(self._transfer(view))
+        gradient[view.bins] += part
+
+    def _transfer(self, view):
+        """From the spectrum's bins that a view has to its own spectrum; zero beyond its part of the pupil."""
+        distance = view.vantage.distance
+        whole = self._transfers.get(distance)
+        if whole is None:
+            whole = self._space(distance)
+            if (len(self._transfers) + 1) * whole.nbytes <= MOST_BYTES:
+                self._transfers[distance] = whole
+        part = whole[view.bins]
+        return part if view.passes is None else part * view.passes
+
+
+def intensity(wave: np.ndarray, shape: Sequence[int]) -> np.ndarray:
+    """Of the part of a wave that is not padding."""
+    seen = wave[: shape[0], : shape[1]]
+    return seen.real**2 + seen.imag**2
+
+
+class _View:
+    """A vantage and its bins of the spectrum.
+
+    Attributes
+    ----------
+    apart : int
+        Pixels between samples.
+    bins : tuple
+        Index of its bins of the padded spectrum, in FFT order around the middle of the part.
+    passes : numpy.ndarray or None
+        Those of them that the part lets through.
+    """
+
+    def __init__(self, vantage, radius, padded):
+        self.vantage = vantage
+        self.apart = min(COARSEST, 1 << max(0, math.floor(-math.log2(radius))))
+        self.bins, self.passes = (slice(None), slice(None)), vantage.passes(padded)
+        if self.passes is not None:
+            x, y, _ = vantage.part
+            rows, columns = (
+                (round(middle * n) + scipy.fft.fftfreq(n // self.apart, self.apart / n).round().astype(int))
+                % n
+                for middle, n in zip((y, x), padded, strict=True)
+            )
+            self.bins = np.ix_(rows, columns)
+            self.passes = self.passes[self.bins]
+
+
+def _part(radius, rng):
+    """A part of the pupil for a `Vantage`, anywhere within it; None for all of it."""
+    if radius >= 1:
+        return None
+    aside, angle = 0.5 * (1 - radius) * math.sqrt(rng.random()), 2 * math.pi * rng.random()
+    return aside * math.cos(angle), aside * math.sin(angle), 0.5 * radius
+
+
+def _fast(count):
+    """The next multiple of `COARSEST` that FFTs are fast on."""
+    count = -(-count // COARSEST) * COARSEST
+    while scipy.fft.next_fast_len(count) != count:
+        count += COARSEST
+    return count

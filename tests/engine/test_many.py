@@ -1,0 +1,40 @@
+"""Many more frames of a field's light."""
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.rendering import many
+
+
+@pytest.mark.parametrize("most_bytes", [1, 1 << 28])
+def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes):
+    """However many are traced at once; none is one of the field's own."""
+    monkeypatch.setattr(many, "MOST_BYTES", most_bytes)
+    hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
+    settings = engine.Settings(frames=24, quality="preview")
+    view = build.two_planes(build.emissive), camera, hologram, settings
+    plan = engine.plan(*view)
+    field = engine.render(*view, plan)
+    told, batches = [], []
+    for numbers, fields in engine.many_frames(*view, plan, lambda *state: told.append(state), count=96):
+        assert numbers == [0, 1]
+        batches.append(fields)
+    assert len(batches) == (4 if most_bytes == 1 else 1)
+    assert [done for done, _ in told] == sorted(done for done, _ in told) and told[-1][0] == 1
+    more = np.concatenate(batches)
+    assert more.shape == (96, 2, 48, 48)
+    alike = np.einsum("mkyx,nkyx->mn", more.conj(), field.data) / np.square(np.abs(field.data[0])).sum()
+    assert np.abs(alike).max() < 0.2
+    own, mean = (
+        engine.reconstruct(engine.WaveField(data, hologram, camera, field.near), [1.0])[0, 8:-8, 8:-8]
+        for data in (field.data, more)
+    )
+    assert mean.mean() == pytest.approx(own.mean(), rel=0.02)
+    assert np.abs(mean - own).mean() < 0.15 * own.mean()
+
+
+def test_other_methods_have_none(camera):
+    hologram, settings = engine.Hologram(32, 32, 8e-6), engine.Settings(method="point")
+    with pytest.raises(engine.InvalidInput, match="choose joint"):
+        next(engine.many_frames(None, camera, hologram, settings, None, lambda *_: None))
