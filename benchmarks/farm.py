@@ -34,6 +34,7 @@ SMALL, FULL_HD, UHD = (256, 144), (1920, 1080), (3840, 2160)
 COUNTS = (16, 2)  # parts of the stills that are measured: how much of a unit's time does not divide
 WORKERS = tuple(2**n for n in range(11))
 FRAMES = 250
+MOST_PARTS = 128  # of a still: a Full HD radiance map has hardly more chunks
 # Assumed, not measured: shares of NFS, a small one and one as a cluster has.
 SLOW, QUICK = Folder("1 Gbit/s", 0.125e9, 2_000), Folder("10 Gbit/s", 1.25e9, 20_000)
 LOCAL = Folder("a disk", 1e9, 100_000)
@@ -259,7 +260,7 @@ def table(name, steps_by_workers, found) -> str:
 def best(found, workers, scale) -> list[Step]:
     """A still in the number of parts that is the best for so many workers."""
     rules = Rules(**found["rules"])
-    counts = sorted({max(1, min(4096, round(workers * each))) for each in (0.25, 1, 2)})
+    counts = sorted({max(1, min(MOST_PARTS, round(workers * each))) for each in (0.25, 1, 2)})
     stills = [still(found, count, scale) for count in counts]
     return min(stills, key=lambda steps: simulate(steps, workers, SLOW, rules, found["start"]).seconds)
 
@@ -320,11 +321,11 @@ def run(what="small") -> str:
     return "\n\n".join(
         [
             shown,
-            table(f"{FRAMES} frames of {size}", [(workers, film(found)) for workers in WORKERS], found),
-            table(f"A still of {size}", [(workers, best(found, workers, 1.0)) for workers in WORKERS], found),
+            table(f"{FRAMES} frames of {size}", ((w, film(found)) for w in WORKERS), found),
+            table(f"A still of {size}", ((w, best(found, w, 1.0)) for w in WORKERS), found),
             table(
                 "A still of 3840 x 2160, scaled by its pixels",
-                [(w, best(found, w, larger)) for w in WORKERS],
+                ((w, best(found, w, larger)) for w in WORKERS),
                 found,
             ),
         ]

@@ -445,16 +445,26 @@ class DividedRender:
         return found
 
     def stored(
-        self, group: int, phasors: int, plane: RecordingPlane
+        self, group: int, phasors: int, plane: RecordingPlane, chosen: slice, colour: int
     ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Frames, pixels and values of what was traced of a plane, as `wave_tracer.trace_blocks` has them; mapped."""
+        """What was traced of a plane, of some frames and one wavelength of the group: which of the frames, pixels and
+        values, as `wave_tracer.trace_blocks` has them. Nothing else is read, for the folder may be on a network.
+        """
         wanted = [group, phasors, self._prepared["plan"].planes.index(plane)]
         colours = len(self._planned.groups[group])
         for file, (*place, start, stop, count, offset) in self._index:
-            if place == wanted:
-                pixels = np.memmap(file, "<u4", "r", offset, (count,))
-                shape = stop - start, colours, count
-                yield slice(start, stop), pixels, np.memmap(file, "<c8", "r", offset + pixels.nbytes, shape)
+            first, last = max(start, chosen.start), min(stop, chosen.stop)
+            if place != wanted or first >= last:
+                continue
+            with open(file, "rb") as stream:
+                stream.seek(offset)
+                pixels = np.fromfile(stream, "<u4", count)
+                values = np.empty((last - first, 1, count), np.complex64)
+                for number, frame in enumerate(range(first, last)):
+                    row = (frame - start) * colours + colour
+                    stream.seek(offset + pixels.nbytes + row * values[0].nbytes)
+                    values[number] = np.fromfile(stream, "<c8", count)
+            yield slice(first, last), pixels, values
 
 
 class _Stored:
@@ -478,11 +488,9 @@ class _Stored:
         from ..tracing.wave_tracer import add_pixels
 
         chosen, whole = self._chosen(number), self._divided.hologram
-        for frames, pixels, values in self._divided.stored(self._group, number, plane):
-            start, stop = max(frames.start, chosen.start), min(frames.stop, chosen.stop)
-            if start < stop:
-                mine = values[start - frames.start : stop - frames.start, self._colour : self._colour + 1]
-                add_pixels(out[start - chosen.start : stop - chosen.start], whole, pixels, mine)
+        what = self._group, number, plane, chosen, self._colour
+        for frames, pixels, values in self._divided.stored(*what):
+            add_pixels(out[frames.start - chosen.start : frames.stop - chosen.start], whole, pixels, values)
             progress(0.5, "Joining waves")
 
 
