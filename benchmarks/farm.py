@@ -83,7 +83,7 @@ def _run(words):
 
 
 def _units(still, folder):
-    """Of a still in parts, of both `COUNTS`: name, seconds, bytes read from disk and written, operations of `done`."""
+    """Of a still in parts, of both `COUNTS`: name, seconds, bytes read and written, operations of `done`."""
     rows = []
     for count in COUNTS:
         parts = StillParts(
@@ -99,7 +99,6 @@ def _units(still, folder):
         for name, unit in parts.units.items():
             if unit.done() or (name == JOINED and count != COUNTS[-1]):
                 continue
-            _forget(parts.folder)
             start, read = time.perf_counter(), _read()
             unit.make(_nothing)
             seconds, read = time.perf_counter() - start, _read() - read
@@ -112,19 +111,10 @@ def _units(still, folder):
     return rows
 
 
-def _forget(folder):
-    """Have what lies in a folder read from the disk again, as another machine would."""
-    for path in folder.rglob("*"):
-        if path.is_file():
-            with open(path, "rb") as stream:
-                os.fsync(stream.fileno())
-                os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-
-
 def _read():
-    """Bytes that this process has read from disks."""
+    """Bytes that this process has asked files for; a disk may read ahead of it by much more."""
     told = dict(line.split(": ") for line in Path("/proc/self/io").read_text().splitlines())
-    return int(told["read_bytes"])
+    return int(told["rchar"])
 
 
 def _dask():
