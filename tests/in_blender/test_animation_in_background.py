@@ -32,7 +32,7 @@ def test_goes_on_after_blender_was_killed(blender, tmp_path):
         time.sleep(0.1)
     before = fields(out)
     assert sorted(before) in (ALL[:2], ALL[:3])
-    assert sorted(file.name for file in out.iterdir()) == [*sorted(before), "job.json"]
+    assert sorted(file.name for file in out.iterdir()) == [*sorted(before), "job.json", "light"]
 
     status, output = blender("--python-exit-code", "3", "--python", SCRIPT, "--", tmp_path)
     told = json.loads((tmp_path / "RESULT.json").read_text("utf-8"))
@@ -43,4 +43,4 @@ def test_goes_on_after_blender_was_killed(blender, tmp_path):
     assert told["twice"] is False and told["longest"] < told["seconds"] / 2, "the window waits"
     assert told["again"][:2] == ["", 4] and "0 frames in" in told["again"][2]
     assert told["canceled"] == ["", True]
-    assert sorted(file.name for file in out.iterdir()) == [*ALL, "job.json"]
+    assert sorted(file.name for file in out.iterdir()) == [*ALL, "job.json", "light"]
