@@ -259,6 +259,11 @@ class BakeStore:
 
         return sorted(self.folder.glob("*" + SUFFIX), key=age)
 
+    @property
+    def empty(self) -> bool:
+        """Whether nothing can be found in it."""
+        return not self.files()
+
     def load(self, triangles: Triangles) -> tuple[Stored | None, str]:
         """What is stored for these triangles.
 
@@ -370,9 +375,10 @@ class JobStore(BakeStore):
         """See `BakeStore.speed`: it is no matter of the job."""
         return self._other and self._other.speed
 
-    def files(self) -> list[Path]:
-        """All files, those that it may still begin with included; the oldest first."""
-        return super().files() or ([] if self._sealed or self._other is None else self._other.files())
+    @property
+    def empty(self) -> bool:
+        """See `BakeStore.empty`; what it may still begin with counts."""
+        return super().empty and (self._sealed or self._other is None or self._other.empty)
 
     def head(self, triangles: Triangles) -> Head | None:
         """See `BakeStore.head`."""

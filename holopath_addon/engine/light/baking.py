@@ -125,7 +125,7 @@ def found_in(store: BakeStore, request: Request, worth: Callable[[int], bool]) -
         ``worth(texels)``: whether to load so many, which may take a second or two. Else the share is taken for 1.
     """
     store.kept = None  # what an earlier plan found may be of other light
-    if not store.files():  # to sort a million triangles takes a second
+    if store.empty:  # to sort a million triangles takes a second
         return None
     triangles = _triangles(request.scene)
     head = store.head(triangles)

@@ -60,12 +60,20 @@ def test_what_is_saved_is_loaded(store, triangles, stored):
 def test_a_job_begins_with_what_is_there_and_gives_what_it_bakes(store, triangles, stored, tmp_path):
     (tmp_path / "job").mkdir()
     job = bake_store.JobStore(tmp_path / "job", store)
-    assert job.files() == store.files()
+    assert not job.empty and job.files() == []
     assert job.head(triangles) == store.head(triangles) and job.speed == store.folder
-    assert same(job.load(triangles)[0], stored) and job.files() != store.files()
+    assert same(job.load(triangles)[0], stored) and len(job.files()) == 1
     more = replace(stored, digest="more")
     job.save(triangles, more)
     assert same(store.load(triangles)[0], more) and same(job.load(triangles)[0], more)
+
+
+def test_a_job_clears_its_own_light_alone(store, triangles, stored, tmp_path):
+    """Where it begins with nothing, too: the user's store may hold light of other scenes."""
+    store.save(triangles, stored)
+    job = bake_store.JobStore(tmp_path / "job", store)
+    assert not job.empty and job.clear() == 0
+    assert store.load(triangles)[0] is not None
 
 
 def test_a_sealed_one_is_read_alone(store, triangles, stored, tmp_path):
