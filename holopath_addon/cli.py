@@ -202,6 +202,8 @@ def _plan(args):
     print(plan)
     if encoding is not None:
         print(encoding.decision)
+        if encoding.advice:
+            print(f"note: {encoding.advice} See --encode-seconds.")
     for note in loaded.notes:
         print(f"note: {render_command.note_text(note)}")
 

@@ -228,11 +228,12 @@ def write(
 
 
 def _encode(still, field, progress, stoppable):
-    """The phases that are asked for, and a warning if the user stopped before they were their best."""
+    """The phases that are asked for, and what to know of them."""
     try:
         what = field, still.encode, progress, still.scene, still.settings, still.store
         phase = pipeline.encode(*what, bits=still.bits, seconds=still.encode_seconds)
-        return phase, []
+        advice = phase.report["plan"]["advice"]
+        return phase, [f"{advice} See --encode-seconds."] if advice else []
     except engine.Cancelled as error:
         if error.kept is None or not stoppable:
             raise

@@ -343,6 +343,8 @@ def _encoding(layout, context, props):
     reason = column.column(align=True)
     reason.active = False
     wrapped(reason, context, chosen.reason)
+    if chosen.advice:
+        wrapped(layout, context, chosen.advice, icon="INFO")
 
 
 def estimate(layout: UILayout, context: Context) -> None:

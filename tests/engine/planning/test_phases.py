@@ -25,11 +25,17 @@ def test_more_seconds_go_towards_more_frames():
             assert COSTS["light"] + each.frames / 24 * COSTS["set"] <= 0.4 * seconds
 
 
-def test_seconds_from_which_on_more_frames_are_worth_theirs():
-    for given in ({"seconds": 2}, {"seconds": 2, "speckle": 0.1}):
-        before = chosen(**given)
-        assert before.method == "joint" and "7.0 s" in before.reason and before.better == 7.0
-        assert chosen(**{**given, "seconds": before.better}).method == "refine"
+@pytest.mark.parametrize("given", [{}, {"seconds": 2}, {"seconds": 2, "speckle": 0.1}])
+def test_advice_is_what_the_advised_seconds_bring(given):
+    """Who follows it gets more frames, and as many steps as it is said of; then there is no more to say."""
+    before = chosen(**given)
+    assert before.method == ("joint" if "seconds" in given else "refine")
+    assert before.advice.startswith(f"{before.better:.0f} s of encoding would gain")
+    after = chosen(**{**given, "seconds": before.better})
+    assert after.method == "refine" and after.frames > before.frames and after.advice == ""
+    steps = (after.seconds - COSTS["sgd"] - COSTS["light"] - after.frames / 24 * COSTS["set"]) / COSTS["step"]
+    assert steps >= max(100, 4 * before.steps) - 1e-6
+    assert "seconds" not in given or "7.0 s to be worth" in before.reason
 
 
 def test_without_a_limit():
