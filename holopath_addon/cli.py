@@ -143,6 +143,7 @@ def _parser(store):
 
     plan = command("plan", _plan, "Say what would be computed, why and how long it takes; compute nothing.")
     render_command.add_scene(plan, store)
+    render_command.add_encoding(plan)
     plan.add_argument("--json", action="store_true", help="machine-readable")
 
     reconstruct = command("reconstruct", _reconstruct, "Refocus a stored wave field without rendering again.")
@@ -186,13 +187,18 @@ def _add_modulator(parser):
 
 
 def _plan(args):
+    seconds = render_command.encode_seconds_of(args)
     loaded, hologram, settings = render_command.load(args, sources.open_source(args.scene))
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
+    encoding = None
+    if args.encode != "none":
+        encoding = engine.plan_encoding(plan, settings, args.encode, seconds)
     if args.json:
         print(
             json.dumps(
                 {
                     **plan.to_dict(),
+                    "encoding": encoding and encoding.to_dict(),
                     "hologram": hologram.to_dict(),
                     "settings": asdict(settings),
                     "export_notes": loaded.notes,
@@ -202,6 +208,10 @@ def _plan(args):
         )
         return
     print(plan)
+    if encoding is not None:
+        print(encoding.decision)
+        if encoding.advice:
+            print(f"note: {encoding.advice} See --encode-seconds.")
     for note in loaded.notes:
         print(f"note: {render_command.note_text(note)}")
 

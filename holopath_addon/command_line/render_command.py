@@ -9,7 +9,7 @@ from pathlib import Path
 from .. import engine, lengths, output, stills
 from ..engine import displays
 from ..engine.progress import stage
-from ..engine.settings import DEPTH_MAPPINGS, ENCODINGS
+from ..engine.settings import DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
@@ -75,20 +75,7 @@ def add(command, store):
         help="make a still in N parts, which processes with the same words share; the result does not depend on N",
     )
     add_focus(render, "three depths spread over the visible range")
-    render.add_argument(
-        "--encode",
-        choices=("none", *ENCODINGS),
-        default="none",
-        help="also write phases for an SLM into DIR/hologram (default none); auto is refine with --method full, joint "
-        "with several frames, sgd with one",
-    )
-    add_bits(render)
-    render.add_argument(
-        "--refine-seconds",
-        type=argument(_seconds),
-        metavar="S",
-        help="let the descent of --encode refine take so long, more seconds for more accuracy (default: 400 steps)",
-    )
+    add_encoding(render)
     render.add_argument(
         "--compare-reference",
         action="store_true",
@@ -165,6 +152,34 @@ def add_scene(parser, store):
     )
 
 
+def add_encoding(parser):
+    add = parser.add_argument
+    add(
+        "--encode",
+        choices=("none", *ENCODINGS),
+        default="none",
+        help="also write phases for an SLM into DIR/hologram (default none); auto is the best that --encode-seconds "
+        "allow; without them refine with --method full, joint with several frames, sgd with one",
+    )
+    add_bits(parser)
+    add(
+        "--encode-seconds",
+        type=argument(_encode_seconds),
+        metavar=ENCODE_SECONDS.metavar,
+        help="that encoding may take after the field: more seconds, better phases; what there is by then is kept "
+        "(default: no limit)",
+    )
+
+
+def encode_seconds_of(args):
+    """Seconds that encoding may take; None for no limit."""
+    if args.encode_seconds is not None and args.encode in ("none", "dpac"):
+        raise engine.InvalidInput(
+            f"--encode-seconds is for phases by descent, not for {args.encode}: add --encode auto, or leave them out."
+        )
+    return args.encode_seconds
+
+
 def add_cache(parser, store):
     parser.add_argument(
         "--cache",
@@ -195,10 +210,10 @@ def bits(text):
     return int(text)
 
 
-def _seconds(text):
-    if not 0 < float(text) < math.inf:
-        raise engine.InvalidInput(f"Refining takes more than 0 seconds, not {text}")
-    return float(text)
+def _encode_seconds(text):
+    seconds = float(text)
+    ENCODE_SECONDS.check(seconds)
+    return seconds
 
 
 def add_bits(parser):
@@ -283,8 +298,7 @@ def load(args, source):
 
 def still_of(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
-    if args.refine_seconds is not None and args.encode != "refine":
-        raise engine.InvalidInput("--refine-seconds is for --encode refine: choose it, or leave them out.")
+    seconds = encode_seconds_of(args)
     loaded, hologram, settings = load(args, source)
     return stills.Still(
         args.scene,
@@ -302,7 +316,7 @@ def still_of(args, source, job=None):
         job,
         args.rgbd,
         args.light_field,
-        refine_seconds=args.refine_seconds,
+        encode_seconds=seconds,
     )
 
 
