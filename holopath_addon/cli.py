@@ -24,6 +24,7 @@ from .command_line.console import Progress, alive, close_line
 from .command_line.options import argument, numbers
 from .engine.progress import stage
 from .farm.processes import INTERRUPTS
+from .slm.calibration import read_response
 
 
 def main(argv=None, store=None):
@@ -217,14 +218,7 @@ def _plan(args):
 
 
 def _modulator_of(args):
-    response = None
-    if args.response is not None:
-        try:
-            response = tuple(float(word) for word in Path(args.response).read_text().split())
-        except (OSError, ValueError) as error:
-            raise engine.InvalidInput(
-                f"The response {args.response} cannot be read ({error}): give a text file of numbers."
-            ) from error
+    response = None if args.response is None else read_response(args.response)
     return engine.Modulator(args.bits, response, args.fill_factor, args.unmodulated, args.crosstalk)
 
 

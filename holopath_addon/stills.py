@@ -24,7 +24,7 @@ VIEW_PATHS = 64  # a pixel, of each view of a light field
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_PHASES = {"encoded", "encoding_bits", "encode_seconds"}
+_PHASES = {"encoded", "encoding_bits", "encoding_levels", "encode_seconds"}
 _VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
@@ -33,6 +33,7 @@ _NAMES = {
     "compared": "comparison with the reference",
     "encoded": "encoding",
     "encoding_bits": "bits",
+    "encoding_levels": "measured levels",
     "encode_seconds": "seconds of the encoding",
     "rgbd": "picture with depth",
     "light_field": "light field",
@@ -74,6 +75,8 @@ class Still:
         How light is found, where that was decided for all frames of an animation and the settings leave it open.
     encode_seconds : float or None
         That encoding may take, see `engine.plan_encoding`.
+    levels : list of tuple of float, or None
+        Phases that the SLM has at each wavelength, see `engine.encode`.
     """
 
     name: str
@@ -93,6 +96,7 @@ class Still:
     light_field: int | None = None
     method: str | None = None
     encode_seconds: float | None = None
+    levels: list | None = None
 
     @cached_property
     def asked(self):
@@ -109,6 +113,7 @@ class Still:
             "compared": self.compare,
             "encoded": self.encode,
             "encoding_bits": self.bits,
+            "encoding_levels": self.levels and [list(phases) for phases in self.levels],
             "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
             "light_field": self.light_field,
             "encode_seconds": self.encode_seconds,
@@ -231,7 +236,7 @@ def _encode(still, field, progress, stoppable):
     """The phases that are asked for, and what to know of them."""
     try:
         what = field, still.encode, progress, still.scene, still.settings, still.store
-        phase = pipeline.encode(*what, bits=still.bits, seconds=still.encode_seconds)
+        phase = pipeline.encode(*what, bits=still.bits, levels=still.levels, seconds=still.encode_seconds)
         advice = phase.report["plan"]["advice"]
         return phase, [f"{advice} See --encode-seconds."] if advice else []
     except engine.Cancelled as error:

@@ -10,7 +10,7 @@ from .. import engine, output
 from ..engine import encoding, files
 from ..engine.progress import stage
 from ..engine.settings import ENCODINGS
-from ..farm.job import SharedJob
+from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work
 from . import render_command
@@ -40,7 +40,7 @@ def add(command):
         help="double phase (dpac); each frame for itself by gradient descent (sgd); then all frames together (joint); "
         "auto (default) is joint, or sgd with one frame. refine needs the scene: `holopath render --encode refine`",
     )
-    render_command.add_bits(encode)
+    render_command.add_levels(encode)
     add(
         "--supervision",
         choices=encoding.SUPERVISIONS,
@@ -100,11 +100,13 @@ def _encode(args):
 
 
 def _phases(args, folder, start, progress):
+    field = output.stored_field(folder)
     return engine.encode(
-        output.stored_field(folder),
+        field,
         args.method,
         progress,
         bits=args.bits,
+        levels=render_command.levels_of(args, field.hologram.wavelengths),
         supervision=args.supervision,
         planes=args.compared_planes,
         aperture=args.aperture,
@@ -136,7 +138,8 @@ def work_of(args, say) -> Work:
         )
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     versions = {name: text or "none" for name, text in output.versions().items() if name != "blender"}
-    work = Work(Path(args.folder), SharedJob("", words, {}, versions), {}, [])
+    files = {} if args.response is None else {"response": Path(args.response)}
+    work = Work(Path(args.folder), SharedJob("", words, digests(files), versions), {}, [])
     for folder in output.frame_folders(args.folder):
         work.units[folder.name] = _frame(args, work, folder)
     return work

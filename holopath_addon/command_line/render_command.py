@@ -14,6 +14,7 @@ from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
 from ..farm.work import Work
+from ..slm.calibration import measured_levels
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
@@ -161,7 +162,7 @@ def add_encoding(parser):
         help="also write phases for an SLM into DIR/hologram (default none); auto is the best that --encode-seconds "
         "allow; without them refine with --method full, joint with several frames, sgd with one",
     )
-    add_bits(parser)
+    add_levels(parser)
     add(
         "--encode-seconds",
         type=argument(_encode_seconds),
@@ -216,13 +217,23 @@ def _encode_seconds(text):
     return seconds
 
 
-def add_bits(parser):
+def add_levels(parser):
     parser.add_argument(
         "--bits",
         type=argument(bits),
         metavar="N",
         help="of phase that a pixel of the SLM takes, where they are few: the phases are the best of its levels",
     )
+    parser.add_argument(
+        "--response",
+        metavar="FILE",
+        help="levels as measured instead: the SLM's calibration (.json), or a text file of their phases in radians",
+    )
+
+
+def levels_of(args, wavelengths):
+    """Phases that the words say the SLM has at each wavelength; None if they say nothing."""
+    return None if args.response is None else measured_levels(args.response, wavelengths)
 
 
 def add_focus(parser, default):
@@ -317,6 +328,7 @@ def still_of(args, source, job=None):
         args.rgbd,
         args.light_field,
         encode_seconds=seconds,
+        levels=levels_of(args, hologram.wavelengths),
     )
 
 
@@ -464,7 +476,8 @@ def _job(args, source):
     """What decides the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    return SharedJob(scene, output.plain(words), digests(source.files), versions())
+    files = source.files if args.response is None else {**source.files, "response": Path(args.response)}
+    return SharedJob(scene, output.plain(words), digests(files), versions())
 
 
 def versions():

@@ -6,6 +6,7 @@ import bpy
 from bpy.props import StringProperty
 
 from .. import engine, pipeline, preferences, properties
+from ..device_properties import calibration_of
 from ..engine.scene import variants
 from . import session
 from .working import Working, encoded, rendered
@@ -35,7 +36,10 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
     def work(self, scene):
         field, task, before = session.rendered().field, session.current.task, session.current.phase
         props = properties.of(bpy.data.scenes[scene])
-        method, bits = props.encoding, props.bits if props.bits < ENOUGH_BITS else None
+        method, calibration = props.encoding, calibration_of(props.device)
+        levels = {"bits": props.bits if props.bits < ENOUGH_BITS else None}
+        if calibration is not None:
+            levels = {"levels": calibration.phases(field.hologram.wavelengths)}
         wanted, seconds = preferences.wanted(), properties.encode_seconds_of(props)
 
         def encode(job, progress):
@@ -48,7 +52,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
                     "encoding."
                 )
             try:
-                return field, pipeline.encode(field, method, progress, *scene, seconds=seconds, bits=bits)
+                return field, pipeline.encode(field, method, progress, *scene, seconds=seconds, **levels)
             except engine.Cancelled as error:
                 if error.kept is None or before is not None:
                     raise

@@ -7,11 +7,15 @@ import math
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..engine.errors import InvalidInput
 from ..engine.waves.modulator import grey_levels
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
 STEPS = 1 << 16  # of a turn, in the table from phase to level
@@ -162,6 +166,10 @@ class Calibration:
         if not self.responses:
             return Response(wavelength)
         return min(self.responses, key=lambda r: abs(r.wavelength - wavelength))
+
+    def phases(self, wavelengths: Sequence[float]) -> list[tuple[float, ...]]:
+        """Phases of all levels at each wavelength, radians, for `engine.encode`."""
+        return [tuple(self.response(each).phases(self.bits, each).tolist()) for each in wavelengths]
 
     def table(self, wavelength: float) -> np.ndarray:
         """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle."""
@@ -348,6 +356,46 @@ class Calibration:
             raise InvalidInput(
                 f"The calibration {path} cannot be read ({reason}): see docs/slm.md."
             ) from None
+
+
+def measured_levels(path: Path | str, wavelengths: Sequence[float]) -> list[tuple[float, ...]]:
+    """Phases that a device's levels show, for `engine.encode`.
+
+    Parameters
+    ----------
+    path : path
+        A `Calibration`, ending on .json, or a text file of the phases in radians, which are those of every wavelength.
+    wavelengths : sequence of float
+        Metres.
+
+    Returns
+    -------
+    list of tuple of float
+        Radians, for each wavelength.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if Path(path).suffix.lower() != ".json":
+        return [read_response(path)] * len(wavelengths)
+    calibration = Calibration.load(path)
+    return [tuple(calibration.response(each).phases(calibration.bits, each).tolist()) for each in wavelengths]
+
+
+def read_response(path: Path | str) -> tuple[float, ...]:
+    """Phases in radians of the levels of a device, of a text file of numbers.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    try:
+        return tuple(float(word) for word in Path(path).read_text().split())
+    except (OSError, ValueError) as error:
+        raise InvalidInput(
+            f"The response {path} cannot be read ({error}): give a text file of numbers."
+        ) from error
 
 
 def _truth(value):

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, pipeline, preferences
+from holopath_addon import engine, pipeline, preferences, slm
 from holopath_addon.engine import rendering
 from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
@@ -347,6 +347,20 @@ def test_encode_and_save(scene, tmp_path):
         bpy.ops.holopath.save_hologram()
     bpy.ops.holopath.render_hologram()
     assert session.current.phase is None  # of the field before
+
+
+def test_encode_for_the_device_that_is_calibrated(scene, tmp_path):
+    curve = ((0, 0.0), (1, 2.0), (2, 2.5), (3, 5.0))
+    responses = tuple(slm.Response(nm * 1e-9, curve=curve) for nm in scene.holopath.wavelengths_nm)
+    slm.Calibration(bits=2, responses=responses).save(tmp_path / "device.json")
+    bpy.ops.holopath.render_hologram()
+    scene.holopath.encoding = "sgd"
+    scene.holopath.device.calibration = str(tmp_path / "device.json")
+    assert bpy.ops.holopath.encode() == {"FINISHED"}
+    assert set(np.round(np.unique(session.current.phase.data), 4)) <= {0.0, 2.0, 2.5, 5.0}
+    scene.holopath.device.calibration = str(tmp_path / "none.json")
+    with pytest.raises(RuntimeError, match="none.json"):
+        bpy.ops.holopath.encode()
 
 
 def test_refocus_the_hologram(scene):

@@ -28,6 +28,7 @@ WINDOW = 5  # steps whose mean loss is compared with that of those before
 # Of `kaczmarz`. A few frames cannot show all pictures exactly: they need an average, not the last word.
 RELAXATION = 1.2  # length of a step: 1 for one that mends the picture; under 2
 LASTS = 4  # rounds of ever smaller steps at the end
+SETTLES = 0.25  # of them before pixels come to levels
 WORTH = 8.0  # tolerances that a step gains on the mean of a round, while steps stay as long as they are
 # Of `together`.
 LONGEST = 0.15  # radians; from 0.2 on some scenes find no rest
@@ -58,12 +59,12 @@ def adam(
     phases: Phases,
     target: ComplexTarget | AmplitudeTarget,
     rate: float,
-    bits: int | None,
+    levels: np.ndarray | None,
     effort: Effort,
     told: Callable[[float, float], object],
     stage: dict,
 ) -> None:
-    """Adam until the loss of a target stops falling; then, with few bits, ever more pixels come to their levels.
+    """Adam until the loss of a target stops falling; then, where there are levels, ever more pixels come to theirs.
 
     Parameters
     ----------
@@ -71,7 +72,8 @@ def adam(
     target : ComplexTarget or AmplitudeTarget
     rate : float
         Longest step, radians.
-    bits : int or None
+    levels : numpy.ndarray or None
+        That phases are to have, radians in [0, 2 pi), rising.
     effort : Effort
     told : callable
         ``told(done, loss)`` gives the PSNR; may raise.
@@ -89,19 +91,19 @@ def adam(
 
     while len(losses) < effort.most_steps and not _flat(losses, WINDOW, effort.tolerance):
         step(rate)
-    if bits is not None:
+    if levels is not None:
         for share in np.arange(1, FIXES) / FIXES:
-            phases.fix(share, bits)
+            phases.fix(share, levels)
             for _ in range(FEW):
                 step(rate / 2)
-        phases.fix(1, bits)
+        phases.fix(1, levels)
         step(0)
 
 
 def kaczmarz(
     phases: Phases,
     mean: FrameMean,
-    bits: int | None,
+    levels: np.ndarray | None,
     effort: Effort,
     told: Callable[[float, float], object],
     stage: dict,
@@ -117,8 +119,8 @@ def kaczmarz(
     phases : Phases
     mean : FrameMean
         Of the pictures.
-    bits : int or None
-        With few, ever more pixels come to their levels in the last rounds.
+    levels : numpy.ndarray or None
+        That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the last rounds.
     effort, stage :
         As in `adam`.
     told : callable
@@ -126,13 +128,13 @@ def kaczmarz(
     """
     pictures = mean.pictures
     if not any(wanted.any() for wanted in pictures.wanted):
-        if bits is not None:
-            phases.fix(1, bits)
+        if levels is not None:
+            phases.fix(1, levels)
         return
     rng = np.random.default_rng(effort.seed)
     errors = np.array([float(wanted.any()) for wanted in pictures.wanted])
     rounds, numbers, steps = [], [], 0
-    lasts = min(effort.most_steps, LASTS * len(pictures) * (1 if bits is None else 2))
+    lasts = min(effort.most_steps, LASTS * len(pictures) * (1 if levels is None else 2))
     least = WORTH * effort.tolerance * len(pictures)
     left = None
     while left != 0 and errors.sum() > 0:
@@ -144,8 +146,8 @@ def kaczmarz(
         if left is None and steps + lasts >= effort.most_steps:
             left = lasts
         shorter = 1 if left is None else 0.5 + 0.5 * math.cos(math.pi * (1 - left / lasts))
-        if bits is not None and left is not None and left % max(1, lasts // FIXES) == 0:
-            phases.fix(1 - left / lasts, bits)
+        if levels is not None and left is not None and left % max(1, lasts // FIXES) == 0:
+            phases.fix(max(0.0, 1 - left / ((1 - SETTLES) * lasts)), levels)
         number = numbers.pop()
         loss, back = mean.gradient(phases.light, number)
         phases.relax(back, loss, RELAXATION * shorter)
@@ -155,15 +157,15 @@ def kaczmarz(
         stage.update(steps=steps, loss=float(errors.mean()), psnr_db=psnr)
         told(steps / (steps + (lasts + len(pictures) if left is None else left)), psnr)
     stage["psnr_db"] = _mean_psnr(errors, pictures.wanted)
-    if bits is not None:
-        phases.fix(1, bits)
+    if levels is not None:
+        phases.fix(1, levels)
 
 
 def together(
     phases: Phases,
     views: Views,
     gain: float,
-    bits: int | None,
+    levels: np.ndarray | None,
     effort: Effort,
     seconds: float | None,
     threads: Frames,
@@ -181,8 +183,8 @@ def together(
     views : Views
     gain : float
         Amplitude of the light sent in, to begin with.
-    bits : int or None
-        With few, ever more pixels come to their levels in the second half.
+    levels : numpy.ndarray or None
+        That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the second half.
     effort : Effort
     seconds : float or None
         That it takes; None for `STEPS`.
@@ -214,27 +216,27 @@ def together(
                         queue += rng.permutation(numbers).tolist()
                     chosen.append((queue.pop(), kind.weight / kind.looks))
             back = seen.gradient(phases.light, chosen)
-            late = done if bits is None else min(done, 0.5)  # what is free makes up for what has its level
+            late = done if levels is None else min(done, 0.5)  # what is free makes up for what has its level
             rate = LONGEST * 0.5 * (1 + math.cos(math.pi * late))
             phases.descend(back, even, rate * min(1, (steps + 1) / WARM_UP))
             steps += 1
             done = steps / most
             if seconds is not None:
                 done = max(done, (time.perf_counter() - begun) / seconds)
-            if bits is not None and 2 * done - 1 > fixes / FIXES:
-                phases.fix(min(1.0, 2 * done - 1), bits)
+            if levels is not None and 2 * done - 1 > fixes / FIXES:
+                phases.fix(min(1.0, 2 * done - 1), levels)
                 fixes += 1
             if not queues[0]:
                 seen.adjust()
-                if seen.loss < least and bits is None:
+                if seen.loss < least and levels is None:
                     kept, least = phases.values(), seen.loss
             stage.update(steps=steps, loss=seen.loss, psnr_db=seen.psnr)
             told(min(1.0, done), seen.psnr)
     finally:
-        if bits is not None:
-            phases.fix(1, bits)
+        if levels is not None:
+            phases.fix(1, levels)
         seen.look(phases.light)
-        if bits is None and seen.loss > least:
+        if levels is None and seen.loss > least:
             phases.set(kept)
             seen.look(phases.light)
         stage.update(loss=seen.loss, psnr_db=seen.psnr)

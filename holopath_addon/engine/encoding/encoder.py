@@ -15,7 +15,7 @@ from ..errors import Cancelled, InvalidInput, cancelled
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
-from ..waves.modulator import Modulator
+from ..waves.modulator import even_levels, nearest, widest_gap
 from ..waves.pictures import Pictures, spread_vantages
 from ..waves.propagation import circular_band, filtered
 from ..waves.supervision import Frames
@@ -23,12 +23,14 @@ from . import descent
 from .double_phase import clipping_level, double_phase, half_band
 from .frame_mean import FrameMean
 from .phase_hologram import PhaseHologram
-from .phases import Phases
+from .phases import FINE, Phases
 from .targets import AmplitudeTarget, ComplexTarget
 from .views import Views
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import ArrayLike
 
     from ..progress import Progress
     from ..wavefield import WaveField
@@ -48,6 +50,7 @@ def encode(
     progress: Progress | None = None,
     *,
     bits: int | None = None,
+    levels: Sequence[ArrayLike] | None = None,
     supervision: str = "complex",
     planes: int = 1,
     aperture: bool = True,
@@ -74,6 +77,8 @@ def encode(
         attribute `kept` of the `Cancelled` that this raises.
     bits : int, optional
         Of an SLM so coarse that it matters: phases are the best of its 2^bits levels. Default: not rounded.
+    levels : sequence of array_like, optional
+        Instead, the phases in radians that the SLM really has at each wavelength, measured; in any order, of any turn.
     supervision : str
         Of `sgd`, one of `SUPERVISIONS`: the complex field, or amplitudes only as in prior work.
     planes : int
@@ -111,7 +116,7 @@ def encode(
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
     effort = descent.Effort(tolerance, most_steps, seed)
-    asked = _Asked(method, bits, supervision, planes, aperture, start, many, seconds, effort)
+    asked = _Asked(method, bits, levels, supervision, planes, aperture, start, many, seconds, effort)
     asked.check(field)
     with Frames() as threads:
         work = _Work(field, asked, progress or (lambda done, message: None), threads)
@@ -127,8 +132,7 @@ def encode(
                     work.joint(colour)
             elif method == "refine" and work.colours:
                 work.refine()
-            if seconds is not None:
-                work.round()  # what was to come to its levels later
+            work.round()
         except (Exception, KeyboardInterrupt) as error:
             if not cancelled(error):
                 raise
@@ -144,6 +148,7 @@ class _Asked:
 
     method: str
     bits: int | None
+    levels: Sequence[ArrayLike] | None
     supervision: str
     planes: int
     aperture: bool
@@ -151,6 +156,25 @@ class _Asked:
     many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None
     seconds: float | None
     effort: descent.Effort
+
+    def rings(self, count):
+        """Levels of each wavelength, in [0, 2 pi) and rising; None where any phase is one.
+
+        Raises
+        ------
+        InvalidInput
+        """
+        if self.levels is None:
+            return [None if self.bits is None else even_levels(self.bits)] * count
+        if len(self.levels) != count:
+            raise InvalidInput(
+                f"There are levels of {len(self.levels)} wavelengths for {count}: give as many."
+            )
+        rings = [np.unique(np.mod(np.asarray(phases, float).ravel(), 2 * math.pi)) for phases in self.levels]
+        for ring in rings:
+            if len(ring) < 2 or not np.isfinite(ring).all():
+                raise InvalidInput("Levels of an SLM are two or more different phases in radians.")
+        return rings
 
     def check(self, field):
         """Whether options are known, and fit each other and the field."""
@@ -163,6 +187,8 @@ class _Asked:
                 raise InvalidInput(f"There is no {name} '{value}': choose one of {', '.join(known)}.")
         if self.bits is not None and not 1 <= self.bits <= 16:
             raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
+        if self.bits is not None and self.levels is not None:
+            raise InvalidInput("Levels that were measured have a number of their own: leave out the bits.")
         if not 1 <= self.planes <= 64:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:
@@ -217,7 +243,12 @@ class _Work:
         self._scales = [_root_mean_square(field.data[:, colour]) for colour in range(count)]
         self.colours = [colour for colour in range(count) if self._scales[colour] > DARK * max(self._scales)]
         self.gains = [0.0] * count
-        self.report = {"bits": asked.bits, "stages": []}
+        self._rings = asked.rings(count)
+        # those for which the descents have to care
+        self._coarse = [
+            ring if ring is not None and widest_gap(ring) > FINE else None for ring in self._rings
+        ]
+        self.report = {"bits": asked.bits, "measured_levels": asked.levels is not None, "stages": []}
 
     def hologram(self):
         """What has been done."""
@@ -272,7 +303,7 @@ class _Work:
         groups = _groups(len(field.data), field.data[0, colour].size * BYTES["sgd"])
         part = SHARE.get(asked.method, 1.0) / len(self.colours) / len(groups)
         rate = descent.WARM if isinstance(asked.start, PhaseHologram) else descent.RATE
-        bits = asked.bits if asked.method == "sgd" else None  # else the next stage's
+        levels = self._coarse[colour] if asked.method == "sgd" else None  # else the next stage's
         for number, group in enumerate(groups):
             target = self._target(self._fields(group, colour), colour)
             if not target.energy:
@@ -290,7 +321,7 @@ class _Work:
                 self._phases(group, colour) as phases,
                 suppress(_TimeUp),
             ):
-                descent.adam(phases, target, rate, bits, asked.effort, told, stage)
+                descent.adam(phases, target, rate, levels, asked.effort, told, stage)
         self.gains[colour] = self._gain(colour)
 
     def _target(self, fields, colour):
@@ -351,7 +382,7 @@ class _Work:
             with self._stage("refine", colour) as stage, self._phases(group, colour) as phases:
                 left = self._left(begun + share * (number + 1) / len(groups))
                 seconds = None if asked.seconds is None else max(1e-3, left)  # for one step
-                what = phases, views, self.gains[colour], asked.bits, asked.effort, seconds
+                what = phases, views, self.gains[colour], self._coarse[colour], asked.effort, seconds
                 gains.append(descent.together(*what, self._threads, told, stage))
         self.gains[colour] = float(np.mean(gains))
 
@@ -371,7 +402,7 @@ class _Work:
                 suppress(_TimeUp),
             ):
                 mean = FrameMean(pictures, self.gains[colour], self._threads)
-                descent.kaczmarz(phases, mean, self._asked.bits, self._asked.effort, told, stage)
+                descent.kaczmarz(phases, mean, self._coarse[colour], self._asked.effort, told, stage)
 
     def _left(self, share):
         """Seconds until a share of them is over."""
@@ -404,9 +435,11 @@ class _Work:
         return math.sqrt(wanted / shown) if shown else 0.0
 
     def round(self):
-        """Bring phases to the display's levels, where these are few."""
-        if self._asked.bits is not None:
-            self.phases[:] = Modulator(self._asked.bits).shown(self.phases)
+        """Bring phases to the display's levels."""
+        for colour, levels in enumerate(self._rings):
+            if levels is not None:
+                for frame in self.phases[:, colour]:
+                    frame[:] = np.mod(nearest(frame, levels)[0], 2 * math.pi)
 
     @contextmanager
     def _phases(self, group, colour):

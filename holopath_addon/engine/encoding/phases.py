@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..waves.modulator import nearest
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 
 ADAM = (0.9, 0.99)  # decays of the means, Kingma and Ba, ICLR 2015
 TINY = 1e-30  # for pixels whose slope is nothing
+FINE = 0.1  # radians between levels, for which it is enough to round phases in the end
 BLOCK = 1 << 16  # pixels: they stay near the processor, and threads seldom wait for Python
 
 
@@ -124,29 +127,32 @@ class Phases:
 
         self._each(move)
 
-    def fix(self, share: float, bits: int) -> None:
-        """Bring a share of each frame's pixels to one of 2^bits levels for good: those that are nearest to theirs.
+    def fix(self, share: float, levels: np.ndarray) -> None:
+        """Bring a share of each frame's pixels to one of the levels for good: those that are nearest to theirs.
 
         The others make up for the error in the steps that follow. Rounding in each step while the phases move on
         below it (a straight-through estimator) was worse than rounding afterwards, this is better (docs/theory.md).
+        Pixels between levels that are no farther apart than `FINE` stay free: it is enough to round them in the end.
+        Where these are most, the others are soon done, and there is time to make up for them.
         """
-        level = self._angle.dtype.type(2 * math.pi / 2**bits)
         if self._free is None:
             self._free = np.ones(self._angle.shape, bool)
-        count = round(share * self._angle.shape[1])
 
         def each(frame):
             angle, free = self._angle[frame], self._free[frame]
-            nearest = np.round(angle / level) * level
-            apart = np.abs(angle - nearest)
-            apart[~free] = -1
-            chosen = apart <= np.partition(apart, count - 1)[count - 1]
-            angle[chosen] = nearest[chosen]
+            target, gaps = nearest(angle, levels)
+            wanting = free & (gaps > FINE)
+            fixed = len(angle) - np.count_nonzero(free)
+            count = min(round(share * len(angle)) - fixed, np.count_nonzero(wanting))
+            if count < 1:
+                return
+            apart = np.where(wanting, np.abs(angle - target), np.inf)
+            chosen = wanting & (apart <= np.partition(apart, count - 1)[count - 1])
+            angle[chosen] = target[chosen]
             free[chosen] = False
 
-        if count:
-            self._threads.each(each, len(self._angle))
-            self._each(self._show)
+        self._threads.each(each, len(self._angle))
+        self._each(self._show)
 
     def set(self, values: np.ndarray) -> None:
         """Go back to earlier `values`."""

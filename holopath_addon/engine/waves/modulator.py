@@ -99,6 +99,42 @@ class Modulator:
         return light
 
 
+def even_levels(bits: int) -> np.ndarray:
+    """Phases of 2^bits even steps of a whole turn, radians."""
+    return np.arange(2**bits) * (2 * math.pi / 2**bits)
+
+
+def nearest(phases: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest of some levels, around the circle.
+
+    Parameters
+    ----------
+    phases : numpy.ndarray, float
+        Radians, of any turn.
+    levels : numpy.ndarray, shape (n,)
+        Radians in [0, 2 pi), rising.
+
+    Returns
+    -------
+    levels, gaps : numpy.ndarray
+        Radians, as `phases` by shape and type: the level, in the turn of the phase; and how far the levels on both
+        sides of the phase are from each other.
+    """
+    turn = 2 * math.pi
+    ring = np.concatenate([[levels[-1] - turn], levels, [levels[0] + turn]])
+    begun = np.floor(phases / turn) * turn
+    within = phases - begun
+    above = np.clip(np.searchsorted(ring, within), 1, len(ring) - 1)
+    low, high = ring[above - 1], ring[above]
+    level = np.where(within - low <= high - within, low, high) + begun
+    return level.astype(phases.dtype), (high - low).astype(phases.dtype)
+
+
+def widest_gap(levels: np.ndarray) -> float:
+    """Radians between those neighbors that are farthest apart, around the circle; levels as of `nearest`."""
+    return float(np.diff(levels, append=levels[0] + 2 * math.pi).max())
+
+
 def grey_levels(phases: np.ndarray, bits: int = 8) -> np.ndarray:
     """Phases in radians as an SLM takes them: whole numbers in [0, 2^bits), of which a full turn is 0 again."""
     return np.round(phases * (2**bits / (2 * math.pi))).astype(np.uint32) % 2**bits

@@ -1,0 +1,106 @@
+"""Phases for levels as they were measured, shown by a virtual bench whose SLM has those levels."""
+
+import math
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, slm
+from holopath_addon.engine.viewing import metrics
+from holopath_addon.slm.calibration import measured_levels
+from holopath_addon.slm.drivers.virtual import VirtualDriver
+from tests.engine.encoding.test_descent import GREEN, smooth, wave_field
+
+TURN, EVEN = 2 * math.pi, np.arange(256) / 255
+# Of Texas Instruments' PLM, as its software has them: height of the mirrors, of a turn.
+PLM = [0, 0.01, 0.0205, 0.0422, 0.056, 0.0727, 0.1131, 0.1734, 0.3426, 0.3707, 0.4228, 0.4916, 0.5994]
+PLM += [0.6671, 0.797, 0.9375]
+RESPONSES = {
+    "plm": (4, np.array(PLM) * TURN),
+    "bent": (8, (EVEN + 0.1 * np.sin(TURN * EVEN) - 0.1 * np.sin(math.pi * EVEN) ** 2) * TURN),
+    "short": (8, 0.9 * EVEN * TURN),  # a panel of 1.8 pi
+    "binary": (1, np.array([0.4, 0.4 + 0.8 * math.pi])),
+}
+
+
+def calibration(name):
+    bits, phases = RESPONSES[name]
+    return slm.Calibration(
+        bits=bits, responses=(slm.Response(GREEN, curve=tuple(enumerate(phases.tolist()))),)
+    )
+
+
+@pytest.fixture(scope="module")
+def field():
+    return wave_field(smooth(4), depth_far=1e-3, depth_near=3e-3)
+
+
+def decibels(field, phase, calibration, sent=None):
+    """PSNR of what the bench's camera sees of phases, against the field itself; `sent` says how they become levels."""
+    bench = VirtualDriver(phase, calibration)
+    slm.stream(slm.Sequence([phase], sent or calibration), bench)
+    bench.focus_at(2e-3)
+    wanted = engine.reconstruct(field, [bench.focus])[0]
+    return metrics.psnr(bench.capture(), wanted, border=4)
+
+
+@pytest.mark.parametrize("name", RESPONSES)
+@pytest.mark.parametrize("method", ["dpac", "sgd", "joint"])
+def test_phases_are_levels(name, method, field):
+    levels = calibration(name).phases([GREEN])
+    phase = engine.encode(field, method, levels=levels)
+    apart = np.abs(phase.data[..., None] - np.float32(np.mod(levels[0], TURN)))
+    assert apart.min(axis=-1).max() < 1e-5
+
+
+def test_what_measured_levels_gain(field):
+    """Over even ones, and over the nearest of them for phases that are free."""
+    gains = {}
+    for name in RESPONSES:
+        device, even = calibration(name), slm.Calibration(bits=RESPONSES[name][0])
+        free = engine.encode(field, "joint")
+        ideal = engine.encode(field, "joint", bits=device.bits)
+        measured = engine.encode(field, "joint", levels=device.phases([GREEN]))
+        shown = decibels(field, measured, device)
+        gains[name] = shown - decibels(field, ideal, device, even), shown - decibels(field, free, device)
+    assert all(gains[name][0] > 1.5 for name in ("plm", "bent", "short")), gains
+    assert min(over for _, over in gains.values()) > -0.1, gains
+    assert gains["plm"][1] > 0.2, gains
+
+
+def test_by_command_line(field, tmp_path, capsys):
+    folder, text = tmp_path / "out", tmp_path / "levels.txt"
+    field.save(folder / "wavefield")
+    calibration("plm").save(tmp_path / "plm.json")
+    text.write_text("\n".join(map(str, RESPONSES["plm"][1])))
+    words = ["encode", str(folder), "--method", "sgd", "--quiet"]
+    assert cli.main([*words, "--response", str(tmp_path / "plm.json")]) == 0
+    ours = engine.PhaseHologram.load(folder / "hologram")
+    assert len(np.unique(ours.data)) == 16 and ours.report["measured_levels"]
+    assert cli.main([*words, "--response", str(text), "--out", str(tmp_path / "other")]) == 0
+    assert np.array_equal(engine.PhaseHologram.load(tmp_path / "other").data, ours.data)
+    text.write_text("0 pi")
+    assert cli.main([*words, "--response", str(text)]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    assert cli.main([*words, "--response", str(tmp_path / "plm.json"), "--bits", "4"]) == 2
+    assert "leave out the bits" in capsys.readouterr().err
+
+
+def test_levels_scale_with_the_wavelength(tmp_path):
+    calibration("plm").save(tmp_path / "plm.json")
+    green, red = measured_levels(tmp_path / "plm.json", [GREEN, 2 * GREEN])
+    np.testing.assert_allclose(green, RESPONSES["plm"][1])
+    np.testing.assert_allclose(red, RESPONSES["plm"][1] / 2)
+
+
+@pytest.mark.parametrize(
+    ("levels", "says"),
+    [
+        ([[0, 1], [0, 1]], "levels of 2 wavelengths for 1"),
+        ([[0, TURN]], "two or more"),
+        ([[0, math.nan]], "two or more"),
+    ],
+)
+def test_levels_that_cannot_be(levels, says, field):
+    with pytest.raises(engine.InvalidInput, match=says):
+        engine.encode(field, "sgd", levels=levels)
