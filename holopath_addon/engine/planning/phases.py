@@ -118,6 +118,10 @@ def plan_encoding(
         better = _refining(costs, *ENOUGH)
         return EncodingPlan(plain, 0, 0, _limited(costs[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
+    if not several and not most:
+        return EncodingPlan(
+            "sgd", 0, 0, costs["sgd"], "one frame keeps its speckle, whatever it goes towards"
+        )
     sets, steps = ALL if most else ENOUGH
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most else _refining(costs, *ALL)
