@@ -25,8 +25,8 @@ MOST_BYTES = (
     1 << 29
 )  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
 
-# Pixels that light of a modulator is given to stray into. With none, pictures of 30 dB measure a decibel too low or too
-# high at 256 x 256; with 128, as with 384 and as by torchoptics within 0.1 dB (docs/measurements.md, Phases for an SLM).
+# Pixels that light of a modulator is given to stray into. With none, pictures of 28 dB are measured a decibel wrong at
+# 256 x 256; with 128, within 0.1 dB of torchoptics on a much wider grid (docs/measurements.md, Phases for an SLM).
 STRAYS = 128
 
 
