@@ -13,6 +13,7 @@ from . import engine, failures, output
 from .command_line import (
     cluster_command,
     encode_command,
+    exchange_command,
     render_command,
     slm_commands,
     sources,
@@ -20,7 +21,7 @@ from .command_line import (
     template_command,
 )
 from .command_line.console import Progress, alive, close_line
-from .command_line.options import argument
+from .command_line.options import argument, numbers
 from .engine.progress import stage
 from .farm.processes import INTERRUPTS
 
@@ -148,10 +149,17 @@ def _parser(store):
     reconstruct = command("reconstruct", _reconstruct, "Refocus a stored wave field without rendering again.")
     reconstruct.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
     render_command.add_focus(reconstruct, "the depths of the stored pictures")
+    reconstruct.add_argument(
+        "--distances",
+        type=numbers(0, "a list of distances", "millimeters"),
+        metavar="MM[,MM..]",
+        help="focus at distances from the SLM instead, within the depth volume",
+    )
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
     _add_modulator(reconstruct)
 
     encode_command.add(command)
+    exchange_command.add(command)
 
     cache = command("cache", _cache, "Say how much baked light is kept, and where.")
     render_command.add_cache(cache, store)
@@ -227,7 +235,7 @@ def _reconstruct(args):
         raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
     field = output.stored_hologram(folder).field(modulator) if args.hologram else output.stored_field(folder)
     report = output.read_report(folder)
-    focus = args.focus or [float(f) for f in report.get("focus_m", [])]
+    focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:
         raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
     images = engine.reconstruct(
@@ -240,6 +248,18 @@ def _reconstruct(args):
     prefix = "hologram_" if args.hologram else ""
     output.write_pictures(target, {prefix + name: data for name, data in files.items()})
     progress(1.0, f"Done: {target}")
+
+
+def _at(millimeters, field):
+    """World depths of distances from the SLM."""
+    ends = 1e3 * field.hologram.depth_far, 1e3 * field.hologram.depth_near
+    for distance in millimeters or ():
+        if not distance >= ends[0]:
+            raise engine.InvalidInput(
+                f"{distance:g} mm from the SLM lies beyond infinity, which this field has at {ends[0]:g} mm: give "
+                f"distances from there on; the near end lies at {ends[1]:g} mm."
+            )
+    return [float(field.mapping.z_to_depth(mm * 1e-3)) for mm in millimeters or ()]
 
 
 def _cache(args):

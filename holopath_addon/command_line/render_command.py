@@ -109,7 +109,7 @@ def add_scene(parser, store):
     add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometres (default: the file's, 8)")
     add(
         "--wavelengths",
-        type=_numbers(0, "a list of wavelengths", "nanometres"),
+        type=options.numbers(0, "a list of wavelengths", "nanometres"),
         metavar="NM[,NM..]",
         help="default: the file's, 640,516.5,455.4",
     )
@@ -120,7 +120,7 @@ def add_scene(parser, store):
     )
     add(
         "--depth-range",
-        type=_numbers(2, "FAR,NEAR", "millimetres"),
+        type=options.numbers(2, "FAR,NEAR", "millimetres"),
         metavar="FAR_MM,NEAR_MM",
         help="infinity's and the near end's distances from the SLM (default: what the display can show)",
     )
@@ -134,13 +134,13 @@ def add_scene(parser, store):
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
     add(
         "--move",
-        type=_numbers(3, "RIGHT,UP,FORWARD", "meters"),
+        type=options.numbers(3, "RIGHT,UP,FORWARD", "meters"),
         metavar="RIGHT,UP,FORWARD",
         help="put the camera elsewhere, meters along its own axes",
     )
     add(
         "--turn",
-        type=_numbers(2, "LEFT,UP", "degrees"),
+        type=options.numbers(2, "LEFT,UP", "degrees"),
         metavar="LEFT,UP",
         help="then turn it, degrees",
     )
@@ -234,23 +234,10 @@ def add_focus(parser, default):
     )
     parser.add_argument(
         "--pupil",
-        type=_numbers(3, "X,Y,DIAMETER", "millimetres"),
+        type=options.numbers(3, "X,Y,DIAMETER", "millimetres"),
         metavar="X,Y,DIAMETER",
         help="part of the viewer's pupil, mm right and up of the axis (default: all of it)",
     )
-
-
-def _numbers(count, shape, unit):
-    def parse(text):
-        try:
-            values = [float(part) for part in text.split(",")]
-        except ValueError:
-            values = []
-        if not values or (count and len(values) != count):
-            raise engine.InvalidInput(f"'{text}' is not {shape} in {unit}")
-        return values
-
-    return argument(parse)
 
 
 def _resolution(text):
