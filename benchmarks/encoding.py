@@ -333,9 +333,12 @@ def seconds(names=("three planes", "two planes under a lamp", "suzanne"), given=
         look = _views_of(subject, field)
         lines.append(f"  {name}: the complex field {_mean_and_worst(look(field))}")
         limits = [{"seconds": limit} for limit in given] + [{}]
-        for method, options in [("sgd", {}), ("joint", {}), *(("auto", limit) for limit in limits)] + [
-            ("joint", limit) for limit in limits[:-1]
-        ]:
+        for method, options in [
+            ("sgd", {}),
+            ("joint", {}),
+            ("refine", {}),
+            *(("auto", limit) for limit in limits),
+        ] + [("joint", limit) for limit in limits[:-1]]:
             start = time.perf_counter()
             phase = pipeline.encode(field, method, lambda *_: None, subject.scene, settings, **options)
             taken, chosen = time.perf_counter() - start, phase.report["plan"]
