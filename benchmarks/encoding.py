@@ -39,6 +39,7 @@ ENCODINGS = {
 }
 ROUNDED = ("sgd", "joint")  # to 8 bits as well
 TRUTH = 512  # paths a pixel
+GIVEN = (0.5, 1, 2, 5, 10, 30)  # seconds that encodings are given
 MARKS = (2, 5, 10, 20, 30, 60)  # seconds
 VIEWS = ("0.5 m", "1 m", "2 m", "0.67 m", "1.33 m", "right", "left", "up", "down")
 OURS, RANDOM = "our field", "random phases"
@@ -49,7 +50,13 @@ LARGE, LARGE_FRAMES = (1080, 1920), 4
 def run(folder, part=None):
     """Tables as text, of one part or of all; the chart goes to ``folder/encoding.png``."""
     variants.activate()
-    parts = {"methods": methods, "refine": lambda: refine(folder), "cost": cost, "large": large}
+    parts = {
+        "methods": methods,
+        "refine": lambda: refine(folder),
+        "seconds": seconds,
+        "cost": cost,
+        "large": large,
+    }
     return "\n".join(parts[name]() for name in ([part] if part else parts))
 
 
@@ -308,6 +315,63 @@ def _chart(curves, path):
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
     plt.close(figure)
+
+
+def seconds(names=("three planes", "two planes under a lamp", "suzanne"), given=GIVEN, frames=8):
+    """What phases show that were found in so many seconds: what `auto` chooses, and `joint` in the same time."""
+    build = Scenes()
+    builders = {
+        "three planes": lambda: planes(build.three_planes()),
+        "two planes under a lamp": lambda: planes(build.two_planes(build.diffuse)),
+        "suzanne": suzanne,
+    }
+    lines = [f"seconds of encoding: {SIDE} x {SIDE}, M = {frames}, nine views, PSNR in dB, mean / worst"]
+    for name in names:
+        subject, settings = builders[name](), engine.Settings(frames=frames)
+        view = subject.scene, subject.camera, subject.hologram
+        field = engine.render(*view, settings)
+        look = _views_of(subject, field)
+        lines.append(f"  {name}: the complex field {_mean_and_worst(look(field))}")
+        limits = [{"seconds": limit} for limit in given] + [{}]
+        for method, options in [
+            ("sgd", {}),
+            ("joint", {}),
+            ("refine", {}),
+            *(("auto", limit) for limit in limits),
+        ] + [("joint", limit) for limit in limits[:-1]]:
+            start = time.perf_counter()
+            phase = pipeline.encode(field, method, lambda *_: None, subject.scene, settings, **options)
+            taken, chosen = time.perf_counter() - start, phase.report["plan"]
+            steps = phase.report["stages"][-1]["steps"]
+            lines.append(
+                f"    {method:6}{options.get('seconds', '-'):>5} s: {_mean_and_worst(look(phase.field()))}  "
+                f"{taken:6.1f} s, {phase.method}, {chosen['frames']} more frames, {steps} steps"
+            )
+    return "\n".join(lines)
+
+
+def _views_of(subject, field):
+    """PSNR of fields in five depths and four half pupils, as a function of them."""
+    near, far = (1 / subject.focus[n] for n in (0, -1))
+    depths = [1 / d for d in np.linspace(near, far, 5)]
+    half = field.mapping.pupil_radius(subject.hologram.max_slope(GREEN)) / 2
+    pupils = [engine.Pupil(half * x, half * y, 2 * half) for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+    looks = [(depth, None) for depth in depths] + [(depths[2], pupil) for pupil in pupils]
+    view, edge = (subject.scene, subject.camera, subject.hologram), border(subject.hologram)
+    truth = [
+        engine.reference(*view, [depth], pupil, spp=TRUTH, near=field.near, halves=True)[0]
+        for depth, pupil in looks
+    ]
+
+    def look(light):
+        focused = engine.Refocuser(light)
+        return [engine.psnr(focused([d], p)[0], t, edge) for (d, p), t in zip(looks, truth, strict=True)]
+
+    return look
+
+
+def _mean_and_worst(values):
+    return f"{np.mean(values):5.2f} / {min(values):5.2f}"
 
 
 def cost(sizes=SIZES):

@@ -494,6 +494,52 @@ def test_seconds_of_encoding(xml, tmp_path, capfd):
     assert 1 < report["seconds"]["encoding"] < 6
 
 
+def by_torchoptics(pictures, gain, pitch, wavelength, z):
+    """Mean intensity at a distance from the SLM, behind a round stop in its Fourier plane, of pictures of phases.
+
+    In double precision on a grid wide enough that nothing comes back from its other side.
+    """
+    torch, torchoptics = pytest.importorskip("torch"), pytest.importorskip("torchoptics")
+    (rows, columns), pad = pictures[0].shape, 256
+    fy, fx = (torch.fft.fftfreq(n + 2 * pad, pitch, dtype=torch.float64) for n in (rows, columns))
+    stop = torch.hypot(fx[None, :], fy[:, None]) <= 0.5 / pitch
+    total = 0.0
+    for picture in pictures:
+        phases = torch.tensor(picture.astype(float)) * (2 * math.pi / 256)
+        sent = torch.nn.functional.pad(gain * torch.exp(1j * phases), (pad, pad, pad, pad))
+        field = torchoptics.Field(torch.fft.ifft2(torch.fft.fft2(sent) * stop), wavelength, spacing=pitch)
+        there = field.propagate_to_z(z, propagation_method="ASM", asm_pad=(0, 0)).data
+        total = total + there[pad : pad + rows, pad : pad + columns].abs() ** 2
+    return (total / len(pictures)).numpy()
+
+
+@pytest.mark.oracle
+def test_pictures_of_phases_are_by_torchoptics_what_they_are_by_us(xml, tmp_path):
+    """Against the thin lens, from the files that a device is sent: the same PSNR, near, far and between."""
+    out, focus, side = tmp_path / "out", [0.4, 0.6, 2.0], 256
+    words = ["render", str(xml), "--resolution", f"{side}x{side}", "--frames", "4", "--wavelengths", "516.5"]
+    assert cli.main([*words, "--encode", "refine", "--out", str(out), "--quiet"]) == 0
+    import mitsuba as mi
+
+    stored = engine.PhaseHologram.load(out / "hologram")
+    assert stored.method == "refine"
+    files = sorted((out / "hologram").glob("frame_*nm.png"))
+    pictures = [np.squeeze(np.array(mi.Bitmap(str(file)))) for file in files]
+    assert len(pictures) == 4
+    loaded = sources.open_source(str(xml)).load(side, side, None)
+    hologram, field = stored.hologram, engine.WaveField.load(out / "wavefield")
+    truth = engine.reference(loaded.scene, loaded.camera, hologram, focus, spp=256, near=field.near)
+    ours = engine.reconstruct(stored.field(engine.Modulator(8)), focus)
+    for depth, own, wanted in zip(focus, ours, truth, strict=True):
+        z = float(field.mapping.depth_to_z(depth))
+        theirs = by_torchoptics(pictures, stored.gains[0], hologram.pitch, hologram.wavelengths[0], z)[
+            ..., None
+        ]
+        psnr = engine.psnr(theirs, wanted, 12)
+        assert psnr == pytest.approx(engine.psnr(own, wanted, 12), abs=0.1) and psnr > 18
+        assert theirs.mean() == pytest.approx(own.mean(), rel=0.005)
+
+
 def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
     """As the display shows them: other pictures than the field's, beside those."""
     words = ["encode", str(rendered), "--method", "dpac", "--out", str(tmp_path / "hologram"), "--quiet"]

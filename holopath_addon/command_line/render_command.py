@@ -160,7 +160,7 @@ def add_encoding(parser):
         choices=("none", *ENCODINGS),
         default="none",
         help="also write phases for an SLM into DIR/hologram (default none); auto is the best that --encode-seconds "
-        "allow; without them refine with --method full, joint with several frames, sgd with one",
+        "allow: refine, joint where they are too few, sgd with one frame",
     )
     add_levels(parser)
     add(

@@ -118,8 +118,8 @@ ENCODINGS = choices(
     (
         "auto",
         "Automatic",
-        "The best that the seconds allow; without a limit Many Frames where the method Full traced all light, else All "
-        "Frames, or Each Frame where there is one",
+        "The best that the seconds allow: Many Frames where the scene is at hand, or All Frames; with one frame "
+        "Each Frame",
     ),
     ("sgd", "Each Frame", "Gradient descent towards each frame's complex field"),
     (
@@ -130,7 +130,7 @@ ENCODINGS = choices(
     (
         "refine",
         "Many Frames",
-        "Each frame, then all together towards the mean of 192 more frames, which are traced for it: nearest to the "
+        "Each frame, then all together towards the mean of many more frames, which are traced for it: nearest to the "
         "scene, and takes longer",
     ),
 )

@@ -31,6 +31,8 @@ class WaveField:
         World depth in metres at the volume's near end.
     plan, report : dict
         What was planned, and seconds and rays per stage.
+    modulated : bool
+        Whether it is the light of a modulator, which fills aperture and band to their edges, so that more of it strays.
     """
 
     data: np.ndarray = field(repr=False)
@@ -39,6 +41,7 @@ class WaveField:
     near: float
     plan: dict = field(default_factory=dict, repr=False)
     report: dict = field(default_factory=dict, repr=False)
+    modulated: bool = False
 
     @property
     def mapping(self) -> DepthMapping:

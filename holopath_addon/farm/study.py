@@ -30,7 +30,18 @@ FLAGS = ("compare_reference", "rgbd")
 NAMES = (
     *DECLARED,
     *("display", "resolution", "pitch", "wavelengths", "depth_range", "depth_mapping", "near"),
-    *("camera", "move", "turn", "at_frame", "focus", "pupil", "encode", "bits", "light_field"),
+    *(
+        "camera",
+        "move",
+        "turn",
+        "at_frame",
+        "focus",
+        "pupil",
+        "encode",
+        "encode_seconds",
+        "bits",
+        "light_field",
+    ),
     *FLAGS,
 )
 PARTS = ("scenes", "seeds", "settings", "grid", "list", "views")

@@ -93,7 +93,7 @@ PHASES = {"sgd": 1.0, "joint": 8.0, "light": 2.0, "set": 1.0, "step": 0.1}
 @pytest.mark.parametrize(
     ("settings", "says", "names"),
     [
-        ({}, ("Many Frames: About 17 s", "51 s of encoding would gain up to 1 dB"), True),
+        ({}, ("Many Frames: About 17 s", "51 s of encoding would gain up to 2 dB"), True),
         ({"limit_encoding": True}, ("Many Frames: About 30 s", "so many seconds"), True),
         (
             {"limit_encoding": True, "encode_seconds": 2.0},

@@ -161,7 +161,8 @@ def test_files_that_a_mitsuba_scene_is_made_of(tmp_path):
 
 def test_the_table_tells_what_the_reports_do(study, tmp_path):
     path = study(
-        'compare_reference = true\nencode = "dpac"\n[[list]]\nframes = 1\n[[list]]\nframes = 2\nwrp = 1.2\n'
+        'compare_reference = true\nencode = "auto"\nencode_seconds = 0.5\n'
+        "[[list]]\nframes = 1\n[[list]]\nframes = 2\nwrp = 1.2\n"
     )
     out = tmp_path / "elsewhere"
     assert run(path, "--out", str(out)) == 0
@@ -181,7 +182,12 @@ def test_the_table_tells_what_the_reports_do(study, tmp_path):
         assert float(row["seconds_wave_tracing"]) == report["seconds"]["wave tracing"]
         for name in set(engine.settings.DECLARED) - {"wrp", "fixed"}:
             assert row[name] == ("" if report["settings"][name] is None else str(report["settings"][name]))
-        assert float(row["pitch_m"]) == 8e-6 and row["encoding_method"] == "dpac" and row["error"] == ""
+        assert (
+            float(row["pitch_m"]) == 8e-6
+            and row["encoding_method"] == report["encoding"]["method"]
+            and row["error"] == ""
+        )
+        assert 0 < float(row["planned_seconds_encoding"]) <= 0.5
         assert (out / row["picture"]).is_file()
     assert [(row["frames"], row["wrp"]) for row in found[::2]] == [("1", ""), ("2", "1.2")]
     assert [row["wrp_m"] for row in found[::2]] == ["auto", "0.0012"]

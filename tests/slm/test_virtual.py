@@ -294,7 +294,7 @@ def test_the_panel_by_hand(bench, hologram):
         phases = phases - aberration(80, 90) * 633e-9 / wavelength
         # (80 - 64) / 2 - 4 = 4 rows from the top, (90 - 64) / 2 + 5 = 18 columns from the left
         light[0, k] = hologram.gains[k] * np.exp(1j * phases[4 : 4 + SIDE, 18 : 18 + SIDE][::-1, ::-1])
-    field = engine.WaveField(light, hologram.hologram, hologram.camera, hologram.near)
+    field = engine.WaveField(light, hologram.hologram, hologram.camera, hologram.near, modulated=True)
     ideal = engine.reconstruct(field, field.mapping.z_to_depth(DISTANCES))
     assert decibels(seen(bench), ideal) > 90
 

@@ -63,7 +63,7 @@ class PhaseHologram:
         """
         gains = np.asarray(self.gains, np.float32)[:, None, None]
         light = (modulator or Modulator()).light(self.data)
-        return WaveField(gains * light, self.hologram, self.camera, self.near)
+        return WaveField(gains * light, self.hologram, self.camera, self.near, modulated=True)
 
     def save(self, folder: Path | str, progress: Progress | None = None) -> None:
         """Write ``phase.npy``, a picture of 8 bits for each frame and wavelength, and ``meta.json``.

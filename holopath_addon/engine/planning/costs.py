@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..encoding.views import MOST_DEPTHS
+from ..encoding.views import KINDS, MOST_DEPTHS
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
@@ -49,9 +49,10 @@ LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
 # Of encodings, a pixel of each frame and wavelength: descents to their ends, and transforms of the padded grid with
-# what is around them; those of a step of `refine`, and of a frame for all views at a depth (docs/theory.md).
+# what is around them; how many a step of `refine` takes of each frame, and all views at a depth.
 SGD, JOINT, TRANSFORM = 0.7e-6, 6e-6, 8e-9
-STEP, DEPTH = 5.25, 2.0
+STEP = 2 + 2 * sum(kind.looks * kind.radius**2 for kind in KINDS)
+DEPTH = sum(kind.each * kind.radius**2 for kind in KINDS)
 
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the

@@ -22,7 +22,7 @@ MOST, LEAST = 8, 1  # sets
 # Sets and steps where nothing limits the seconds: as many as gain most, and all that gain anything. And steps from
 # which on phases are better than those of `joint` (docs/measurements.md, Seconds of encoding).
 ENOUGH, ALL, LEAST_STEPS = (4, 100), (MOST, 400), 30
-GAINS = "2 to 4 dB", "up to 1 dB"  # of `ENOUGH` over `joint`, and of `ALL` over that; the same measurement
+GAINS = "up to 4 dB", "up to 2 dB"  # of `ENOUGH` over `joint`, and of `ALL` over that; the same measurement
 
 
 @dataclass(frozen=True)
@@ -115,12 +115,16 @@ def plan_encoding(
             return EncodingPlan("refine", max(sets, LEAST) * SET, 0, seconds, reason)
         least = _refining(costs, LEAST, LEAST_STEPS)
         reason = f"more frames of the same light, which show more, take {_seconds(least)} to be worth it"
-        better = _refining(costs, *ENOUGH)
+        better = _upwards(_refining(costs, *ENOUGH))
         return EncodingPlan(plain, 0, 0, _limited(costs[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
+    if not several and not most:
+        return EncodingPlan(
+            "sgd", 0, 0, costs["sgd"], "one frame keeps its speckle, whatever it goes towards"
+        )
     sets, steps = ALL if most else ENOUGH
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
-    better = None if most else _refining(costs, *ALL)
+    better = None if most else _upwards(_refining(costs, *ALL))
     return EncodingPlan("refine", sets * SET, steps, _refining(costs, sets, steps), reason, better)
 
 
@@ -142,6 +146,12 @@ def _sets(costs, seconds):
 
 def _limited(taken, seconds):
     return taken if seconds is None else min(taken, seconds) if taken else seconds
+
+
+def _upwards(seconds):
+    """Rounded up to two digits."""
+    unit = 10 ** (math.floor(math.log10(seconds)) - 1)
+    return unit * math.ceil(round(seconds / unit, 6))
 
 
 def _seconds(seconds):

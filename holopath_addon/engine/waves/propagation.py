@@ -128,19 +128,24 @@ def representable(shape: Sequence[int], pitch: float, wavelength: float, distanc
     return axes
 
 
-def padded_shape(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> tuple[int, int]:
+def padded_shape(
+    shape: Sequence[int], pitch: float, wavelength: float, distance: float, strays: int = 0
+) -> tuple[int, int]:
     """Smallest fast FFT shape on which a window of `shape` is propagated without wrap-around.
 
     A wave of the steepest recordable slope walks s = tan(asin(wavelength / 2 pitch)) |distance|; the grid
-    must hold the window and one such walk, and the kernel's two walks.
+    must hold the window and one such walk, and the kernel's two walks. What a sharp band's edge spreads beyond falls
+    with the third power of the distance; `strays` more pixels hold most of it.
     """
     walk = math.ceil(math.tan(math.asin(wavelength / (2 * pitch))) * abs(distance) / pitch) + 8
-    return tuple(scipy.fft.next_fast_len(max(n + walk, 2 * walk)) for n in shape)
+    return tuple(scipy.fft.next_fast_len(max(n + walk + strays, 2 * walk)) for n in shape)
 
 
-def grid_bytes(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> int:
-    """Memory that propagating one field of `shape` by a distance takes, bytes."""
-    return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance))
+def grid_bytes(
+    shape: Sequence[int], pitch: float, wavelength: float, distance: float, strays: int = 0
+) -> int:
+    """Memory that propagating one field of `shape` by a distance takes, bytes; see `padded_shape`."""
+    return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance, strays))
 
 
 def spectrum(field: np.ndarray, shape: Sequence[int]) -> np.ndarray:

@@ -113,5 +113,6 @@ class VirtualDriver:
         phases = self._truth.seen(level, wavelength, (hologram.height, hologram.width))
         light = np.float32(self._hologram.gains[k]) * self._modulator.light(phases)
         alone = replace(self._hologram.hologram, wavelengths=(wavelength,))
-        field = WaveField(light[None, None], alone, self._hologram.camera, self._hologram.near)
+        camera, near = self._hologram.camera, self._hologram.near
+        field = WaveField(light[None, None], alone, camera, near, modulated=True)
         return Refocuser(field)([self.focus])[0, ..., 0]

@@ -48,6 +48,8 @@ def test_without_a_limit():
             ("refine", 96, 100),
             ("refine", 192, 400),
         ]
+    assert chosen(frames=1).method == "sgd" and not chosen(frames=1).advice
+    assert chosen(frames=1, seconds=50).method == "refine"
     assert chosen().seconds == 1 + 2 + 4 + 100 * 0.1
     assert chosen("sgd").seconds == 1 and chosen("sgd", seconds=0.3).seconds == 0.3
     assert (
