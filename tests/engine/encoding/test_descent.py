@@ -81,7 +81,8 @@ def test_gradient_against_finite_differences(kind, threads):
             loss, back = mean.gradient(light, 1)
             return loss, back, np.ones(len(light))
     elif kind == "views":
-        views, chosen = Views(fields.shape[-2:], PITCH, GREEN, -1e-3, 2e-3, 0), [(0, 0.5), (1, 0.3), (7, 0.2)]
+        views = Views(fields.shape[-2:], PITCH, GREEN, -1e-3, 2e-3, 0)
+        chosen = [(numbers[-1], share) for numbers, share in zip(views.kinds, (0.5, 0.3, 0.2), strict=True)]
         views.add(fields, threads)
 
         def gradient(light):
@@ -491,6 +492,18 @@ def test_views_are_those_of_a_field():
         for number, wanted in zip(numbers, pictures.wanted, strict=True):
             error = views.wanted[number] - wanted[::apart, ::apart]
             assert np.sqrt((error**2).mean()) < 0.2 * wanted.mean()  # their edges have other bins
+
+
+def test_parts_of_the_pupil_that_are_looked_through_lie_all_over_it():
+    """Where n discs share a larger one, the nearest two of a spiral are about as far apart as its area allows."""
+    views = Views((32, 32), PITCH, GREEN, 1e-3, 4e-3, seed=3)
+    for numbers, radius in zip(views.kinds[1:], (0.25, 0.125), strict=True):
+        parts = np.array([views.vantages[n].part for n in numbers])
+        assert (parts[:, 2] == radius).all()
+        middles, room = parts[:, :2], 0.5 - radius
+        assert np.hypot(*middles.T).max() <= room
+        apart = np.hypot(*(middles[:, None] - middles).T)[~np.eye(len(parts), dtype=bool)].min()
+        assert apart > 0.8 * room * math.sqrt(math.pi / len(parts))
 
 
 def test_pictures_count_frames_as_they_come():
