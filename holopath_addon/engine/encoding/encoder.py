@@ -311,6 +311,8 @@ class _Work:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
                         wanted[colour].add(fields[:, place] * scale, self._threads)
+            for views in wanted.values():
+                views.unvignette()
             stage["frames"] = min(counts.values())
         part = (1 - TRACED) / len(self.colours)
         for number, colour in enumerate(self.colours):

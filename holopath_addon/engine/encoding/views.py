@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 MOST_DEPTHS = 20
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
 MOST_BYTES = 1 << 30  # of transfer functions that are kept
+LEAST_MET = 0.25  # of a cone of light, as in a corner: what would have to be brighter still stays dark
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
@@ -93,6 +94,7 @@ class Views:
         self._transfers: dict[float, np.ndarray] = {}
         self._frames = 0
         slope, rng = math.tan(math.asin(wavelength / (2 * pitch))), np.random.default_rng(seed)
+        self._reach = slope / pitch
         depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
         for numbers, kind in zip(self.kinds, KINDS, strict=True):
             parts = _parts(kind.radius, kind.each * depths, rng)
@@ -125,6 +127,19 @@ class Views:
             wanted *= np.float32(1 / self._frames)
 
         threads.each(count, len(self))
+
+    def unvignette(self) -> None:
+        """Want views as bright near their edges as if the fields had none; once, when all frames are counted.
+
+        Of the cone of light that a point near an edge sends out, a part passes beside the SLM. What meets it is wanted
+        as much brighter, through any part of the pupil, so that the whole of it sees no dark border.
+        """
+        met: dict[float, np.ndarray] = {}
+        for number, view in enumerate(self._views):
+            distance, apart = view.vantage.distance, view.apart
+            if distance not in met:
+                met[distance] = _met(self.shape, self.padded, abs(distance) * self._reach)
+            self.wanted[number] /= met[distance][::apart, ::apart]
 
     def weight(self, number: int) -> np.ndarray:
         """Of the squared error of each pixel of a view."""
@@ -188,6 +203,16 @@ class _View:
             )
             self.bins = np.ix_(rows, columns)
             self.passes = self.passes[self.bins]
+
+
+def _met(shape, padded, radius):
+    """Share of each pixel's cone of light, `radius` pixels wide at the SLM, that meets it; `LEAST_MET` at least."""
+    rows, columns = (scipy.fft.fftfreq(n, 1 / n) for n in padded)
+    slm, cone = np.zeros((2, *padded), np.float32)
+    slm[: shape[0], : shape[1]] = 1
+    cone[np.hypot(columns[None, :], rows[:, None]) <= radius] = 1
+    share = scipy.fft.irfft2(scipy.fft.rfft2(slm) * scipy.fft.rfft2(cone), padded) / cone.sum()
+    return np.maximum(share[: shape[0], : shape[1]], LEAST_MET)
 
 
 def _parts(radius, count, rng):
