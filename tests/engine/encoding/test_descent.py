@@ -419,9 +419,8 @@ def test_refined_phases_are_nearest_to_the_mean_of_many_frames():
             8:-8, 8:-8
         ]  # edges are brighter than in the field, and depths share the light that this takes
         brightness.append(after[inner].mean() / wanted[inner].mean())
-    assert np.mean(brightness[:3]) == pytest.approx(1, abs=0.05) and brightness[3] == pytest.approx(
-        1, abs=0.1
-    )
+    assert np.mean(brightness[:3]) == pytest.approx(1, abs=0.05)
+    assert 1 / (1 + 1 / 4) < brightness[3] < 1.05  # of four frames' speckle the squared error is least there
 
 
 def test_refinement_that_finds_no_rest_keeps_its_start(monkeypatch):
