@@ -13,6 +13,7 @@ from . import engine, failures, output
 from .command_line import (
     cluster_command,
     encode_command,
+    exchange_command,
     render_command,
     slm_commands,
     sources,
@@ -20,7 +21,7 @@ from .command_line import (
     template_command,
 )
 from .command_line.console import Progress, alive, close_line
-from .command_line.options import argument
+from .command_line.options import argument, numbers
 from .engine.progress import stage
 from .farm.processes import INTERRUPTS
 
@@ -142,15 +143,23 @@ def _parser(store):
 
     plan = command("plan", _plan, "Say what would be computed, why and how long it takes; compute nothing.")
     render_command.add_scene(plan, store)
+    render_command.add_encoding(plan)
     plan.add_argument("--json", action="store_true", help="machine-readable")
 
     reconstruct = command("reconstruct", _reconstruct, "Refocus a stored wave field without rendering again.")
     reconstruct.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
     render_command.add_focus(reconstruct, "the depths of the stored pictures")
+    reconstruct.add_argument(
+        "--distances",
+        type=numbers(0, "a list of distances", "millimeters"),
+        metavar="MM[,MM..]",
+        help="focus at distances from the SLM instead, within the depth volume",
+    )
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
     _add_modulator(reconstruct)
 
     encode_command.add(command)
+    exchange_command.add(command)
 
     cache = command("cache", _cache, "Say how much baked light is kept, and where.")
     render_command.add_cache(cache, store)
@@ -178,13 +187,18 @@ def _add_modulator(parser):
 
 
 def _plan(args):
+    seconds = render_command.encode_seconds_of(args)
     loaded, hologram, settings = render_command.load(args, sources.open_source(args.scene))
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
+    encoding = None
+    if args.encode != "none":
+        encoding = engine.plan_encoding(plan, settings, args.encode, seconds)
     if args.json:
         print(
             json.dumps(
                 {
                     **plan.to_dict(),
+                    "encoding": encoding and encoding.to_dict(),
                     "hologram": hologram.to_dict(),
                     "settings": asdict(settings),
                     "export_notes": loaded.notes,
@@ -194,6 +208,10 @@ def _plan(args):
         )
         return
     print(plan)
+    if encoding is not None:
+        print(encoding.decision)
+        if encoding.advice:
+            print(f"note: {encoding.advice} See --encode-seconds.")
     for note in loaded.notes:
         print(f"note: {render_command.note_text(note)}")
 
@@ -217,7 +235,7 @@ def _reconstruct(args):
         raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
     field = output.stored_hologram(folder).field(modulator) if args.hologram else output.stored_field(folder)
     report = output.read_report(folder)
-    focus = args.focus or [float(f) for f in report.get("focus_m", [])]
+    focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:
         raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
     images = engine.reconstruct(
@@ -230,6 +248,18 @@ def _reconstruct(args):
     prefix = "hologram_" if args.hologram else ""
     output.write_pictures(target, {prefix + name: data for name, data in files.items()})
     progress(1.0, f"Done: {target}")
+
+
+def _at(millimeters, field):
+    """World depths of distances from the SLM."""
+    ends = 1e3 * field.hologram.depth_far, 1e3 * field.hologram.depth_near
+    for distance in millimeters or ():
+        if not distance >= ends[0]:
+            raise engine.InvalidInput(
+                f"{distance:g} mm from the SLM lies beyond infinity, which this field has at {ends[0]:g} mm: give "
+                f"distances from there on; the near end lies at {ends[1]:g} mm."
+            )
+    return [float(field.mapping.z_to_depth(mm * 1e-3)) for mm in millimeters or ()]
 
 
 def _cache(args):

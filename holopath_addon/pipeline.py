@@ -314,41 +314,53 @@ def compute(
     return Result(plan, field, depths, images, clock.seconds)
 
 
-def encode(field, method, progress, scene=None, settings=None, store=None, **options):
+def encode(field, method, progress, scene=None, settings=None, store=None, seconds=None, **options):
     """Encode a field, with many more frames of its scene where the method wants them.
 
     Parameters
     ----------
     field : engine.WaveField
     method : str
-        Of `engine.encode`; `auto` is `refine` where the scene was rendered with the method full.
+        Of `engine.encode`; `auto` is what `engine.plan_encoding` chooses.
     progress : callable
         ``progress(done, message)``, may raise `engine.Cancelled`.
     scene : mitsuba.Scene, optional
-        That the field was rendered of.
+        That the field was rendered of. Without it and its settings `auto` is that of `engine.encode`.
     settings : engine.Settings, optional
         With which it was.
     store : engine.BakeStore, optional
         Where baked light is kept.
+    seconds : float, optional
+        That it may take.
     options
         Of `engine.encode`.
 
     Returns
     -------
     engine.PhaseHologram
+        Its `report` has the `engine.EncodingPlan`, too.
 
     Raises
     ------
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
     """
+    options["seconds"] = seconds
     if scene is None or settings is None:
         return engine.encode(field, method, progress, **options)
-    if method == "auto" and settings.method == "full":
-        method = "refine"
+    view = scene, field.camera, field.hologram, settings
+    plan = _planned(field) or engine.plan(*view, store)
+    chosen = engine.plan_encoding(plan, settings, method, seconds)
+    if chosen.steps:
+        options.setdefault("most_steps", chosen.steps)
 
     def many(progress):
-        view = scene, field.camera, field.hologram, settings
-        plan = _planned(field) or engine.plan(*view, store)
-        return engine.many_frames(*view, plan, progress, store)
+        return engine.many_frames(*view, plan, progress, store, chosen.frames)
 
-    return engine.encode(field, method, progress, many=many, **options)
+    try:
+        phase = engine.encode(field, chosen.method, progress, many=many, **options)
+    except engine.Cancelled as error:
+        if error.kept is not None:
+            error.kept.report["plan"] = chosen.to_dict()
+        raise
+    phase.report["plan"] = chosen.to_dict()
+    return phase

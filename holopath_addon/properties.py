@@ -18,7 +18,7 @@ from bpy.props import (
 
 from . import engine
 from .device_properties import HoloPathDevice, menu
-from .engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODINGS, default_of
+from .engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, default_of
 
 CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
@@ -39,29 +39,35 @@ def _declared_properties():
     """Blender's properties of the settings that the engine declares, each after its switch if it has one."""
     made = {}
     for name, declared in DECLARED.items():
-        switch, default = declared.switch, default_of(name)
-        if switch is not None:
-            made[switch.name] = BoolProperty(
-                name=switch.label, description=switch.help, default=not switch.by_hand
-            )
-            default = declared.initial
-        told: dict[str, Any] = {"name": declared.label, "description": declared.help, "default": default}
-        if declared.chosen:
-            made[name] = EnumProperty(**told, items=menu(declared.chosen))
-        elif name == "fixed":
-            told |= {"description": f"{declared.help}. There are {', '.join(engine.FIXABLE)}", "default": ""}
-            made[name] = StringProperty(**told)
-        else:
-            least, most = declared.bounds
-            low, high = declared.soft or declared.bounds
-            ends = {"min": least, "max": most, "soft_min": low, "soft_max": high}
-            told |= {key: end for key, end in ends.items() if math.isfinite(end)}
-            if declared.unit:
-                told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
-            elif declared.bounds[1] == 1.0:
-                told |= {"subtype": "FACTOR", "precision": 2}
-            kind = FloatProperty if declared.kind is float else IntProperty
-            made[property_of(name)] = kind(**told)
+        made |= _properties_of(property_of(name), declared, default_of(name))
+    return made | _properties_of("encode_seconds", ENCODE_SECONDS, None)
+
+
+def _properties_of(name, declared, default):
+    """The property of a declared value, after its switch if it has one."""
+    made, switch = {}, declared.switch
+    if switch is not None:
+        made[switch.name] = BoolProperty(
+            name=switch.label, description=switch.help, default=not switch.by_hand
+        )
+        default = declared.initial
+    told: dict[str, Any] = {"name": declared.label, "description": declared.help, "default": default}
+    if declared.chosen:
+        made[name] = EnumProperty(**told, items=menu(declared.chosen))
+    elif name == "fixed":
+        told |= {"description": f"{declared.help}. There are {', '.join(engine.FIXABLE)}", "default": ""}
+        made[name] = StringProperty(**told)
+    else:
+        least, most = declared.bounds
+        low, high = declared.soft or declared.bounds
+        ends = {"min": least, "max": most, "soft_min": low, "soft_max": high}
+        told |= {key: end for key, end in ends.items() if math.isfinite(end)}
+        if declared.unit:
+            told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
+        elif declared.bounds[1] == 1.0:
+            told |= {"subtype": "FACTOR", "precision": 2}
+        kind = FloatProperty if declared.kind is float else IntProperty
+        made[name] = kind(**told)
     return made
 
 
@@ -537,6 +543,12 @@ def _value(props, name, declared) -> Any:
     if isinstance(value, float):
         return _tidy(value * (1e-3 if declared.unit else 1))
     return value
+
+
+def encode_seconds_of(props):
+    """Seconds that encoding may take; None for no limit."""
+    limited = props.limit_encoding and props.encoding != "dpac"
+    return _tidy(props.encode_seconds) if limited else None
 
 
 def focus_of(props):

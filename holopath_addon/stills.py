@@ -24,7 +24,7 @@ VIEW_PATHS = 64  # a pixel, of each view of a light field
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_PHASES = {"encoded", "encoding_bits", "refine_seconds"}
+_PHASES = {"encoded", "encoding_bits", "encode_seconds"}
 _VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
@@ -33,7 +33,7 @@ _NAMES = {
     "compared": "comparison with the reference",
     "encoded": "encoding",
     "encoding_bits": "bits",
-    "refine_seconds": "seconds of the encoding",
+    "encode_seconds": "seconds of the encoding",
     "rgbd": "picture with depth",
     "light_field": "light field",
     "settings": "setting",
@@ -72,8 +72,8 @@ class Still:
         Points of the pupil in a row and in a column to write such pictures through.
     method : str or None
         How light is found, where that was decided for all frames of an animation and the settings leave it open.
-    refine_seconds : float or None
-        That the descent of the encoding `refine` takes.
+    encode_seconds : float or None
+        That encoding may take, see `engine.plan_encoding`.
     """
 
     name: str
@@ -92,7 +92,7 @@ class Still:
     rgbd: bool = False
     light_field: int | None = None
     method: str | None = None
-    refine_seconds: float | None = None
+    encode_seconds: float | None = None
 
     @cached_property
     def asked(self):
@@ -111,7 +111,7 @@ class Still:
             "encoding_bits": self.bits,
             "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
             "light_field": self.light_field,
-            "refine_seconds": self.refine_seconds,
+            "encode_seconds": self.encode_seconds,
         }
 
     def compute(self, progress, rendered=None, offer=None):
@@ -177,16 +177,16 @@ def write(
     with clock("files"):
         result.field.save(folder / "wavefield")
         output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
-    phase, stopped = encoded, []
+    phase, told = encoded, []
     if phase is None and still.encode != "none":
         at = stage(progress, rendered_at, end)
         with clock("encoding"):
-            phase, stopped = _encode(still, result.field, at, stoppable)
+            phase, told = _encode(still, result.field, at, stoppable)
     if phase is not None:
         with clock("files"):
             phase.save(folder / "hologram")
     bake = result.field.report.get("bake")
-    notes = [*result.plan.warnings, *pipeline.bake_notes(bake), *stopped]
+    notes = [*result.plan.warnings, *pipeline.bake_notes(bake), *told]
     report = {
         "scene": still.name,
         **asked,
@@ -205,7 +205,7 @@ def write(
     }
     if phase is not None:
         report["encoding"] = {"method": phase.method, **phase.report}
-    if still.compare and not stopped:
+    if still.compare and not (phase and phase.report.get("stopped")):
         with clock("reference"):
             rows = _compare(folder, still, result, stage(progress, end, 0.9))
         report |= {"comparison": rows, "warnings": [*notes, *_noise_notes(rows)]}
@@ -228,11 +228,12 @@ def write(
 
 
 def _encode(still, field, progress, stoppable):
-    """The phases that are asked for, and a warning if the user stopped before they were their best."""
+    """The phases that are asked for, and what to know of them."""
     try:
         what = field, still.encode, progress, still.scene, still.settings, still.store
-        phase = pipeline.encode(*what, bits=still.bits, seconds=still.refine_seconds)
-        return phase, []
+        phase = pipeline.encode(*what, bits=still.bits, seconds=still.encode_seconds)
+        advice = phase.report["plan"]["advice"]
+        return phase, [f"{advice} See --encode-seconds."] if advice else []
     except engine.Cancelled as error:
         if error.kept is None or not stoppable:
             raise

@@ -16,6 +16,7 @@ HOUSES = {
     "engine": (),
     "slm": ("engine",),
     "export": ("engine",),
+    "exchange": ("engine",),
     "farm": ("engine", "stills", "output", "failures"),
 }
 # The engine's rooms from low to high: modules of one know those of lower ones, and of their own.

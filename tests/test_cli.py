@@ -450,27 +450,48 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
     assert any("encoding was stopped" in text for text in report["warnings"])
 
 
-def test_refine_where_the_scene_is_at_hand(xml, tmp_path):
-    """`auto` with the method full."""
+@pytest.mark.parametrize(("method", "frames", "steps"), [("auto", 96, 100), ("full", 192, 400)])
+def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, method, frames, steps):
+    """`auto`, and more of them with the method full."""
     out = tmp_path / "out"
-    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--method", "full", "--encode", "auto"]
+    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--method", method, "--encode", "auto"]
     assert cli.main([*words, "--out", str(out), "--quiet"]) == 0
     phase = engine.PhaseHologram.load(out / "hologram")
     assert phase.method == "refine"
     stages = {stage["stage"]: stage for stage in phase.report["stages"]}
-    assert stages["many frames"]["frames"] == 192 and stages["refine"]["steps"] == 400
+    assert stages["many frames"]["frames"] == frames and stages["refine"]["steps"] == steps
 
 
-def test_seconds_of_refinement(xml, tmp_path, capfd):
-    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--quiet", "--out", str(tmp_path / "out")]
-    assert cli.main([*words, "--encode", "joint", "--refine-seconds", "1"]) == 2
-    assert "--refine-seconds is for --encode refine" in capfd.readouterr().err
-    assert cli.main([*words, "--encode", "refine", "--refine-seconds", "0"]) == 2
-    assert "more than 0 seconds" in capfd.readouterr().err
-    assert not (tmp_path / "out").exists()
-    assert cli.main([*words, "--encode", "refine", "--refine-seconds", "0.4"]) == 0
-    (stage,) = engine.PhaseHologram.load(tmp_path / "out" / "hologram").report["stages"][2:]
-    assert stage["stage"] == "refine" and 0.3 < stage["seconds"] < 3
+def test_seconds_of_encoding(xml, tmp_path, capfd):
+    """As many as are given, of all of it; `plan` tells, and a render in another time is encoded anew alone."""
+    out = tmp_path / "out"
+    words = [str(xml), *SMALL, "--wavelengths", "516.5"]
+    render = ["render", *words, "--quiet", "--out", str(out)]
+    for encode, seconds, says in (
+        ("none", "1", "add --encode auto"),
+        ("auto", "0", "0.1 or more"),
+        ("dpac", "1", "dpac"),
+    ):
+        refused(
+            cli.main([*render, "--encode", encode, "--encode-seconds", seconds]),
+            capfd.readouterr().err,
+            2,
+            says,
+        )
+    assert not out.exists()
+    assert cli.main(["plan", *words, "--encode", "auto", "--encode-seconds", "1000"]) == 0
+    assert "encoding: refine towards 192 more frames, about 1000 s (the best" in capfd.readouterr().out
+    assert cli.main(["plan", *words, "--encode", "auto", "--json"]) == 0
+    encoding = json.loads(capfd.readouterr().out)["encoding"]
+    assert encoding["method"] == "refine" and encoding["seconds"] > 0 and encoding["reason"]
+    assert cli.main(["plan", *words, "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["encoding"] is None
+    started = time.perf_counter()
+    assert cli.main([*render, "--encode", "auto", "--encode-seconds", "2"]) == 0
+    assert time.perf_counter() - started < 20
+    report = json.loads((out / "report.json").read_text())
+    assert report["encoding"]["plan"]["seconds"] == 2 and report["encode_seconds"] == 2
+    assert 1 < report["seconds"]["encoding"] < 6
 
 
 def test_pictures_of_stored_phases(rendered, tmp_path, capfd):

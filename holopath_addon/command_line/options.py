@@ -31,6 +31,21 @@ def argument(parse: Callable) -> Callable:
     return convert
 
 
+def numbers(count: int, shape: str, unit: str) -> Callable:
+    """Argument type of so many numbers with commas between them; 0 for one or more."""
+
+    def parse(text):
+        try:
+            values = [float(part) for part in text.split(",")]
+        except ValueError:
+            values = []
+        if not values or (count and len(values) != count):
+            raise engine.InvalidInput(f"'{text}' is not {shape} in {unit}")
+        return values
+
+    return argument(parse)
+
+
 def renamed(parser: argparse.ArgumentParser, old: str, new: str, **told) -> None:
     """Take an option's old name for a version more, with a word."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from .. import engine, lengths, output, stills
 from ..engine import displays
 from ..engine.progress import stage
-from ..engine.settings import DEPTH_MAPPINGS, ENCODINGS
+from ..engine.settings import DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
@@ -75,20 +75,7 @@ def add(command, store):
         help="make a still in N parts, which processes with the same words share; the result does not depend on N",
     )
     add_focus(render, "three depths spread over the visible range")
-    render.add_argument(
-        "--encode",
-        choices=("none", *ENCODINGS),
-        default="none",
-        help="also write phases for an SLM into DIR/hologram (default none); auto is refine with --method full, joint "
-        "with several frames, sgd with one",
-    )
-    add_bits(render)
-    render.add_argument(
-        "--refine-seconds",
-        type=argument(_seconds),
-        metavar="S",
-        help="let the descent of --encode refine take so long, more seconds for more accuracy (default: 400 steps)",
-    )
+    add_encoding(render)
     render.add_argument(
         "--compare-reference",
         action="store_true",
@@ -122,7 +109,7 @@ def add_scene(parser, store):
     add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometres (default: the file's, 8)")
     add(
         "--wavelengths",
-        type=_numbers(0, "a list of wavelengths", "nanometres"),
+        type=options.numbers(0, "a list of wavelengths", "nanometres"),
         metavar="NM[,NM..]",
         help="default: the file's, 640,516.5,455.4",
     )
@@ -133,7 +120,7 @@ def add_scene(parser, store):
     )
     add(
         "--depth-range",
-        type=_numbers(2, "FAR,NEAR", "millimetres"),
+        type=options.numbers(2, "FAR,NEAR", "millimetres"),
         metavar="FAR_MM,NEAR_MM",
         help="infinity's and the near end's distances from the SLM (default: what the display can show)",
     )
@@ -147,13 +134,13 @@ def add_scene(parser, store):
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
     add(
         "--move",
-        type=_numbers(3, "RIGHT,UP,FORWARD", "meters"),
+        type=options.numbers(3, "RIGHT,UP,FORWARD", "meters"),
         metavar="RIGHT,UP,FORWARD",
         help="put the camera elsewhere, meters along its own axes",
     )
     add(
         "--turn",
-        type=_numbers(2, "LEFT,UP", "degrees"),
+        type=options.numbers(2, "LEFT,UP", "degrees"),
         metavar="LEFT,UP",
         help="then turn it, degrees",
     )
@@ -163,6 +150,34 @@ def add_scene(parser, store):
         metavar="N",
         help="frame of a Blender scene (default: the file's current one)",
     )
+
+
+def add_encoding(parser):
+    add = parser.add_argument
+    add(
+        "--encode",
+        choices=("none", *ENCODINGS),
+        default="none",
+        help="also write phases for an SLM into DIR/hologram (default none); auto is the best that --encode-seconds "
+        "allow; without them refine with --method full, joint with several frames, sgd with one",
+    )
+    add_bits(parser)
+    add(
+        "--encode-seconds",
+        type=argument(_encode_seconds),
+        metavar=ENCODE_SECONDS.metavar,
+        help="that encoding may take after the field: more seconds, better phases; what there is by then is kept "
+        "(default: no limit)",
+    )
+
+
+def encode_seconds_of(args):
+    """Seconds that encoding may take; None for no limit."""
+    if args.encode_seconds is not None and args.encode in ("none", "dpac"):
+        raise engine.InvalidInput(
+            f"--encode-seconds is for phases by descent, not for {args.encode}: add --encode auto, or leave them out."
+        )
+    return args.encode_seconds
 
 
 def add_cache(parser, store):
@@ -195,10 +210,10 @@ def bits(text):
     return int(text)
 
 
-def _seconds(text):
-    if not 0 < float(text) < math.inf:
-        raise engine.InvalidInput(f"Refining takes more than 0 seconds, not {text}")
-    return float(text)
+def _encode_seconds(text):
+    seconds = float(text)
+    ENCODE_SECONDS.check(seconds)
+    return seconds
 
 
 def add_bits(parser):
@@ -219,23 +234,10 @@ def add_focus(parser, default):
     )
     parser.add_argument(
         "--pupil",
-        type=_numbers(3, "X,Y,DIAMETER", "millimetres"),
+        type=options.numbers(3, "X,Y,DIAMETER", "millimetres"),
         metavar="X,Y,DIAMETER",
         help="part of the viewer's pupil, mm right and up of the axis (default: all of it)",
     )
-
-
-def _numbers(count, shape, unit):
-    def parse(text):
-        try:
-            values = [float(part) for part in text.split(",")]
-        except ValueError:
-            values = []
-        if not values or (count and len(values) != count):
-            raise engine.InvalidInput(f"'{text}' is not {shape} in {unit}")
-        return values
-
-    return argument(parse)
 
 
 def _resolution(text):
@@ -296,8 +298,7 @@ def load(args, source):
 
 def still_of(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
-    if args.refine_seconds is not None and args.encode != "refine":
-        raise engine.InvalidInput("--refine-seconds is for --encode refine: choose it, or leave them out.")
+    seconds = encode_seconds_of(args)
     loaded, hologram, settings = load(args, source)
     return stills.Still(
         args.scene,
@@ -315,7 +316,7 @@ def still_of(args, source, job=None):
         job,
         args.rgbd,
         args.light_field,
-        refine_seconds=args.refine_seconds,
+        encode_seconds=seconds,
     )
 
 

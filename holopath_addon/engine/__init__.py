@@ -11,6 +11,7 @@ from .hologram import Hologram
 from .light.bake_store import BakeStore
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
+from .planning.phases import EncodingPlan, plan_encoding
 from .planning.planner import plan
 from .pupil import Pupil
 from .rendering import render
@@ -32,6 +33,7 @@ __all__ = [
     "DISPLAYS",
     "Decision",
     "Display",
+    "EncodingPlan",
     "FIXABLE",
     "Hologram",
     "InvalidInput",
@@ -49,6 +51,7 @@ __all__ = [
     "many_frames",
     "parse_fixed",
     "plan",
+    "plan_encoding",
     "psnr",
     "psnr_deviation",
     "psnr_of_halves",

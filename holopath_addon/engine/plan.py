@@ -147,6 +147,8 @@ class Plan:
         Bytes of the sums of pixels that are traced at once.
     stages : dict of str to float
         Estimated seconds of each stage on this machine; empty for baselines, of which nothing is foretold.
+    phases : dict of str to float
+        Those of what its encodings are made of, see `planning.costs.phases`; empty for baselines.
     error : float
         Estimated error of the wave field by the radiance's noise, relative to the field.
     memory_bytes : int
@@ -186,6 +188,7 @@ class Plan:
     textures: int | None
     chunk: int
     stages: dict
+    phases: dict
     error: float
     memory_bytes: int
     decisions: tuple = field(repr=False)

@@ -118,7 +118,8 @@ ENCODINGS = choices(
     (
         "auto",
         "Automatic",
-        "Many Frames where the method Full traced all light; else All Frames, or Each Frame where there is one",
+        "The best that the seconds allow; without a limit Many Frames where the method Full traced all light, else All "
+        "Frames, or Each Frame where there is one",
     ),
     ("sgd", "Each Frame", "Gradient descent towards each frame's complex field"),
     (
@@ -449,6 +450,26 @@ class Settings:
             object.__setattr__(self, name, value)
             if name != "fixed" and not (declared.switch and value == default_of(name)):
                 declared.check(value)
+
+
+# Of encodings, which fields know nothing of.
+ENCODE_SECONDS = Declaration(
+    "Encoding Seconds",
+    "Seconds that encoding may take, from the field on: Automatic then chooses the encoding that is best by then, and "
+    "each gives what it has when they are over",
+    section="hologram",
+    bounds=(0.1, math.inf),
+    soft=(1.0, 300.0),
+    initial=30.0,
+    switch=Switch(
+        "limit_encoding",
+        "Encode by the Clock",
+        "Let encoding take as many seconds as you give it, and make the best of them",
+        True,
+        "By the Clock",
+    ),
+    metavar="S",
+)
 
 
 DECLARED: dict[str, Declaration] = {each.name: each.metadata["declared"] for each in fields(Settings)}

@@ -116,14 +116,25 @@ def _make(task: dict, module: str, topic: str, *needed: dict) -> dict:
         if topic in post.ended:
             return {"failure": "Cancelled.", "status": failures.FAILED}
         told({"progress": 0.0, "message": "Starting"})
-        if post.child is None or not post.child.alive:
-            post.child = Child([sys.executable, "-m", module, "worker"], worker.state.nthreads)
-        answer = post.child.work(task, told)
+        answer = _child(post, module, worker.state.nthreads).work(task, told)
         if answer.get("cancelled") and topic not in post.ended:
             raise WorkerDied("a signal ended it")
     finally:
         post.busy = None
     return {"unit": task["unit"], "worker": worker.address, "seconds": time.monotonic() - start, **answer}
+
+
+async def _ready(task: dict, module: str, dask_worker: Any = None) -> None:
+    """Have this worker's child open a job while others make what all need."""
+    post = _posts.setdefault(dask_worker.id, _Post())
+    if post.busy is None:
+        _child(post, module, dask_worker.state.nthreads).ready(task)
+
+
+def _child(post, module, threads):
+    if post.child is None or not post.child.alive:
+        post.child = Child([sys.executable, "-m", module, "worker"], threads)
+    return post.child
 
 
 async def _cancel(topic: str, patience: float, dask_worker: Any = None) -> None:
@@ -222,11 +233,13 @@ class Crew:
             try:
                 self._client.subscribe_topic(self._topic, self._hear)
                 looked = self._look()
+                job = {"words": self._words, "folder": os.getcwd(), "mark": str(folder / FOLDER / mark)}
+                if self._private:
+                    workers = list(self._rows)[: len(self._waiting)]
+                    self._client.run(_ready, job, self._module, workers=workers)
                 for unit in self._waiting.values():
                     needed = [futures[name] for name in unit.needs if name in futures]
-                    task = {"words": self._words, "folder": os.getcwd(), "unit": unit.name}
-                    task["mark"] = str(folder / FOLDER / mark)
-                    futures[unit.name] = self._submit(task, needed, len(futures))
+                    futures[unit.name] = self._submit({**job, "unit": unit.name}, needed, len(futures))
                 while self._waiting:
                     for name, unit in list(self._waiting.items()):
                         if futures[name].status not in IN_WORK and self._taken(futures[name], unit):

@@ -331,7 +331,9 @@ def _of_report(report):
     }
     made |= {f"planned_seconds_{_name(stage)}": value for stage, value in plan["stages"].items()}
     made |= {f"seconds_{_name(stage)}": value for stage, value in report["seconds"].items()}
-    for name, value in report.get("encoding", {}).items():
+    encoding = report.get("encoding", {})
+    made["planned_seconds_encoding"] = encoding.get("plan", {}).get("seconds")
+    for name, value in encoding.items():
         if isinstance(value, (str, int, float)):
             made[f"encoding_{_name(name)}"] = value
     made |= {f"version_{name}": value for name, value in report["versions"].items()}

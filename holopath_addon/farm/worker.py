@@ -3,7 +3,8 @@
 Blender and Mitsuba want a process's main thread, keep it for minutes and may bring the process down, so none of it
 happens in the process that speaks with a cluster. That one writes tasks to the child's standard input, as ``{"words":
 [...], "folder": ..., "unit": ..., "mark": ...}``, or ``{"cancel": true}``. The child answers on its standard output how
-far it is, and last for each unit what became of it. The end of its standard input ends it at once.
+far it is, and last for each unit what became of it. A task without a unit is only made ready for, which has no answer.
+The end of its standard input ends it at once.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from .. import failures
@@ -58,14 +60,15 @@ def serve(open_job: Callable[[list[str], Callable[[str], None]], Make]) -> None:
                 make = open_job(task["words"], lambda text: answer(say=text))
                 asked = (task["folder"], task["words"])
             assert make is not None
-            make(task["unit"], progress)
+            if "unit" in task:
+                make(task["unit"], progress)
+                answer(done=True)
         except (Exception, KeyboardInterrupt) as error:
             stopped = failures.cancelled(error)
-            answer(failure=failures.sentence(error), status=failures.status(error), cancelled=stopped)
+            if "unit" in task:  # else the first unit fails alike
+                answer(failure=failures.sentence(error), status=failures.status(error), cancelled=stopped)
             if stopped and not cancelled.is_set():
                 return  # by a signal: the batch system ends this process
-        else:
-            answer(done=True)
 
 
 def _take_standard_output():
@@ -191,6 +194,11 @@ class Child:
         """What it does now."""
         return self._task
 
+    def ready(self, task: dict) -> None:
+        """Have it open a job, by `words`, `folder` and `mark`, ahead of a unit."""
+        with suppress(OSError):
+            self._write(task)
+
     def work(self, task: dict, told: Callable[[dict], None]) -> dict:
         """Have it make a unit.
 
@@ -228,10 +236,8 @@ class Child:
 
     def cancel(self) -> None:
         """Have it stop what it makes, soon; what waits in `work` is answered then."""
-        try:
+        with suppress(OSError):
             self._write({"cancel": True})
-        except OSError:
-            pass
 
     def close(self) -> None:
         """End it at once."""

@@ -33,29 +33,31 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         return rendered(cls) and super().poll(context)
 
     def work(self, scene):
-        field, task = session.rendered().field, session.current.task
+        field, task, before = session.rendered().field, session.current.task, session.current.phase
         props = properties.of(bpy.data.scenes[scene])
         method, bits = props.encoding, props.bits if props.bits < ENOUGH_BITS else None
-        wanted, full = preferences.wanted(), task is not None and task.settings.method == "full"
+        wanted, seconds = preferences.wanted(), properties.encode_seconds_of(props)
 
         def encode(job, progress):
             scene = ()
-            if method == "refine" or (method == "auto" and full):
-                if task is not None and field.report.get("variant") == variants.activate(wanted):
-                    scene = task.exported.scene, task.settings, task.store
-                elif method == "refine":
-                    raise engine.InvalidInput(
-                        "The scene of this hologram is no longer at hand: press Render Hologram, or choose another "
-                        "encoding."
-                    )
+            if task is not None and field.report.get("variant") == variants.activate(wanted):
+                scene = task.exported.scene, task.settings, task.store
+            elif method == "refine":
+                raise engine.InvalidInput(
+                    "The scene of this hologram is no longer at hand: press Render Hologram, or choose another "
+                    "encoding."
+                )
             try:
-                return field, pipeline.encode(field, method, progress, *scene, bits=bits)
+                return field, pipeline.encode(field, method, progress, *scene, seconds=seconds, bits=bits)
             except engine.Cancelled as error:
-                if error.kept is None:
+                if error.kept is None or before is not None:
                     raise
                 return field, error.kept
 
         return encode
+
+    def stopped(self):
+        return "Canceled" if session.current.phase is None else "Canceled, the last hologram stays"
 
     def finish(self, context: bpy.types.Context, result):
         field, phase = result

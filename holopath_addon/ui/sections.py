@@ -5,8 +5,8 @@ from typing import Any
 import bpy
 from bpy.types import Context, UILayout
 
-from .. import pipeline, preferences, properties
-from ..engine.settings import BASELINES, DECLARED
+from .. import engine, pipeline, preferences, properties
+from ..engine.settings import BASELINES, DECLARED, ENCODE_SECONDS, ENCODINGS
 from ..operators import background, session
 from ..operators.rendering import output_size, own_size
 from ..properties import HoloPathSettings, display_of, property_of
@@ -117,14 +117,19 @@ def _declared(layout, props, section):
             continue
         if section == "advanced" and props.method in BASELINES and name not in ("seed", "spp"):
             continue
-        switch = declared.switch
-        if switch is None:
-            layout.prop(props, property_of(name))
-            continue
-        row = layout.row(heading=switch.heading)
-        row.prop(props, switch.name, text="" if switch.by_hand else "Automatic")
-        if getattr(props, switch.name) == switch.by_hand:
-            row.prop(props, property_of(name), text=declared.unit)
+        _setting(layout, props, property_of(name), declared)
+
+
+def _setting(layout, props, name, declared):
+    """A setting's property, after its switch if it has one."""
+    switch = declared.switch
+    if switch is None:
+        layout.prop(props, name)
+        return
+    row = layout.row(heading=switch.heading)
+    row.prop(props, switch.name, text="" if switch.by_hand else "Automatic")
+    if getattr(props, switch.name) == switch.by_hand:
+        row.prop(props, name, text=declared.unit)
 
 
 def baked_light(layout: UILayout, context: Context) -> None:
@@ -301,6 +306,9 @@ def hologram(layout: UILayout, context: Context) -> None:
     """The phases that an SLM shows."""
     props = properties.of(context.scene)
     layout.prop(props, "encoding")
+    if props.encoding != "dpac":
+        _setting(layout, props, "encode_seconds", ENCODE_SECONDS)
+    _encoding(layout, context, props)
     layout.operator("holopath.encode", icon="IMAGE_ALPHA")
     phase = session.current.phase
     if phase is None:
@@ -316,6 +324,27 @@ def hologram(layout: UILayout, context: Context) -> None:
         column.prop(props, "unmodulated")
         column.prop(props, "crosstalk")
     layout.operator("holopath.save_hologram", icon="FILE_TICK")
+
+
+def _encoding(layout, context, props):
+    """What encoding will do, and what more seconds would bring; once a plan can tell."""
+    plan = session.plan_of(context.scene)
+    if plan is None:
+        return
+    try:
+        settings, seconds = properties.settings_of(props), properties.encode_seconds_of(props)
+        chosen = engine.plan_encoding(plan, settings, props.encoding, seconds)
+    except engine.InvalidInput as error:
+        alert(layout, context, str(error))
+        return
+    column = layout.column(align=True)
+    label = ENCODINGS[chosen.method].label
+    wrapped(column, context, f"{label}: About {duration(chosen.seconds)}" if chosen.seconds else label)
+    reason = column.column(align=True)
+    reason.active = False
+    wrapped(reason, context, chosen.reason)
+    if chosen.advice:
+        wrapped(layout, context, chosen.advice, icon="INFO")
 
 
 def estimate(layout: UILayout, context: Context) -> None:

@@ -373,9 +373,9 @@ def test_refocus_the_hologram(scene):
     np.testing.assert_allclose(levels, np.round(levels), atol=1e-5)
 
 
-def test_encode_with_references(scene):
-    """The scene as it was rendered, whatever has become of it since."""
-    scene.holopath.method, scene.holopath.frames = "full", 2
+def test_encode_with_more_frames(scene):
+    """Of the scene as it was rendered, whatever has become of it since."""
+    scene.holopath.frames = 2
     bpy.ops.holopath.render_hologram()
     for thing in list(scene.objects):
         bpy.data.objects.remove(thing)
@@ -397,6 +397,39 @@ def test_stopping_an_encoding_keeps_it(scene, monkeypatch):
     monkeypatch.setattr(pipeline, "encode", encode)
     assert bpy.ops.holopath.encode() == {"FINISHED"}
     assert session.current.phase.report["stopped"]
+
+
+def test_stopping_an_encoding_leaves_the_last_hologram(scene, monkeypatch):
+    """A whole hologram of the same field is worth more than a part of another."""
+    bpy.ops.holopath.render_hologram()
+    scene.holopath.encoding = "dpac"
+    bpy.ops.holopath.encode()
+    before = session.current.phase
+    scene.holopath.encoding = "auto"
+    test = engine.encode
+
+    def stopped(field, method, progress, **options):
+        def stop(done, message):
+            if "dB" in message:
+                raise engine.Cancelled
+
+        return test(field, method, stop, **options)
+
+    monkeypatch.setattr(engine, "encode", stopped)
+    assert bpy.ops.holopath.encode() == {"CANCELLED"}
+    assert session.current.phase is before and not session.current.error
+
+
+def test_seconds_of_encoding(scene):
+    """The button makes what it can of them, and says how."""
+    scene.holopath.frames = 2
+    scene.holopath.colours = "MONO"
+    bpy.ops.holopath.render_hologram()
+    scene.holopath.limit_encoding, scene.holopath.encode_seconds = True, 1.5
+    assert bpy.ops.holopath.encode() == {"FINISHED"}
+    report = session.current.phase.report
+    assert report["plan"]["seconds"] <= 1.5 and report["plan"]["method"] == session.current.phase.method
+    assert sum(stage["seconds"] for stage in report["stages"]) < 4
 
 
 def test_without_a_backend(scene, monkeypatch):

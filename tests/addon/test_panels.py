@@ -214,6 +214,20 @@ def encoded(scene, monkeypatch):
 
 
 @state
+def encoding_by_the_clock(scene, monkeypatch):
+    after("rendered", scene)
+    scene.holopath.limit_encoding, scene.holopath.encode_seconds = True, 0.1
+    yield
+
+
+@state
+def encoding_again(scene, monkeypatch):
+    after("encoded", scene)
+    with at_work(0.6, "Towards many frames, 31.2 dB", seconds=10):
+        yield
+
+
+@state
 def opening_the_device(scene, monkeypatch):
     with shown(scene, lambda counts: True, opens=False):
         yield

@@ -85,3 +85,34 @@ def test_a_draft_is_called_one(scene):
     assert "Wave Field: 64 × 64 px 3 Wavelengths, 4 Frames" in drawn(sections.reconstruct, scene)[1]
     session.current.draft = True
     assert "Draft: 64 × 64 px" in drawn(sections.reconstruct, scene)[1]
+
+
+PHASES = {"sgd": 1.0, "joint": 8.0, "light": 2.0, "set": 1.0, "step": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("settings", "says", "names"),
+    [
+        ({}, ("Many Frames: About 17 s", "51 s of encoding would gain up to 1 dB"), True),
+        ({"limit_encoding": True}, ("Many Frames: About 30 s", "so many seconds"), True),
+        (
+            {"limit_encoding": True, "encode_seconds": 2.0},
+            ("All Frames: About 2 s", "7.0 s to be worth it"),
+            True,
+        ),
+        ({"encoding": "joint"}, ("All Frames: About 8 s as asked",), True),
+        ({"encoding": "dpac", "limit_encoding": True}, ("Double Phase as asked",), False),
+        ({"encoding": "refine", "method": "point"}, ("Point", "choose joint"), True),
+    ],
+)
+def test_what_encoding_will_do(scene, settings, says, names):
+    """Once there is a plan: the method, its seconds and why, and what more seconds would bring."""
+    assert "About" not in drawn(sections.hologram, scene)[1]
+    session.current.plan, session.current.scene = SimpleNamespace(phases=PHASES), scene.name
+    for name, value in settings.items():
+        setattr(scene.holopath, name, value)
+    there, words = drawn(sections.hologram, scene)
+    assert all(text.lower() in words.lower() for text in says), words
+    assert ("limit_encoding" in there) is names
+    assert ("encode_seconds" in there) is (names and scene.holopath.limit_encoding)
+    assert ("gain" in words) is ("would gain" in " ".join(says) or scene.holopath.encode_seconds == 2.0)

@@ -146,6 +146,16 @@ def test_units_are_made_in_order_by_children_that_stay(tmp_path, monkeypatch):
     assert asked.done[-1][0] > 0.9 and any("left" in message for _, message in asked.done)
 
 
+def test_all_open_the_job_while_one_makes_what_they_need(tmp_path):
+    out, opened, early = tmp_path / "out", tmp_path / "out.opened", []
+    out.mkdir()
+    opened.mkdir()
+    asked = Asked(out, 1.5, "a", "b<a")
+    asked.look = lambda: early.append(len(list(opened.iterdir())) == 2 and not (out / "a").exists())
+    assert asked.on("local:2") == 2
+    assert any(early)
+
+
 def test_what_is_done_is_not_made_again(tmp_path):
     asked = Asked(tmp_path, 0, "a", "b")
     for name in "ab":

@@ -51,6 +51,9 @@ class Make:
 
 def open_job(words, say):
     folder, found = units(words)
+    opened = folder.with_name(f"{folder.name}.opened")
+    if opened.exists():
+        (opened / str(os.getpid())).touch()
     by_name = {unit.name: unit for unit in found}
 
     def make(name, progress):

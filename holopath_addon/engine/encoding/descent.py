@@ -84,8 +84,8 @@ def adam(
         loss, back, factors = target.gradient(phases.light)
         phases.descend(back, factors, rate)
         losses.append(loss)
-        psnr = told(len(losses) / max(TYPICAL, len(losses) + FEW), loss)
-        stage.update(steps=len(losses), loss=loss, psnr_db=psnr)
+        stage.update(steps=len(losses), loss=loss)
+        stage["psnr_db"] = told(len(losses) / max(TYPICAL, len(losses) + FEW), loss)
 
     while len(losses) < effort.most_steps and not _flat(losses, WINDOW, effort.tolerance):
         step(rate)
@@ -152,8 +152,8 @@ def kaczmarz(
         errors[number] = loss
         steps, left = steps + 1, None if left is None else left - 1
         psnr = _psnr(loss, pictures.wanted[number])
-        told(steps / (steps + (lasts + len(pictures) if left is None else left)), psnr)
         stage.update(steps=steps, loss=float(errors.mean()), psnr_db=psnr)
+        told(steps / (steps + (lasts + len(pictures) if left is None else left)), psnr)
     stage["psnr_db"] = _mean_psnr(errors, pictures.wanted)
     if bits is not None:
         phases.fix(1, bits)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -87,7 +87,8 @@ def encode(
         For `refine`: ``many(progress)`` gives fields of many more frames of the same light, batch by batch, with the
         numbers of the wavelengths that they are of; shape (frame, those wavelengths, y, x). See `many_frames`.
     seconds : float, optional
-        That the descents of `refine` take, all wavelengths together. Default: as long as 400 steps of each.
+        That all of it may take: what there is by then is what it gives, and `refine` takes as many steps as fit.
+        Default: to the end, of `refine` 400 steps of each wavelength.
     tolerance : float
         `sgd` ends when its loss falls by less than this share a step; the full steps of `joint` end at eight times as
         much, and the shorter ones that follow have a fixed number.
@@ -126,6 +127,8 @@ def encode(
                     work.joint(colour)
             elif method == "refine" and work.colours:
                 work.refine()
+            if seconds is not None:
+                work.round()  # what was to come to its levels later
         except (Exception, KeyboardInterrupt) as error:
             if not cancelled(error):
                 raise
@@ -163,11 +166,7 @@ class _Asked:
         if not 1 <= self.planes <= 64:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:
-            raise InvalidInput(f"The seconds of refine must be more than 0, not {self.seconds}.")
-        if self.seconds is not None and self.method != "refine":
-            raise InvalidInput(
-                "Only refine takes as many seconds as are given: leave them out, or choose refine."
-            )
+            raise InvalidInput(f"The seconds of an encoding must be more than 0, not {self.seconds}.")
         if not 0 <= self.effort.tolerance < 1 or self.effort.most_steps < 1:
             raise InvalidInput(
                 "The tolerance of an encoding is a share from 0 to 1, and it has at least one step."
@@ -199,11 +198,19 @@ def _size(data):
     return f"{frames} frames and {colours} wavelengths of {columns} x {rows} pixels"
 
 
+class _TimeUp(Exception):
+    """A stage has taken the seconds that it had."""
+
+
 class _Work:
-    """Phases of all wavelengths under way."""
+    """Phases of all wavelengths under way.
+
+    Stages take the share of the seconds that they have of the progress.
+    """
 
     def __init__(self, field, asked, progress, threads):
         self.field, self._asked, self._progress, self._threads = field, asked, progress, threads
+        self._begun = time.perf_counter()
         self.phases = np.zeros(field.data.shape, np.float32)
         count = field.data.shape[1]
         # fields are taken as if their root mean square were 1; what is next to nothing stays dark
@@ -224,7 +231,7 @@ class _Work:
         """What there is of it: the phases of each wavelength's last step, or of the start."""
         for colour in self.colours:
             self.gains[colour] = self.gains[colour] or self._gain(colour)
-        self._round()
+        self.round()
         self.report["stopped"] = True
         return self.hologram()
 
@@ -241,7 +248,7 @@ class _Work:
             for frame, wave in enumerate(waves):
                 self.phases[frame, colour] = double_phase(wave / level)
                 self._progress((colour + 0.7 + 0.3 * (frame + 1) / frames) / count, "Encoding")
-        self._round()
+        self.round()
         for colour in self.colours:  # not the level: what goes astray lights the picture too
             self.gains[colour] = self._gain(colour)
 
@@ -275,9 +282,14 @@ class _Work:
             def told(done, loss, begun=begun):
                 psnr = 10 * math.log10(white**2 / max(loss, 1e-30))
                 self._progress(begun + part * done, f"Phases, {psnr:.1f} dB")
+                self._check_clock(begun + part)
                 return psnr
 
-            with self._stage("sgd", colour) as stage, self._phases(group, colour) as phases:
+            with (
+                self._stage("sgd", colour) as stage,
+                self._phases(group, colour) as phases,
+                suppress(_TimeUp),
+            ):
                 descent.adam(phases, target, rate, bits, asked.effort, told, stage)
         self.gains[colour] = self._gain(colour)
 
@@ -311,6 +323,8 @@ class _Work:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
                         wanted[colour].add(fields[:, place] * scale, self._threads)
+                if self._left(TRACED) < 0 and min(counts.values()):
+                    break
             for views in wanted.values():
                 views.unvignette()
             stage["frames"] = min(counts.values())
@@ -330,7 +344,6 @@ class _Work:
     def _towards(self, views, colour, begun, share):
         groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["refine"])
         asked, gains = self._asked, []
-        seconds = asked.seconds and asked.seconds / len(self.colours) / len(groups)
         for number, group in enumerate(groups):
 
             def told(done, psnr, number=number):
@@ -338,6 +351,8 @@ class _Work:
                 self._progress(at, f"Towards many frames, {psnr:.1f} dB")
 
             with self._stage("refine", colour) as stage, self._phases(group, colour) as phases:
+                left = self._left(begun + share * (number + 1) / len(groups))
+                seconds = None if asked.seconds is None else max(1e-3, left)  # for one step
                 what = phases, views, self.gains[colour], asked.bits, asked.effort, seconds
                 gains.append(descent.together(*what, self._threads, told, stage))
         self.gains[colour] = float(np.mean(gains))
@@ -350,10 +365,24 @@ class _Work:
 
             def told(done, psnr, at=begun + number * part):
                 self._progress(at + part * done, f"All frames, {psnr:.1f} dB")
+                self._check_clock(at + part)
 
-            with self._stage("joint", colour) as stage, self._phases(group, colour) as phases:
+            with (
+                self._stage("joint", colour) as stage,
+                self._phases(group, colour) as phases,
+                suppress(_TimeUp),
+            ):
                 mean = FrameMean(pictures, self.gains[colour], self._threads)
                 descent.kaczmarz(phases, mean, self._asked.bits, self._asked.effort, told, stage)
+
+    def _left(self, share):
+        """Seconds until a share of them is over."""
+        seconds = self._asked.seconds
+        return math.inf if seconds is None else self._begun + share * seconds - time.perf_counter()
+
+    def _check_clock(self, share):
+        if self._left(share) < 0:
+            raise _TimeUp
 
     def _fields(self, which, colour):
         """Complex fields of some frames, of root mean square 1 over all; a copy."""
@@ -376,7 +405,8 @@ class _Work:
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
-    def _round(self):
+    def round(self):
+        """Bring phases to the display's levels, where these are few."""
         if self._asked.bits is not None:
             self.phases[:] = Modulator(self._asked.bits).shown(self.phases)
 

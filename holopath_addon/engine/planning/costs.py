@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..encoding.views import MOST_DEPTHS
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
-from ..waves.propagation import grid_bytes
+from ..waves.propagation import grid_bytes, padded_shape
 from .noise import likely
 from .planes import columns_of, mean_rays
 from .probe import LEAST_SHARE
@@ -46,6 +48,10 @@ LOOK, CHARTS, ROW = 0.3, 1.6, 1.1e-6  # of baking: to begin, of meshes with char
 LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
+# Of encodings, a pixel of each frame and wavelength: descents to their ends, and transforms of the padded grid with
+# what is around them; those of a step of `refine`, and of a frame for all views at a depth (docs/theory.md).
+SGD, JOINT, TRANSFORM = 0.7e-6, 6e-6, 8e-9
+STEP, DEPTH = 5.25, 2.0
 
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
@@ -148,6 +154,36 @@ def stages(
             + slowness * pixels * frames * colours * settings.despeckle * 25e-9
         )
     return out
+
+
+def phases(
+    survey: Survey, planes: Sequence[RecordingPlane], traversals: int, taken: dict[str, float]
+) -> dict[str, float]:
+    """Seconds of what encodings of a field are made of, by name; see `stages`, which gave `taken`.
+
+    `sgd` and `joint` to their ends; for `refine` the `light` that is found again, each `set` of more frames, and each
+    `step` towards their mean.
+    """
+    hologram, seen, slowness = survey.hologram, survey.seen, survey.slowness
+    pixels, frames, colours = _numbers(survey)
+    plain, chained = mean_rays(planes, survey.chains.branches)
+    size, pitch, volume = (hologram.height, hologram.width), hologram.pitch, survey.z_high - survey.z_low
+    farthest = max(abs(survey.z_low), abs(survey.z_high))
+    padded = looks = 0.0
+    for wavelength in hologram.wavelengths:
+        grid = math.prod(padded_shape(size, pitch, wavelength, farthest))
+        depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
+        padded += grid
+        looks += grid * (1 + DEPTH * min(MOST_DEPTHS, max(2, depths)))
+    rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
+    sums = pixels * colours * ((plain + chained) * SUM[1] + MOVE * len(planes))
+    return {
+        "sgd": slowness * pixels * frames * colours * SGD,
+        "joint": slowness * pixels * frames * colours * (SGD + JOINT),
+        "light": sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance")),
+        "set": traversals * rays + slowness * SETS[-1] * (sums + TRANSFORM * looks),
+        "step": slowness * frames * STEP * TRANSFORM * padded,
+    }
 
 
 def memory(

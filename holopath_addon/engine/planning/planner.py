@@ -99,6 +99,7 @@ def plan(
     warnings += [warning for choice in choices for warning in choice.warnings]
     warnings += _cautions(survey) + shortage(memory, "This hologram")
     chains, most = survey.chains, noise.most_passes(settings)
+    stages = costs.stages(survey, planes.value, margin, traversals, baking.value)
     return Plan(
         near=survey.near,
         z_low=survey.z_low,
@@ -130,7 +131,8 @@ def plan(
         reach=FILTER_REACH[settings.quality] if settings.fixed.get("filter", 1) else 0,
         textures=noise.asked_textures(settings),
         chunk=chunk.value,
-        stages=costs.stages(survey, planes.value, margin, traversals, baking.value),
+        stages=stages,
+        phases=costs.phases(survey, planes.value, traversals, stages),
         error=error,
         memory_bytes=memory,
         decisions=tuple(decision for choice in choices for decision in choice.decisions),
@@ -197,7 +199,7 @@ def _of_baseline(plan, settings, warnings):
     own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
     frames = Decision("frames", str(settings.frames), "as asked")
     decisions = plan.decisions[0], own, frames
-    return replace(plan, decisions=decisions, stages={}, error=0.0, warnings=tuple(warnings))
+    return replace(plan, decisions=decisions, stages={}, phases={}, error=0.0, warnings=tuple(warnings))
 
 
 def _depth(survey: Survey) -> Decided[None]:

@@ -1,6 +1,7 @@
 """Phases by optimisation: gradients, stages, and what is seen afterwards."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -270,7 +271,6 @@ def test_what_does_not_fit():
         ({"bits": 0}, "1 to 16 bits"),
         ({"planes": 0}, "1 to 64 planes"),
         ({"method": "refine", "many": many(field.data), "seconds": 0}, "more than 0"),
-        ({"seconds": 3}, "Only refine"),
         ({"tolerance": 2}, "share"),
         ({"most_steps": 0}, "one step"),
         ({"method": "refine"}, "needs the scene"),
@@ -318,7 +318,7 @@ def test_cancelling_keeps_what_is_done(method):
     kept = stop.value.kept
     assert kept.report["stopped"] and len(told) == 25
     steps = [stage["steps"] for stage in kept.report["stages"]]
-    assert steps[:2] == [20, 4]  # the fifth of the second colour was told, and stopped
+    assert steps[:2] == [20, 5]  # the fifth of the second colour was told, and the last
     assert [done for done, _ in told] == sorted(done for done, _ in told) and "dB" in told[-1][1]
     whole = engine.encode(field, method, tolerance=0, most_steps=20)
     if method == "sgd":
@@ -432,13 +432,56 @@ def test_refinement_that_finds_no_rest_keeps_its_start(monkeypatch):
     np.testing.assert_allclose(np.exp(1j * after.data), np.exp(1j * before.data), atol=1e-5)
 
 
-def test_refinement_takes_the_seconds_that_it_is_given():
-    field, seconds = wave_field(smooth(2, shape=(32, 32))), 0.3
-    phase = engine.encode(
-        field, "refine", many=many(smooth(8, shape=(32, 32))), seconds=seconds, most_steps=10**9
+@pytest.mark.parametrize("bits", [None, 2])
+def test_refinement_takes_the_seconds_that_it_is_given(bits):
+    """All of it: each color has its part, and few levels are kept."""
+    field, seconds = wave_field(np.concatenate([smooth(2, n, (32, 32)) for n in (0, 5)], axis=1)), 0.6
+    more = np.concatenate([smooth(24, n, (32, 32)) for n in (1, 6)], axis=1)
+    begun = time.perf_counter()
+    phase = engine.encode(field, "refine", many=many(more, 8), seconds=seconds, bits=bits, most_steps=10**9)
+    assert seconds <= time.perf_counter() - begun < seconds + 2
+    refined = [stage for stage in phase.report["stages"] if stage["stage"] == "refine"]
+    assert len(refined) == 2 and min(stage["steps"] for stage in refined) > 3
+    assert min(stage["seconds"] for stage in refined) > 0.15 * seconds
+    if bits:
+        on_levels(phase, bits)
+
+
+@pytest.mark.parametrize(("method", "bits"), [("sgd", None), ("sgd", 2), ("joint", None), ("joint", 2)])
+def test_other_descents_end_with_the_seconds(method, bits):
+    """With fewer steps than they would take, in each color."""
+    field = wave_field(np.concatenate([smooth(4, n) for n in (0, 5)], axis=1))
+    free = engine.encode(field, method, bits=bits)
+    taken = sum(stage["seconds"] for stage in free.report["stages"])
+    limited = engine.encode(field, method, bits=bits, seconds=taken / 3)
+    assert sum(stage["seconds"] for stage in limited.report["stages"]) < 0.8 * taken
+    for before, after in zip(free.report["stages"], limited.report["stages"], strict=True):
+        assert 0 < after["steps"] <= before["steps"]
+    assert sum(after["steps"] for after in limited.report["stages"]) < sum(
+        before["steps"] for before in free.report["stages"]
     )
-    stage = phase.report["stages"][-1]
-    assert seconds < stage["seconds"] < seconds + 2 and stage["steps"] > 5
+    if bits:
+        on_levels(limited, bits)
+
+
+def on_levels(phase, bits):
+    levels = phase.data * (2**bits / (2 * math.pi))
+    np.testing.assert_allclose(levels, np.round(levels), atol=1e-4)
+
+
+def test_seconds_that_are_too_few_for_anything():
+    """A step of each stage, the frames that were first, and no error."""
+    taken = []
+
+    def endless(progress):
+        while True:
+            taken.append(None)
+            yield [0], smooth(2, seed=1, shape=(32, 32)).astype(np.complex64)
+
+    phase = engine.encode(wave_field(smooth(2, shape=(32, 32))), "refine", many=endless, seconds=1e-9)
+    sgd, frames, refined = phase.report["stages"]
+    assert sgd["steps"] == 1 and frames["frames"] == 2 and refined["steps"] == 1 and len(taken) == 1
+    assert phase.gains[0] > 0
 
 
 def test_refinement_that_is_stopped_keeps_its_best_round():
@@ -471,8 +514,7 @@ def test_frames_that_are_refined_in_groups(monkeypatch):
 def test_refinement_for_few_bits(bits):
     field, more = wave_field(smooth(4, shape=(32, 32))), many(smooth(24, 1, (32, 32)))
     refined = engine.encode(field, "refine", many=more, bits=bits, most_steps=100)
-    levels = refined.data * (2**bits / (2 * math.pi))
-    np.testing.assert_allclose(levels, np.round(levels), atol=1e-4)
+    on_levels(refined, bits)
     wanted = engine.reconstruct(wave_field(smooth(24, 1, (32, 32))), [1.0])[0]
     late = engine.encode(field, "refine", many=more, most_steps=100).field(engine.Modulator(bits))
     in_time, rounded = (

@@ -15,7 +15,7 @@ def test_packets_are_chosen_by_the_scene(build, camera):
         plans = [engine.plan(scene, camera, display).to_dict() for _ in range(2)]
         for plan in plans:
             assert plan["coherent"] is coherent
-            for name in ("stages", "seconds", "decisions"):  # as measured
+            for name in ("stages", "phases", "seconds", "decisions"):  # as measured
                 del plan[name]
         assert plans[0] == plans[1]
 

@@ -1,0 +1,118 @@
+"""`holopath export` and `holopath import`: fields and phases in files of other programs."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from .. import engine, exchange, output
+from ..exchange.conventions import ROWS, SIGNS
+from .console import Progress
+from .options import argument, numbers
+
+_KINDS = ", ".join(exchange.SUFFIXES)
+
+
+def add(command):
+    """Add the commands, see `render_command.add`."""
+    export = command(
+        "export", _export, "Write a stored field, or stored phases, as a file for other programs."
+    )
+    export.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
+    export.add_argument("file", metavar="FILE", help=f"its name ends on {_KINDS}")
+    export.add_argument("--hologram", action="store_true", help="the stored phases instead of the wave field")
+    _add_convention(export, "how the file has it (default: holopath; matlab in a .mat)")
+
+    take = command(
+        "import", _import, "Take a field or phases of another program, to refocus, encode and stream."
+    )
+    take.add_argument("file", metavar="FILE", help=f"{_KINDS}; levels also .png, .bmp")
+    take.add_argument("--out", required=True, metavar="DIR", help="output folder, which is to be new")
+    take.add_argument("--array", metavar="NAME", help="which of the file's arrays (default: the only one)")
+    _add_convention(take, "how the program has it (default: as the file says, else holopath)")
+    add = take.add_argument_group("what the file does not say").add_argument
+    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers")
+    add(
+        "--wavelengths",
+        type=numbers(0, "a list of wavelengths", "nanometers"),
+        metavar="NM[,NM..]",
+        help="in the array's order",
+    )
+    add(
+        "--at",
+        type=float,
+        metavar="MM",
+        help="distance of the field's plane from the SLM, to which it is brought (default 0)",
+    )
+    add("--bits", type=int, metavar="N", help="2^N levels are a turn (default: as many as the type holds)")
+    add(
+        "--depth-range",
+        type=numbers(2, "FAR,NEAR", "millimeters"),
+        metavar="FAR_MM,NEAR_MM",
+        help="infinity's and the near end's distances from the SLM (default: what the display can show)",
+    )
+    add("--near", type=float, metavar="METERS", help="world depth of the near end (default 1)")
+    add(
+        "--fov",
+        type=float,
+        metavar="DEGREES",
+        help="horizontal field of view (default: by an eyepiece of 50 mm)",
+    )
+
+
+def _add_convention(parser, what):
+    add = parser.add_argument_group("convention, see docs/files.md").add_argument
+    add("--convention", choices=tuple(exchange.CONVENTIONS), help=what)
+    add("--axes", type=argument(_axes), metavar="A,B,..", help="of frame, wavelength, y, x, in any order")
+    add("--time", choices=tuple(SIGNS), help="sign of i omega t: - (default) or +")
+    add("--row-0", choices=ROWS, help="where row 0 is (default top)")
+
+
+def _axes(text):
+    axes = tuple(text.replace(" ", "").split(","))
+    exchange.Convention(axes)
+    return axes
+
+
+def _convention(args, default=None):
+    """What the words say; None if they say nothing."""
+    said = {"axes": args.axes, "time": args.time, "rows": args.row_0}
+    said = {name: value for name, value in said.items() if value is not None}
+    named = exchange.CONVENTIONS[args.convention] if args.convention else default
+    return replace(named or exchange.Convention(), **said) if named or said else None
+
+
+def _export(args):
+    progress = Progress(quiet=args.quiet)
+    folder, file = Path(args.folder), Path(args.file)
+    thing = output.stored_hologram(folder) if args.hologram else output.stored_field(folder)
+    matlab = exchange.CONVENTIONS["matlab"] if file.suffix.lower() == ".mat" else None
+    container = exchange.container_of(thing, _convention(args, matlab))
+    progress(0.1, "Writing")
+    exchange.write(file, container)
+    progress(1.0, f"Done: {file}")
+
+
+def _import(args):
+    progress = Progress(quiet=args.quiet)
+    out = Path(args.out)
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise engine.InvalidInput(f"{out} is there already: choose a new folder, for nothing is replaced.")
+    given = exchange.Given(
+        args.array,
+        _convention(args),
+        args.pitch and args.pitch * 1e-6,
+        args.wavelengths and [nm * 1e-9 for nm in args.wavelengths],
+        args.depth_range and tuple(mm * 1e-3 for mm in args.depth_range),
+        args.near,
+        args.fov and math.radians(args.fov),
+        args.at and args.at * 1e-3,
+        args.bits,
+    )
+    progress(0.0, "Reading")
+    thing = exchange.hologram_of(exchange.read(args.file), given)
+    field = isinstance(thing, engine.WaveField)
+    with output.output_folder(out) as part:
+        thing.save(part / ("wavefield" if field else "hologram"))
+        report = {"format": output.FORMAT, "format_version": output.FORMAT_VERSION, "imported": args.file}
+        output.write_report(part, report)
+    progress(1.0, f"Done: {out}{'' if field else ' (phases: refocus them with --hologram)'}")

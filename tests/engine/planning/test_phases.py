@@ -1,0 +1,78 @@
+"""Which encoding is chosen for the seconds that there are."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from holopath_addon import engine
+
+COSTS = {"sgd": 1.0, "joint": 8.0, "light": 2.0, "set": 1.0, "step": 0.1}
+
+
+def chosen(encoding="auto", seconds=None, costs=COSTS, **settings):
+    return engine.plan_encoding(SimpleNamespace(phases=costs), engine.Settings(**settings), encoding, seconds)
+
+
+def test_more_seconds_go_towards_more_frames():
+    """All that is foretold fits, and the descent has most of it."""
+    found = {seconds: chosen(seconds=seconds) for seconds in (1, 5, 8, 20, 50, 1000)}
+    assert [each.method for each in found.values()] == ["joint", "joint", *["refine"] * 4]
+    frames = [each.frames for each in found.values()]
+    assert frames == sorted(frames) and frames[:3] == [0, 0, 24] and frames[-1] == 192
+    for seconds, each in found.items():
+        assert each.seconds <= seconds and not each.steps
+        if each.frames > 24:
+            assert COSTS["light"] + each.frames / 24 * COSTS["set"] <= 0.4 * seconds
+
+
+@pytest.mark.parametrize("given", [{}, {"seconds": 2}, {"seconds": 2, "speckle": 0.1}])
+def test_advice_is_what_the_advised_seconds_bring(given):
+    """Who follows it gets more frames, and as many steps as it is said of; then there is no more to say."""
+    before = chosen(**given)
+    assert before.method == ("joint" if "seconds" in given else "refine")
+    assert before.advice.startswith(f"{before.better:.0f} s of encoding would gain")
+    after = chosen(**{**given, "seconds": before.better})
+    assert after.method == "refine" and after.frames > before.frames and after.advice == ""
+    steps = (after.seconds - COSTS["sgd"] - COSTS["light"] - after.frames / 24 * COSTS["set"]) / COSTS["step"]
+    assert steps >= max(100, 4 * before.steps) - 1e-6
+    assert "seconds" not in given or "7.0 s to be worth" in before.reason
+
+
+def test_without_a_limit():
+    """Results are then the same on all machines: nothing that was timed decides."""
+    slow = {name: 9 * cost for name, cost in COSTS.items()}
+    for costs in (COSTS, slow):
+        assert [
+            (e.method, e.frames, e.steps) for e in (chosen(costs=costs), chosen(costs=costs, method="full"))
+        ] == [
+            ("refine", 96, 100),
+            ("refine", 192, 400),
+        ]
+    assert chosen().seconds == 1 + 2 + 4 + 100 * 0.1
+    assert chosen("sgd").seconds == 1 and chosen("sgd", seconds=0.3).seconds == 0.3
+    assert (
+        chosen("refine").steps == 400 and chosen("refine", seconds=0.1).frames == 24
+    )  # as asked, however short
+    assert str(chosen("joint").decision) == "encoding: joint, about 8.0 s (as asked)"
+
+
+def test_methods_without_more_frames():
+    baseline = SimpleNamespace(phases={}), engine.Settings(method="rgbd")
+    for seconds in (None, 100):
+        found = engine.plan_encoding(*baseline, "auto", seconds)
+        assert found.method == "joint" and not found.frames
+    with pytest.raises(engine.InvalidInput, match="choose joint"):
+        engine.plan_encoding(*baseline, "refine")
+    with pytest.raises(engine.InvalidInput, match="no encoding 'best'"):
+        chosen("best")
+
+
+def test_costs_of_a_real_plan(build, camera, small):
+    """More frames and colors take as many times longer, and each part has its share."""
+    one, many = (
+        engine.plan(build.two_planes(build.diffuse), camera, small, engine.Settings(frames=n)).phases
+        for n in (2, 8)
+    )
+    assert set(one) == set(COSTS) and min(one.values()) > 0
+    for name in ("sgd", "joint", "step"):
+        assert many[name] == pytest.approx(4 * one[name])

@@ -1,0 +1,77 @@
+"""`holopath export` and `holopath import`, as they are typed."""
+
+import json
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, exchange
+from tests.exchange import fields
+
+
+@pytest.fixture
+def rendered(tmp_path):
+    """An output folder with a field and phases."""
+    folder = tmp_path / "rendered"
+    fields.field().save(folder / "wavefield")
+    fields.phases().save(folder / "hologram")
+    return folder
+
+
+@pytest.mark.parametrize("suffix", [s for s in exchange.SUFFIXES if s not in (".npy", ".hdf5")])
+def test_there_and_back(suffix, rendered, tmp_path):
+    file, out = tmp_path / f"a{suffix}", tmp_path / "out"
+    assert cli.main(["export", str(rendered), str(file), "--quiet"]) == 0
+    assert cli.main(["import", str(file), "--out", str(out), "--quiet"]) == 0
+    ours = engine.WaveField.load(out / "wavefield")
+    assert np.array_equal(ours.data, fields.field().data) and ours.plan == fields.field().plan
+    assert json.loads((out / "report.json").read_text())["imported"] == str(file)
+
+
+def test_phases_refocus_and_focus_by_distance(rendered, tmp_path, capsys):
+    file, out = tmp_path / "a.npz", tmp_path / "out"
+    assert cli.main(["export", str(rendered), str(file), "--hologram", "--quiet"]) == 0
+    assert cli.main(["import", str(file), "--out", str(out)]) == 0
+    assert "refocus them with --hologram" in capsys.readouterr().err
+    words = ["reconstruct", str(out), "--hologram", "--quiet", "--distances"]
+    assert cli.main([*words, "1,3"]) == 0
+    names = sorted(path.name for path in (out / "reconstruction").glob("*.png"))
+    assert names == ["hologram_focus_0.7m.png", "hologram_focus_infm.png"]
+    assert cli.main([*words, "0.5"]) == 2
+    assert "0.5 mm from the SLM lies beyond infinity, which this field has at 1 mm" in capsys.readouterr().err
+
+
+def test_an_array_of_its_own_convention(tmp_path):
+    array = np.random.default_rng(0).normal(size=(5, 7, 2)) + 0j
+    np.save(tmp_path / "u.npy", array)
+    out = tmp_path / "out"
+    words = ["import", str(tmp_path / "u.npy"), "--out", str(out), "--quiet", "--pitch", "4"]
+    words += ["--wavelengths", "640,455.4", "--axes", "x,y,wavelength", "--time", "+", "--row-0", "bottom"]
+    assert cli.main([*words, "--near", "2", "--fov", "20", "--depth-range", "1,2"]) == 0
+    ours = engine.WaveField.load(out / "wavefield")
+    assert np.array_equal(ours.data[0], np.conj(array).transpose(2, 1, 0)[:, ::-1].astype(np.complex64))
+    assert ours.near == 2 and ours.hologram.depth_near == 2e-3
+    assert ours.camera.fov_x == pytest.approx(np.radians(20))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["import", "none.h5", "--out", "new"], "There is no file none.h5"),
+        (["import", "u.npy", "--out", "new"], "does not say the pixel pitch"),
+        (["import", "u.npy", "--out", "full"], "full is there already: choose a new folder"),
+        (["import", "u.npy", "--out", "new", "--axes", "y,y"], "in any order, each once"),
+        (["export", "none", "a.h5"], "The folder none does not exist"),
+        (["export", "rendered", "a.tif"], "is of no kind that is known"),
+        (["export", "rendered", "a.h5", "--convention", "odak"], "There are 3 frames: name an axis for them"),
+    ],
+)
+def test_what_is_refused_leaves_nothing(words, says, rendered, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    np.save("u.npy", np.ones((4, 4), complex))
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    before = sorted(tmp_path.rglob("*"))
+    assert cli.main(words) == 2
+    assert says in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before

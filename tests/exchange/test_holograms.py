@@ -1,0 +1,128 @@
+"""Other programs' fields, in their own conventions, become ours."""
+
+import math
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine, exchange
+from holopath_addon.engine import InvalidInput
+from tests.exchange import fields
+
+PITCH, WAVELENGTH, N = 8e-6, 640e-9, 64
+
+
+def wave(x, y, z, sign):
+    """Spherical wave towards a focus at (x right, y up, z along the light), [y rising upwards, x rising]."""
+    at = (np.arange(N) - N / 2) * PITCH
+    return np.exp(-sign * 2j * math.pi / WAVELENGTH * np.hypot(np.hypot(at - x, at[:, None] - y), z))
+
+
+@pytest.mark.parametrize(
+    ("time", "rows", "axes"), [*product("-+", ("top", "bottom"), (("y", "x"), ("x", "y")))]
+)
+def test_a_focus_comes_where_it_is(time, rows, axes):
+    """With exp(-i omega t) a wave that converges has the phase -k r; up is where rows say, whatever the axes."""
+    x, y, z = 10 * PITCH, 6 * PITCH, 10e-3
+    field = wave(x, y, z, 1 if time == "-" else -1)
+    array = field[::-1] if rows == "top" else field
+    array = array if axes == ("y", "x") else array.T
+    given = exchange.Given(
+        convention=exchange.Convention(axes, time, rows),
+        pitch=PITCH,
+        wavelengths=[WAVELENGTH],
+        depth_range=(5e-3, z),
+    )
+    found = exchange.hologram_of(exchange.Container({"u": array}), given)
+    picture = engine.reconstruct(found, [exchange.holograms.NEAR])[0, ..., 0]
+    row, column = np.unravel_index(picture.argmax(), picture.shape)
+    assert (column, row) == (N / 2 + 10, N / 2 - 1 - 6)
+    assert picture.max() > 0.2 * picture.sum()
+
+
+@pytest.mark.parametrize("axes", [*permutations(("frame", "wavelength", "y", "x"))])
+def test_conventions_there_and_back(axes):
+    ours = fields.field().data
+    for time, rows in product("-+", ("top", "bottom")):
+        convention = exchange.Convention(axes, time, rows)
+        assert np.array_equal(convention.ours(convention.theirs(ours)), ours)
+        assert convention.theirs(ours).shape == tuple(
+            dict(zip(("frame", "wavelength", "y", "x"), ours.shape, strict=True))[name] for name in axes
+        )
+
+
+@pytest.mark.parametrize("plane", [-2e-3, 4e-3])
+def test_a_field_on_another_plane_is_brought_to_the_slm(plane):
+    z = 10e-3
+    array = wave(0.0, 0.0, z - plane, 1)
+    given = exchange.Given(
+        pitch=PITCH, wavelengths=[WAVELENGTH], distance=plane, depth_range=(z - 3e-3, z + 3e-3)
+    )
+    found = exchange.hologram_of(exchange.Container({"u": array}), given)
+    depths = found.mapping.z_to_depth(np.linspace(z - 2e-3, z + 2e-3, 9))
+    middle = engine.reconstruct(found, depths)[:, N // 2, N // 2, 0]
+    assert middle.argmax() == 4
+
+
+@pytest.mark.parametrize(("dtype", "bits", "turn"), [("u1", None, 256), ("u2", None, 65536), ("u1", 4, 16)])
+def test_levels_are_phases(dtype, bits, turn):
+    levels = np.arange(16).reshape(4, 4).astype(dtype)
+    given = exchange.Given(pitch=PITCH, wavelengths=[WAVELENGTH], bits=bits)
+    found = exchange.hologram_of(exchange.Container({"levels": levels}), given)
+    assert isinstance(found, engine.PhaseHologram) and found.gains == (1.0,)
+    np.testing.assert_allclose(found.data[0, 0], levels * (2 * math.pi / turn), rtol=1e-6)
+
+
+FIELD = np.ones((4, 5), np.complex64)
+GIVEN = {"pitch": PITCH, "wavelengths": [WAVELENGTH]}
+
+
+@pytest.mark.parametrize(
+    ("array", "attributes", "given", "says"),
+    [
+        (FIELD, {}, {"wavelengths": [WAVELENGTH]}, "does not say the pixel pitch: give --pitch"),
+        (FIELD, {}, {"pitch": PITCH}, "does not say the wavelengths: give --wavelengths"),
+        (
+            FIELD,
+            {},
+            {**GIVEN, "wavelengths": [5e-7, 6e-7]},
+            "2 wavelengths for 1 in the array, which has 4 x 5",
+        ),
+        (FIELD[None, None, None], {}, GIVEN, "has 5 axes, and at most 4"),
+        (FIELD, {}, {**GIVEN, "convention": exchange.Convention(("frame", "y", "x"))}, "has 2 axes, not 3"),
+        (FIELD * np.nan, {}, GIVEN, "not finite"),
+        (FIELD[:0], {}, GIVEN, "no hologram's"),
+        (FIELD.real, {}, {**GIVEN, "distance": 1e-3}, "leave out their distance"),
+        (FIELD.real, {}, {**GIVEN, "bits": 8}, "no bits"),
+        (FIELD, {}, {**GIVEN, "array": "v"}, "no array v of two or more axes: choose among u"),
+        (
+            FIELD,
+            {"pitch_m": "wide"},
+            {"wavelengths": [WAVELENGTH]},
+            "pitch_m is 'wide': it should be a number",
+        ),
+        (FIELD, {"pitch_m": [1.0, 2.0]}, {"wavelengths": [WAVELENGTH]}, "are 2 numbers: it should be one"),
+        (FIELD, {"row_0": "left"}, GIVEN, "top or the bottom, not at 'left'"),
+        (FIELD, {"axes": "y,z"}, GIVEN, "in any order, each once, not 'y,z'"),
+        (FIELD, {"time_dependence": "none"}, GIVEN, r"\+ or -, not 'none'"),
+        (FIELD, {"camera": "{}"}, GIVEN, "camera cannot be read"),
+        (FIELD, {"near_m": -1.0}, GIVEN, "must be a positive distance"),
+        (FIELD, {}, {**GIVEN, "pitch": 1e-7}, "too small for 640 nm"),
+    ],
+)
+def test_what_does_not_fit(array, attributes, given, says):
+    with pytest.raises(InvalidInput, match=says):
+        exchange.hologram_of(exchange.Container({"u": array}, attributes), exchange.Given(**given))
+
+
+def test_one_of_several_arrays_is_to_be_named():
+    container = exchange.Container({"left": FIELD, "right": 2 * FIELD})
+    with pytest.raises(InvalidInput, match="left, right. Name one by --array"):
+        exchange.hologram_of(container, exchange.Given(**GIVEN))
+    assert exchange.hologram_of(container, exchange.Given("right", **GIVEN)).data.max() == 2
+
+
+def test_a_convention_without_an_axis_for_frames():
+    with pytest.raises(InvalidInput, match="There are 3 frames: name an axis for them"):
+        exchange.container_of(fields.field(), exchange.CONVENTIONS["odak"])
