@@ -51,7 +51,7 @@ CHARTED = 2000  # triangles from which on charts take their whole time
 # Of encodings, a pixel of each frame and wavelength: descents to their ends, and transforms of the padded grid with
 # what is around them; those of a step of `refine`, and of a frame for all views at a depth (docs/theory.md).
 SGD, JOINT, TRANSFORM = 0.7e-6, 6e-6, 8e-9
-STEP, DEPTH = 5.25, 2.0
+STEP, DEPTH = 5.25, 2.5
 
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
