@@ -199,7 +199,10 @@ def together(
     float
         The gain that makes all views as bright as they should be.
     """
-    seen, begun = Seen(phases.light, views, gain, threads), time.perf_counter()
+    begun = time.perf_counter()
+    seen = Seen(phases.light, views, gain, threads)
+    if seconds is not None:  # views are looked at once more at the end
+        seconds = max(1e-3, seconds - (time.perf_counter() - begun))
     most = min(effort.most_steps, STEPS if seconds is None else effort.most_steps)
     rng = np.random.default_rng(effort.seed)
     queues: list[list[int]] = [[] for _ in KINDS]

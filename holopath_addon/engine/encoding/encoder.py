@@ -381,7 +381,7 @@ class _Work:
 
             with self._stage("refine", colour) as stage, self._phases(group, colour) as phases:
                 left = self._left(begun + share * (number + 1) / len(groups))
-                seconds = None if asked.seconds is None else max(1e-3, left)  # for one step
+                seconds = None if asked.seconds is None else left
                 what = phases, views, self.gains[colour], self._coarse[colour], asked.effort, seconds
                 gains.append(descent.together(*what, self._threads, told, stage))
         self.gains[colour] = float(np.mean(gains))
