@@ -356,6 +356,8 @@ class _Work:
                         wanted[colour].add(fields[:, place] * scale, self._threads)
                 if self._left(TRACED) < 0 and min(counts.values()):
                     break
+            for views in wanted.values():
+                views.unvignette()
             stage["frames"] = min(counts.values())
         part = (1 - TRACED) / len(self.colours)
         for number, colour in enumerate(self.colours):

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 MOST_DEPTHS = 20
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
 MOST_BYTES = 1 << 30  # of transfer functions that are kept
+LEAST_MET = 0.25  # of a cone of light, as in a corner: what would have to be brighter still stays dark
+GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
 @dataclass(frozen=True)
@@ -46,14 +48,15 @@ class ViewKind:
 
 
 # A few frames cannot show all views exactly. These weights are worth most: halves and quarters gain nearly as much from
-# a twentieth each as from half of it, while the whole pupil loses decibels (docs/theory.md, Many frames).
-KINDS = (ViewKind(1.0, 1, 0.9, 1), ViewKind(0.5, 3, 0.05, 2), ViewKind(0.25, 4, 0.05, 2))
+# a twentieth each as from half of it, while the whole pupil loses decibels. With fewer parts these alone get better,
+# and not what lies between them (docs/theory.md, Many frames).
+KINDS = (ViewKind(1.0, 1, 0.9, 1), ViewKind(0.5, 4, 0.05, 2), ViewKind(0.25, 8, 0.05, 2))
 
 
 class Views:
     """Mean intensities that are wanted, in one wavelength.
 
-    At depths a depth of focus apart, through the whole pupil and random parts of it. Light through half of the pupil
+    At depths a depth of focus apart, through the whole pupil and parts of it. Light through half of the pupil
     has half the bandwidth, so that every second pixel holds it, and its FFTs take a quarter of the time.
 
     Parameters
@@ -65,7 +68,7 @@ class Views:
     low, high : float
         Ends of the volume, from the fields' plane, metres.
     seed : int
-        Of the parts of the pupil.
+        Of the order of the parts of the pupil over depths.
 
     Attributes
     ----------
@@ -91,13 +94,15 @@ class Views:
         self._transfers: dict[float, np.ndarray] = {}
         self._frames = 0
         slope, rng = math.tan(math.asin(wavelength / (2 * pitch))), np.random.default_rng(seed)
+        self._reach = slope / pitch
         depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
-        for distance in np.linspace(low, high, depths):
-            for numbers, kind in zip(self.kinds, KINDS, strict=True):
-                for _ in range(kind.each):
-                    numbers.append(len(self._views))
-                    vantage = Vantage(float(distance), _part(kind.radius, rng))
-                    self._views.append(_View(vantage, kind.radius, self.padded))
+        for numbers, kind in zip(self.kinds, KINDS, strict=True):
+            parts = _parts(kind.radius, kind.each * depths, rng)
+            for distance, part in zip(
+                np.repeat(np.linspace(low, high, depths), kind.each), parts, strict=True
+            ):
+                numbers.append(len(self._views))
+                self._views.append(_View(Vantage(float(distance), part), kind.radius, self.padded))
         for view in self._views:
             rows, columns = (-(-n // view.apart) for n in shape)
             self.wanted.append(np.zeros((rows, columns), np.float32))
@@ -122,6 +127,19 @@ class Views:
             wanted *= np.float32(1 / self._frames)
 
         threads.each(count, len(self))
+
+    def unvignette(self) -> None:
+        """Want views as bright near their edges as if the fields had none; once, when all frames are counted.
+
+        Of the cone of light that a point near an edge sends out, a part passes beside the SLM. What meets it is wanted
+        as much brighter, through any part of the pupil, so that the whole of it sees no dark border.
+        """
+        met: dict[float, np.ndarray] = {}
+        for number, view in enumerate(self._views):
+            distance, apart = view.vantage.distance, view.apart
+            if distance not in met:
+                met[distance] = _met(self.shape, self.padded, abs(distance) * self._reach)
+            self.wanted[number] /= met[distance][::apart, ::apart]
 
     def weight(self, number: int) -> np.ndarray:
         """Of the squared error of each pixel of a view."""
@@ -187,12 +205,28 @@ class _View:
             self.passes = self.passes[self.bins]
 
 
-def _part(radius, rng):
-    """A part of the pupil for a `Vantage`, anywhere within it; None for all of it."""
+def _met(shape, padded, radius):
+    """Share of each pixel's cone of light, `radius` pixels wide at the SLM, that meets it; `LEAST_MET` at least."""
+    rows, columns = (scipy.fft.fftfreq(n, 1 / n) for n in padded)
+    slm, cone = np.zeros((2, *padded), np.float32)
+    slm[: shape[0], : shape[1]] = 1
+    cone[np.hypot(columns[None, :], rows[:, None]) <= radius] = 1
+    share = scipy.fft.irfft2(scipy.fft.rfft2(slm) * scipy.fft.rfft2(cone), padded) / cone.sum()
+    return np.maximum(share[: shape[0], : shape[1]], LEAST_MET)
+
+
+def _parts(radius, count, rng):
+    """As many parts of the pupil for `Vantage`, evenly spread over it, in random order; None for all of it.
+
+    A spiral that turns by the golden angle (Vogel, Math. Biosci. 44, 179 (1979)).
+    """
     if radius >= 1:
-        return None
-    aside, angle = 0.5 * (1 - radius) * math.sqrt(rng.random()), 2 * math.pi * rng.random()
-    return aside * math.cos(angle), aside * math.sin(angle), 0.5 * radius
+        return [None] * count
+    places = rng.permutation(count) + rng.random()
+    aside, angle = 0.5 * (1 - radius) * np.sqrt(places / count), places * GOLDEN_ANGLE
+    return [
+        (x, y, 0.5 * radius) for x, y in np.stack([aside * np.cos(angle), aside * np.sin(angle)], -1).tolist()
+    ]
 
 
 def _fast(count):
