@@ -366,9 +366,9 @@ class _Work:
     def _wanted(self):
         """What `refine` goes towards, by wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        shape, volume = self.field.data.shape[-2:], self._volume()
+        frames, _, *shape = self.field.data.shape
         return {
-            colour: Views(shape, hologram.pitch, hologram.wavelengths[colour], *volume, seed)
+            colour: Views(shape, hologram.pitch, hologram.wavelengths[colour], *self._volume(), frames, seed)
             for colour in self.colours
         }
 
