@@ -9,6 +9,7 @@ import numpy as np
 from . import engine
 from .engine.hologram import channel
 from .engine.mapping import DepthMapping
+from .engine.planning import phases
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, Compiling, stage
 
@@ -354,7 +355,8 @@ def encode(field, method, progress, scene=None, settings=None, store=None, secon
         options.setdefault("most_steps", chosen.steps)
 
     def many(progress):
-        return engine.many_frames(*view, plan, progress, store, chosen.frames)
+        at_once = None if seconds is None else phases.SET
+        return engine.many_frames(*view, plan, progress, store, chosen.frames, at_once)
 
     try:
         phase = engine.encode(field, chosen.method, progress, many=many, **options)

@@ -108,7 +108,7 @@ PHASES = {"sgd": 1.0, "joint": 8.0, "light": 2.0, "set": 1.0, "step": 0.1}
 def test_what_encoding_will_do(scene, settings, says, names):
     """Once there is a plan: the method, its seconds and why, and what more seconds would bring."""
     assert "About" not in drawn(sections.hologram, scene)[1]
-    session.current.plan, session.current.scene = SimpleNamespace(phases=PHASES), scene.name
+    session.current.plan, session.current.scene = SimpleNamespace(phases=PHASES, traversals=1), scene.name
     for name, value in settings.items():
         setattr(scene.holopath, name, value)
     there, words = drawn(sections.hologram, scene)

@@ -7,8 +7,8 @@ from holopath_addon import engine
 from holopath_addon.engine.rendering import many
 
 
-@pytest.mark.parametrize("most_bytes", [1, 1 << 28])
-def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes):
+@pytest.mark.parametrize(("most_bytes", "at_once"), [(1, None), (1 << 28, None), (1 << 28, 24)])
+def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes, at_once):
     """However many are traced at once; none is one of the field's own."""
     monkeypatch.setattr(many, "MOST_BYTES", most_bytes)
     hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
@@ -17,10 +17,11 @@ def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_b
     plan = engine.plan(*view)
     field = engine.render(*view, plan)
     told, batches = [], []
-    for numbers, fields in engine.many_frames(*view, plan, lambda *state: told.append(state), count=96):
+    more = engine.many_frames(*view, plan, lambda *state: told.append(state), count=96, at_once=at_once)
+    for numbers, fields in more:
         assert numbers == [0, 1]
         batches.append(fields)
-    assert len(batches) == (4 if most_bytes == 1 else 1)
+    assert len(batches) == (1 if most_bytes > 1 and at_once is None else 4)
     assert [done for done, _ in told] == sorted(done for done, _ in told) and told[-1][0] == 1
     more = np.concatenate(batches)
     assert more.shape == (96, 2, 48, 48)

@@ -34,6 +34,9 @@ WORTH = 8.0  # tolerances that a step gains on the mean of a round, while steps 
 LONGEST = 0.15  # radians; from 0.2 on some scenes find no rest
 STEPS = 400  # where seconds do not say how many
 WARM_UP = 20  # steps until they are as long
+FEW_LEVELS = (
+    16  # up to which the last steps are half as long; with more they are as much shorter as levels are closer
+)
 
 
 @dataclass(frozen=True)
@@ -199,13 +202,18 @@ def together(
     float
         The gain that makes all views as bright as they should be.
     """
-    seen, begun = Seen(phases.light, views, gain, threads), time.perf_counter()
+    begun = time.perf_counter()
+    seen = Seen(phases.light, views, gain, threads)
+    if seconds is not None:  # views are looked at once more at the end
+        seconds = max(1e-3, seconds - (time.perf_counter() - begun))
     most = min(effort.most_steps, STEPS if seconds is None else effort.most_steps)
     rng = np.random.default_rng(effort.seed)
     queues: list[list[int]] = [[] for _ in KINDS]
     kept, least = phases.values(), seen.loss
     steps, fixes, done = 0, 1, 0.0
     even = np.ones(len(phases.light), np.complex64)
+    # what is free makes up for what has its level, as far away as that may be
+    least_rate = 0.0 if levels is None else 0.5 * min(1, FEW_LEVELS / len(levels))
     stage.update(steps=0, loss=seen.loss, psnr_db=seen.psnr)
     try:
         while done < 1:
@@ -216,8 +224,7 @@ def together(
                         queue += rng.permutation(numbers).tolist()
                     chosen.append((queue.pop(), kind.weight / kind.looks))
             back = seen.gradient(phases.light, chosen)
-            late = done if levels is None else min(done, 0.5)  # what is free makes up for what has its level
-            rate = LONGEST * 0.5 * (1 + math.cos(math.pi * late))
+            rate = LONGEST * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
             phases.descend(back, even, rate * min(1, (steps + 1) / WARM_UP))
             steps += 1
             done = steps / most

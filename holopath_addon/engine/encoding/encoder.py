@@ -366,9 +366,9 @@ class _Work:
     def _wanted(self):
         """What `refine` goes towards, by wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        shape, volume = self.field.data.shape[-2:], self._volume()
+        frames, _, *shape = self.field.data.shape
         return {
-            colour: Views(shape, hologram.pitch, hologram.wavelengths[colour], *volume, seed)
+            colour: Views(shape, hologram.pitch, hologram.wavelengths[colour], *self._volume(), frames, seed)
             for colour in self.colours
         }
 
@@ -383,7 +383,7 @@ class _Work:
 
             with self._stage("refine", colour) as stage, self._phases(group, colour) as phases:
                 left = self._left(begun + share * (number + 1) / len(groups))
-                seconds = None if asked.seconds is None else max(1e-3, left)  # for one step
+                seconds = None if asked.seconds is None else left
                 what = phases, views, self.gains[colour], self._coarse[colour], asked.effort, seconds
                 gains.append(descent.together(*what, self._threads, told, stage))
         self.gains[colour] = float(np.mean(gains))

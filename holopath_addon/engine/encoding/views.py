@@ -22,6 +22,10 @@ MOST_DEPTHS = 20
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
 MOST_BYTES = 1 << 30  # of transfer functions that are kept
 LEAST_MET = 0.25  # of a cone of light, as in a corner: what would have to be brighter still stays dark
+FEW_FRAMES, MORE_PARTS = (
+    8,
+    3.0,
+)  # parts of the pupil are as many times more as frames, but so many times at most
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
@@ -34,7 +38,7 @@ class ViewKind:
     radius : float
         Of the part, of the pupil's; 1 is the whole pupil.
     each : int
-        At each depth.
+        At each depth, for up to eight frames; see `number`.
     weight : float
         Of their mean loss; the weights of all kinds sum to 1.
     looks : int
@@ -46,11 +50,27 @@ class ViewKind:
     weight: float
     looks: int
 
+    @property
+    def apart(self) -> int:
+        """Pixels between samples of such a view."""
+        return min(COARSEST, 1 << max(0, math.floor(-math.log2(self.radius))))
+
+    def number(self, frames: int) -> int:
+        """At each depth: the more frames, the more parts they can show besides the whole."""
+        if self.radius >= 1:
+            return self.each
+        return round(self.each * min(max(1.0, frames / FEW_FRAMES), MORE_PARTS))
+
 
 # A few frames cannot show all views exactly. These weights are worth most: halves and quarters gain nearly as much from
 # a twentieth each as from half of it, while the whole pupil loses decibels. With fewer parts these alone get better,
 # and not what lies between them (docs/theory.md, Many frames).
 KINDS = (ViewKind(1.0, 1, 0.9, 1), ViewKind(0.5, 4, 0.05, 2), ViewKind(0.25, 8, 0.05, 2))
+
+
+def transforms(frames: int) -> float:
+    """How many of the whole grid the views at one depth take, for phases of so many frames."""
+    return sum(kind.number(frames) / kind.apart**2 for kind in KINDS)
 
 
 class Views:
@@ -67,6 +87,8 @@ class Views:
         Metres.
     low, high : float
         Ends of the volume, from the fields' plane, metres.
+    frames : int
+        That are to show them.
     seed : int
         Of the order of the parts of the pupil over depths.
 
@@ -83,7 +105,14 @@ class Views:
     """
 
     def __init__(
-        self, shape: tuple[int, int], pitch: float, wavelength: float, low: float, high: float, seed: int
+        self,
+        shape: tuple[int, int],
+        pitch: float,
+        wavelength: float,
+        low: float,
+        high: float,
+        frames: int,
+        seed: int,
     ) -> None:
         self.shape = shape
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, max(abs(low), abs(high)))))
@@ -97,12 +126,11 @@ class Views:
         self._reach = slope / pitch
         depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
         for numbers, kind in zip(self.kinds, KINDS, strict=True):
-            parts = _parts(kind.radius, kind.each * depths, rng)
-            for distance, part in zip(
-                np.repeat(np.linspace(low, high, depths), kind.each), parts, strict=True
-            ):
+            each = kind.number(frames)
+            distances = np.repeat(np.linspace(low, high, depths), each)
+            for distance, part in zip(distances, _parts(kind.radius, each * depths, rng), strict=True):
                 numbers.append(len(self._views))
-                self._views.append(_View(Vantage(float(distance), part), kind.radius, self.padded))
+                self._views.append(_View(Vantage(float(distance), part), kind.apart, self.padded))
         for view in self._views:
             rows, columns = (-(-n // view.apart) for n in shape)
             self.wanted.append(np.zeros((rows, columns), np.float32))
@@ -190,9 +218,8 @@ class _View:
         Those of them that the part lets through.
     """
 
-    def __init__(self, vantage, radius, padded):
-        self.vantage = vantage
-        self.apart = min(COARSEST, 1 << max(0, math.floor(-math.log2(radius))))
+    def __init__(self, vantage, apart, padded):
+        self.vantage, self.apart = vantage, apart
         self.bins, self.passes = (slice(None), slice(None)), vantage.passes(padded)
         if self.passes is not None:
             x, y, _ = vantage.part
@@ -222,8 +249,9 @@ def _parts(radius, count, rng):
     """
     if radius >= 1:
         return [None] * count
-    places = rng.permutation(count) + rng.random()
-    aside, angle = 0.5 * (1 - radius) * np.sqrt(places / count), places * GOLDEN_ANGLE
+    places = rng.permutation(count) + 0.5
+    aside = 0.5 * (1 - radius) * np.sqrt(places / count)
+    angle = places * GOLDEN_ANGLE + 2 * math.pi * rng.random()
     return [
         (x, y, 0.5 * radius) for x, y in np.stack([aside * np.cos(angle), aside * np.sin(angle)], -1).tolist()
     ]

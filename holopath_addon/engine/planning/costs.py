@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..encoding.views import KINDS, MOST_DEPTHS
+from ..encoding.views import KINDS, MOST_DEPTHS, transforms
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
@@ -49,10 +49,9 @@ LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
 # Of encodings, a pixel of each frame and wavelength: descents to their ends, and transforms of the padded grid with
-# what is around them; how many a step of `refine` takes of each frame, and all views at a depth.
+# what is around them, and those of a step of `refine`.
 SGD, JOINT, TRANSFORM = 0.7e-6, 6e-6, 8e-9
-STEP = 2 + 2 * sum(kind.looks * kind.radius**2 for kind in KINDS)
-DEPTH = sum(kind.each * kind.radius**2 for kind in KINDS)
+STEP = 2 + 2 * sum(kind.looks / kind.apart**2 for kind in KINDS)
 
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
@@ -175,7 +174,7 @@ def phases(
         grid = math.prod(padded_shape(size, pitch, wavelength, farthest))
         depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
         padded += grid
-        looks += grid * (1 + DEPTH * min(MOST_DEPTHS, max(2, depths)))
+        looks += grid * (1 + transforms(frames) * min(MOST_DEPTHS, max(2, depths)))
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
     sums = pixels * colours * ((plain + chained) * SUM[1] + MOVE * len(planes))
     return {

@@ -34,7 +34,7 @@ class EncodingPlan:
     method : str
         Of `engine.encode`, never ``auto``.
     frames, steps : int
-        More frames that it goes towards, and most steps; 0 where it does not, or the seconds say.
+        More frames that it goes towards, and steps, at most; 0 where it does not, or the seconds say.
     seconds : float
         That it takes, foretold or given; 0 where nothing is foretold.
     reason : str
@@ -60,7 +60,8 @@ class EncodingPlan:
     @property
     def decision(self) -> Decision:
         """In words."""
-        frames = f" towards {self.frames} more frames" if self.frames else ""
+        most = "" if self.steps else "up to "
+        frames = f" towards {most}{self.frames} more frames" if self.frames else ""
         seconds = f", about {_seconds(self.seconds)}" if self.seconds else ""
         return Decision("encoding", f"{self.method}{frames}{seconds}", self.reason)
 
@@ -112,7 +113,9 @@ def plan_encoding(
         sets = _sets(costs, seconds)
         if sets or method == "refine":
             reason = "as asked" if method == "refine" else "the best that so many seconds allow"
-            return EncodingPlan("refine", max(sets, LEAST) * SET, 0, seconds, reason)
+            # with one traversal for all wavelengths the clock itself says when there are enough
+            frames = SET * (MOST if plan.traversals == 1 else max(sets, LEAST))
+            return EncodingPlan("refine", frames, 0, seconds, reason)
         least = _refining(costs, LEAST, LEAST_STEPS)
         reason = f"more frames of the same light, which show more, take {_seconds(least)} to be worth it"
         better = _upwards(_refining(costs, *ENOUGH))

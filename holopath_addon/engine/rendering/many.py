@@ -43,6 +43,7 @@ def many_frames(
     progress: Progress,
     store: BakeStore | None = None,
     count: int = FRAMES,
+    at_once: int | None = None,
 ) -> Iterator[tuple[list[int], np.ndarray]]:
     """Fields of frames with other phases than a hologram's, a batch at a time; paths are found once for all.
 
@@ -60,6 +61,8 @@ def many_frames(
     store : BakeStore, optional
         Where baked light is kept.
     count : int
+    at_once : int, optional
+        Most frames of a batch, for one who may want no more of them. Default: as many as memory allows.
 
     Yields
     ------
@@ -81,6 +84,7 @@ def many_frames(
     phasors = designed_phasors(count, seed=1)  # seed 0 has the hologram's own
     pixel_bytes = 8 * len(hologram.wavelengths)
     batch = max(SETS[-1], MOST_BYTES // (hologram.height * hologram.width * pixel_bytes))
+    batch = min(batch, at_once or batch)
     starts = range(0, count, math.ceil(count / math.ceil(count / batch)))
     groups = planned.groups
     for group, at in zip(groups, parts(stage(progress, BAKED, 1.0), len(groups)), strict=True):

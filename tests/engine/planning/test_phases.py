@@ -9,12 +9,14 @@ from holopath_addon import engine
 COSTS = {"sgd": 1.0, "joint": 8.0, "light": 2.0, "set": 1.0, "step": 0.1}
 
 
-def chosen(encoding="auto", seconds=None, costs=COSTS, **settings):
-    return engine.plan_encoding(SimpleNamespace(phases=costs), engine.Settings(**settings), encoding, seconds)
+def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, **settings):
+    plan = SimpleNamespace(phases=costs, traversals=traversals)
+    return engine.plan_encoding(plan, engine.Settings(**settings), encoding, seconds)
 
 
 def test_more_seconds_go_towards_more_frames():
-    """All that is foretold fits, and the descent has most of it."""
+    """All that is foretold fits, and the descent has most of it; where all wavelengths share rays, the clock tells."""
+    assert [chosen(seconds=seconds, traversals=1).frames for seconds in (5, 8, 50)] == [0, 192, 192]
     found = {seconds: chosen(seconds=seconds) for seconds in (1, 5, 8, 20, 50, 1000)}
     assert [each.method for each in found.values()] == ["joint", "joint", *["refine"] * 4]
     frames = [each.frames for each in found.values()]
