@@ -25,6 +25,7 @@ ALL = {
 NAMED = {
     "farm": ("farm.run", False),
     "foretold": ("foretold.run", False),
+    "refinement": ("refinement.run", False),
     "slm": ("slm.run", False),
     "stability": ("stability.report.run", True),
     "chart": ("chart.run.run", False),

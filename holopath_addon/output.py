@@ -15,6 +15,7 @@ import numpy as np
 
 from .engine import InvalidInput, PhaseHologram, WaveField
 from .engine.files import whole_folder, write_whole
+from .engine.scene import variants
 from .lengths import format_distance
 
 FORMAT = "HoloPath output"
@@ -53,8 +54,7 @@ def encode_exr(rgb):
     -------
     bytes
     """
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     return _encode(np.ascontiguousarray(rgb, np.float32), mi.Bitmap.FileFormat.OpenEXR)
 
 
@@ -71,16 +71,14 @@ def encode_png(rgb, white):
     -------
     bytes
     """
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     linear = np.clip(np.asarray(rgb, np.float32) / white, 0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return _encode((encoded * 255 + 0.5).astype(np.uint8), mi.Bitmap.FileFormat.PNG)
 
 
 def _encode(pixels, file_format):
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     stream = mi.MemoryStream()
     mi.Bitmap(pixels).write(stream, file_format)
     return stream.raw_buffer()

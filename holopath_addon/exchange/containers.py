@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..engine import BackendUnavailable, Cancelled, InvalidInput
+from ..engine.scene import variants
 
 Attributes = dict[str, Any]
 NOTES = "attributes"  # name of what holds them where a kind of file has arrays alone
@@ -289,12 +290,7 @@ def _write_safetensors(path, container):
 
 def _read_picture(path):
     """Levels of a phase modulator, of the first channel."""
-    import mitsuba as mi
-
-    from ..engine.scene import variants
-
-    variants.activate()
-    pixels = np.array(mi.Bitmap(str(path)), copy=False)
+    pixels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
     pixels = pixels if pixels.ndim == 2 else pixels[..., 0]
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError("it has neither 8 nor 16 bits")

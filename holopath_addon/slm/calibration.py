@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..engine.errors import InvalidInput
+from ..engine.scene import variants
 from ..engine.waves.modulator import grey_levels
 
 if TYPE_CHECKING:
@@ -413,9 +414,7 @@ def _read_map(path):
     """Phases in radians from an array or a picture."""
     if path.suffix.lower() == ".npy":
         return np.load(path, allow_pickle=False)
-    import mitsuba as mi
-
-    levels = np.array(mi.Bitmap(str(path)), copy=False)
+    levels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
     if levels.dtype != np.uint8:
         raise ValueError(f"{path.name} is no picture of 8 bits")
     levels = levels if levels.ndim == 2 else levels[..., 0]

@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holopath_addon import engine
+from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.slm import Calibration, Response
 from tests.slm.refusals import refused
@@ -377,8 +378,7 @@ def test_written_by_hand(folder):
 @pytest.mark.parametrize("channels", [1, 3])
 def test_correction_from_a_picture(channels, tmp_path):
     """As makers give it: 256 levels are a turn."""
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     levels = np.arange(256, dtype=np.uint8).reshape(8, 32)
     picture = levels if channels == 1 else np.repeat(levels[..., None], 3, axis=-1)
     mi.Bitmap(picture).write(str(tmp_path / "flat.png"))
@@ -388,8 +388,7 @@ def test_correction_from_a_picture(channels, tmp_path):
 
 
 def test_pictures_that_are_no_correction(tmp_path):
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     mi.Bitmap(np.zeros((4, 4), np.uint16)).write(str(tmp_path / "deep.png"))
     with refused("no picture of 8 bits"):
         Calibration.load(write(tmp_path, correction={"file": "deep.png", "wavelength_nm": 633}))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine.scene import variants
 from holopath_addon.slm import Calibration, FilesDriver, Picture, Sequence, stream, streaming
 from tests.slm.refusals import refused
 
@@ -27,8 +28,7 @@ def made(bits=8, packing="time", frames=3, size=(6, 5), seed=1, **options):
 
 def read(path):
     """A picture's pixels as they are stored."""
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     return np.array(mi.Bitmap(str(path)))
 
 
@@ -200,8 +200,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 
 def test_ten_bits_as_png(tmp_path):
     """Pictures of 16 bits hold the levels as they are."""
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     sequence = made(10)[0]
     stream(sequence, FilesDriver(tmp_path / "out"))
     for number in range(len(sequence)):

@@ -17,6 +17,7 @@ import pytest
 pytest.importorskip("termios", reason="There are ptys on Unix alone.")
 
 from holopath_addon import cli, engine, output
+from holopath_addon.engine.scene import variants
 from holopath_addon.slm import Calibration, FocusPlanes, Plane, Sequence, SerialDriver, stream, streaming
 from holopath_addon.slm.drivers import link as link_module
 from tests.slm.device import Board, Firmware
@@ -92,8 +93,7 @@ def one_line(capfd, status, says, expected_status=2):
 
 
 def read(path):
-    import mitsuba as mi
-
+    mi = variants.bitmaps()
     return np.array(mi.Bitmap(str(path)))
 
 

@@ -13,6 +13,7 @@ from ..camera import Camera
 from ..errors import InvalidInput
 from ..files import earlier, whole_folder
 from ..hologram import Hologram
+from ..scene import variants
 from ..wavefield import WaveField
 from ..waves.modulator import Modulator, grey_levels
 
@@ -84,8 +85,7 @@ class PhaseHologram:
         OSError
             If it cannot be written; nothing is left behind.
         """
-        import mitsuba as mi
-
+        mi = variants.bitmaps()
         progress = progress or (lambda done, message: None)
         wavelengths = self.hologram.wavelengths
         with whole_folder(folder, earlier("a hologram", "phase.npy", "meta.json")) as part:

@@ -16,6 +16,7 @@ import re
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -90,6 +91,26 @@ def activate(prefer: str | None = None) -> str:
             _extend()
             _extended.add(wanted)
         return wanted
+
+
+def bitmaps() -> Any:
+    """Mitsuba, to read and write pictures with: no variant is set for that.
+
+    Dr.Jit comes with it and loads an LLVM once for all, so that the right one is named before.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    BackendUnavailable
+        Where Mitsuba is not installed.
+    """
+    with _lock:
+        if "drjit" not in sys.modules:
+            _choose_llvm(required=False)
+        return _import_mitsuba()
 
 
 def threads() -> int:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...engine.errors import InvalidInput
 from ...engine.files import earlier, whole_folder
+from ...engine.scene import variants
 from ..driver import SHOWN, Info
 
 if TYPE_CHECKING:
@@ -59,9 +60,7 @@ class FilesDriver:
         pixels = picture.pixels
         self._shape = pixels.shape, pixels.dtype
         if self._kind == "png":
-            import mitsuba as mi
-
-            mi.Bitmap(pixels).write(str(self._part / f"picture_{number:06d}.png"))
+            variants.bitmaps().Bitmap(pixels).write(str(self._part / f"picture_{number:06d}.png"))
         else:
             if self._raw is None:
                 self._raw = open(self._part / "pictures.raw", "wb")

@@ -207,3 +207,24 @@ def test_old_llvm_loaded_before(monkeypatch, backend):
     monkeypatch.setattr(drjit, "has_backend", lambda _: True)
     with pytest.raises(engine.BackendUnavailable, match=r"has loaded LLVM 16\.0\.6"):
         module._check_loaded_llvm()
+
+
+@pytest.mark.parametrize(
+    "saved",
+    [
+        "output.encode_png(np.zeros((2, 2, 3)), 1.0)",
+        "engine.PhaseHologram(np.zeros((1, 3, 2, 2), 'f4'), engine.Hologram(2, 2, 8e-6), "
+        "engine.Camera(np.eye(4), 0.5), 1.0, 'sgd', (1.0,) * 3).save('{folder}')",
+    ],
+)
+def test_pictures_that_are_written_first_do_not_choose_an_llvm(saved, tmp_path):
+    """They bring Dr.Jit, which loads whichever it finds: an old one crashes what is computed later."""
+    before = "import numpy as np\nfrom holopath_addon import engine, output\n"
+    told = run(
+        f"{before}{saved.replace('{folder}', str(tmp_path / 'hologram'))}\nimport os, sys\n"
+        "from holopath_addon.engine.scene import variants\n"
+        "assert 'drjit' in sys.modules\n"
+        "print(os.environ.get('DRJIT_LIBLLVM_PATH') == variants.find_llvm()[0])"
+        + COMPUTE.replace("mitsuba.Float", "drjit.llvm.Float")
+    )
+    assert told.split() == ["True", "sum", "5.0"]
