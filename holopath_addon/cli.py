@@ -15,6 +15,7 @@ from .command_line import (
     encode_command,
     exchange_command,
     render_command,
+    report_command,
     slm_commands,
     sources,
     study_command,
@@ -161,6 +162,7 @@ def _parser(store):
 
     encode_command.add(command)
     exchange_command.add(command)
+    report_command.add(command)
 
     cache = command("cache", _cache, "Say how much baked light is kept, and where.")
     render_command.add_cache(cache, store)

@@ -34,6 +34,8 @@ _OWN = {
     "rgbd",
     "light_field",
     "report.json",
+    "report.html",
+    "report.csv",
 }
 
 

@@ -123,7 +123,15 @@ def add(command):
         help="store where the motor is as this plane's; a FILE that is not there is made, of five planes, 80 to 85 mm",
     )
 
-    command("devices", _devices, "List SLM drivers, monitors, serial ports and Mitsuba backends.")
+    devices = command("devices", _devices, "List SLM drivers, monitors, serial ports and Mitsuba backends.")
+    devices.add_argument(
+        "--identify",
+        nargs="?",
+        type=float,
+        const=5.0,
+        metavar="SECONDS",
+        help="show on each monitor its number in the list, so long (default 5)",
+    )
 
 
 def _stream(args):
@@ -325,10 +333,20 @@ def _devices(args):
     _print_rows(slm.describe())
     print("Monitors")
     try:
-        found = [str(monitor) for monitor in slm.monitors()]
+        there = slm.monitors()
     except engine.InvalidInput as error:
-        found = [str(error)]
-    print(*(f"  {line}" for line in found), sep="\n")
+        if args.identify is not None:
+            raise
+        there, lines = [], [str(error)]
+    else:
+        lines = [f"{number}  {monitor}" for number, monitor in enumerate(there, 1)]
+    print(*(f"  {line}" for line in lines), sep="\n", flush=True)
+    if args.identify is not None:
+        if not 0 < args.identify <= 3600:
+            raise engine.InvalidInput(
+                f"Numbers are shown for a time of up to an hour, not for {args.identify:g} s."
+            )
+        slm.identify(there, args.identify)
     print("Serial ports")
     print(*(f"  {name:<14} {text}" for name, text in slm.serial_ports() or [("none", "")]), sep="\n")
 

@@ -8,6 +8,7 @@ from .driver import Driver, Info, Picture
 from .drivers.controller import Controller, serial_ports
 from .drivers.display import DisplayDriver, Monitor, monitors
 from .drivers.files import FilesDriver
+from .drivers.identify import identify
 from .drivers.registry import DRIVERS, describe
 from .drivers.serial_device import SerialDriver
 from .drivers.slmsuite_device import SlmsuiteDriver
@@ -38,6 +39,7 @@ __all__ = [
     "SlmsuiteDriver",
     "VirtualDriver",
     "describe",
+    "identify",
     "monitors",
     "run_camera",
     "serial_ports",

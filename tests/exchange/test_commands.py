@@ -75,3 +75,21 @@ def test_what_is_refused_leaves_nothing(words, says, rendered, tmp_path, monkeyp
     assert cli.main(words) == 2
     assert says in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
+    """Of fields, of phases alone, and of both; it loads nothing from elsewhere."""
+    assert cli.main(["report", str(rendered), "--quiet"]) == 0
+    page, table = (rendered / f"report.{kind}" for kind in ("html", "csv"))
+    text = page.read_text()
+    assert "http" not in text and text.isascii() and "<h2>Phases (joint)</h2>" in text
+    assert text.count("<img") == 4 and text.count("<polyline") == 9
+    rows = [line.rsplit(",", 1) for line in table.read_text().splitlines()]
+    assert rows[0] == ["what,where", "value"] and len(rows) > 9 * 13 + 13 + 2 + 1
+    (rendered / "wavefield").rename(tmp_path / "aside")
+    assert cli.main(["report", str(rendered), "--out", str(tmp_path / "phases.html"), "--quiet"]) == 0
+    assert "come to those of the complex field" not in (tmp_path / "phases.html").read_text()
+    assert cli.main(["report", str(tmp_path / "aside"), "--out", str(tmp_path / "a.txt")]) == 2
+    assert "end its name on .html" in capsys.readouterr().err
+    assert cli.main(["report", str(tmp_path / "none")]) == 2
+    assert "does not exist" in capsys.readouterr().err

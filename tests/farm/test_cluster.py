@@ -459,6 +459,7 @@ def test_a_child_ends_with_its_parent_in_the_middle_of_a_kernel(phase, tmp_path)
     mark.parent.mkdir()
     mark.touch()
     words = ["render", "demo:suzanne", "--resolution", "1024x1024", "--frames", "8", "--frame-range", "1"]
+    words += ["--method", "full"]  # without a light that has to be there before
     task = {"words": [*words, "--out", str(tmp_path / "out")], "folder": str(ROOT), "unit": "frame_0001"}
     process = subprocess.Popen(
         [sys.executable, "-m", "holopath_addon", "worker"],

@@ -26,8 +26,8 @@ MOST_BYTES = (
 )  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
 
 # Pixels that light of a modulator is given to stray into. With none, pictures of 28 dB are measured a decibel wrong at
-# 256 x 256; with 128, within 0.1 dB of torchoptics on a much wider grid (docs/measurements.md, Phases for an SLM).
-STRAYS = 128
+# 256 x 256; with 256, within 0.1 dB of torchoptics on such a grid (docs/measurements.md, Phases for an SLM).
+STRAYS = 256
 
 
 def pupil_mask(

@@ -1,0 +1,142 @@
+"""What a viewer gets of a stored field: focus, the eyebox and its brightness, parallax, and what phases lose."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+
+from ..pupil import Pupil
+from ..waves.propagation import circular_band
+from .metrics import psnr
+from .reconstruction import to_rgb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from ..encoding.phase_hologram import PhaseHologram
+    from ..wavefield import WaveField
+    from .reconstruction import Refocuser
+
+PATCHES = 3  # across and down, each of which has a focus of its own
+WITHIN = 1e-6  # of a pupil's radius that may lie beyond the light
+
+
+def pupil_radius(field: WaveField) -> float:
+    """Radius in metres of the pupil that all wavelengths fill."""
+    hologram = field.hologram
+    return min(field.mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths)
+
+
+def sharpness(images: np.ndarray) -> np.ndarray:
+    """Mean squared gradient over squared brightness, of patches of pictures.
+
+    That measure of focus of Tenenbaum grows with all that is sharp (Krotkov, Int. J. Comput. Vision 1, 223 (1988)).
+
+    Parameters
+    ----------
+    images : numpy.ndarray, shape (focus, y, x, channel)
+
+    Returns
+    -------
+    numpy.ndarray, shape (focus, `PATCHES`, `PATCHES`)
+        From the top and the left; 0 where it is dark.
+    """
+    grey = np.asarray(images, np.float64).mean(-1)
+    down, across = np.gradient(grey, axis=(1, 2))
+    square = down**2 + across**2
+    found = np.zeros((len(grey), PATCHES, PATCHES))
+    for row, rows in enumerate(np.array_split(np.arange(grey.shape[1]), PATCHES)):
+        for column, columns in enumerate(np.array_split(np.arange(grey.shape[2]), PATCHES)):
+            patch = np.ix_(range(len(grey)), rows, columns)
+            bright = grey[patch].mean((1, 2)) ** 2
+            found[:, row, column] = np.divide(
+                square[patch].mean((1, 2)), bright, where=bright > 0, out=found[:, row, column]
+            )
+    return found
+
+
+def pupils(field: WaveField, share: float, count: int) -> list[list[Pupil | None]]:
+    """Parts of the pupil on a grid, rows from the top; None where one would reach beyond the light.
+
+    Parameters
+    ----------
+    field : WaveField
+    share : float
+        Of the whole pupil's diameter, over 0 to 1.
+    count : int
+        In a row and in a column.
+    """
+    radius = pupil_radius(field)
+    reach = radius * (1 - share)
+    at = np.linspace(-reach, reach, count) if count > 1 else np.zeros(1)
+    return [
+        [
+            Pupil(float(x), float(y), 2 * share * radius)
+            if math.hypot(x, y) <= reach * (1 + WITHIN)
+            else None
+            for x in at
+        ]
+        for y in at[::-1]
+    ]
+
+
+def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:
+    """Of a picture through a part of the pupil, over what its share of each wavelength's opening would let through.
+
+    Parameters
+    ----------
+    field : WaveField
+    picture, whole : numpy.ndarray, shape (y, x, wavelength)
+        Through the part, and through all of the pupil.
+    pupil : Pupil
+
+    Returns
+    -------
+    float
+        1 for an eyebox that is evenly bright.
+    """
+    hologram, mapping = field.hologram, field.mapping
+    shares = [
+        (pupil.diameter / 2 / mapping.pupil_radius(hologram.max_slope(each))) ** 2
+        for each in hologram.wavelengths
+    ]
+    expected = (whole.mean((0, 1)) * shares).sum()
+    return float(picture.mean((0, 1)).sum() / expected) if expected > 0 else 0.0
+
+
+def slices(refocus: Refocuser, focus: float, seen: Iterable[Pupil], row: int) -> np.ndarray:
+    """One row of the picture through pupils side by side: an epipolar slice, in which depth is a slope.
+
+    Bolles, Baker and Marimont, Int. J. Comput. Vision 1, 7 (1987).
+
+    Returns
+    -------
+    numpy.ndarray, shape (pupil, x, 3)
+        Linear RGB.
+    """
+    wavelengths = refocus.field.hologram.wavelengths
+    return np.stack([to_rgb(refocus([focus], pupil)[0], wavelengths)[row] for pupil in seen])
+
+
+def efficiency(phase: PhaseHologram) -> list[float]:
+    """Share of the modulated light within the recordable cone, for each wavelength; the rest goes astray."""
+    band = circular_band(phase.data.shape[-2:])
+    found = []
+    for colour in range(phase.data.shape[1]):
+        inside = total = 0.0
+        for frame in phase.data[:, colour]:
+            power = np.abs(scipy.fft.fft2(np.exp(1j * frame.astype(np.float64)))) ** 2
+            inside, total = inside + power[band].sum(), total + power.sum()
+        found.append(inside / total)
+    return found
+
+
+def loss(shown: np.ndarray, wanted: np.ndarray) -> list[float]:
+    """PSNR in dB of pictures by phases against those by the field, both of shape (view, y, x, wavelength).
+
+    NaN where the field is dark.
+    """
+    return [psnr(a, b) if b.any() else math.nan for a, b in zip(shown, wanted, strict=True)]
