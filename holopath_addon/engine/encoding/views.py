@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..waves.supervision import Frames
 
 MOST_DEPTHS = 20
+STRAYS = 32  # pixels more around fields, so that light of phases that strays does not come back
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
 MOST_BYTES = 1 << 30  # of transfer functions that are kept
 LEAST_MET = 0.25  # of a cone of light, as in a corner: what would have to be brighter still stays dark
@@ -115,7 +116,8 @@ class Views:
         seed: int,
     ) -> None:
         self.shape = shape
-        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, max(abs(low), abs(high)))))
+        farthest = max(abs(low), abs(high))
+        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, STRAYS)))
         self.kinds: list[list[int]] = [[] for _ in KINDS]
         self.wanted = []
         self._space = FreeSpace(self.padded, pitch, wavelength)
