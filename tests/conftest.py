@@ -11,6 +11,7 @@ import datetime
 import gc
 import os
 import shutil
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -43,6 +44,14 @@ def pytest_collection_modifyitems(config, items):
     if config.getoption("--minutes") and items:
         first = datetime.date.today().toordinal() * 37 % len(items)
         items[:] = items[first:] + items[:first]
+
+
+def pytest_collection_finish(session):
+    """Dr.Jit loads an LLVM once for all, where it is first imported: the first test that computes chooses it."""
+    if "drjit" in sys.modules:
+        raise pytest.UsageError(
+            "A module of tests imports Dr.Jit at its top, before an LLVM is chosen: import within functions what does."
+        )
 
 
 def pytest_runtest_setup(item):

@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks.scenes import FOV, GREEN
 from holopath_addon import engine
-from holopath_addon.engine.light import gathering, radiance_cache
 
 SIZE = 32
 HOLOGRAM = engine.Hologram(SIZE, SIZE, 8e-6, (GREEN,), depth_far=0.3e-3, depth_near=1.5e-3)
@@ -19,6 +18,8 @@ FRAMES = 24
 @pytest.fixture(autouse=True)
 def few_lanes(monkeypatch):
     """Pictures are small here: no need to fill a large launch."""
+    from holopath_addon.engine.light import radiance_cache
+
     monkeypatch.setattr(radiance_cache, "MOST_LANES", 1 << 14)
 
 
@@ -446,6 +447,8 @@ def test_broken_input(build, camera, kind):
 
 def test_surfaces_that_touch(build, camera, monkeypatch):
     """Rays from between them end at once: their inverse distance is bounded all the same."""
+    from holopath_addon.engine.light import gathering
+
     found, sums = [], gathering._Sampling.sums
 
     def seen(*arguments):

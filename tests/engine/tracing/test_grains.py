@@ -6,8 +6,6 @@ import math
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.scene.specular_chains import FirstHits
-from holopath_addon.engine.tracing import grains
 
 GREEN = 516.5e-9
 
@@ -15,6 +13,9 @@ GREEN = 516.5e-9
 def test_what_light_is_divided_by(build):
     """Reflectances alone, whatever the bumps and lobes; surfaces that have none show their light as it is."""
     import mitsuba as mi
+
+    from holopath_addon.engine.scene.specular_chains import FirstHits
+    from holopath_addon.engine.tracing import grains
 
     def shown(bsdf):
         bumps = {"type": "bumpmap", "scale": 0.02, "bump": build.texture(64, 3) | {"raw": True}}
@@ -34,6 +35,9 @@ def test_what_light_is_divided_by(build):
 def test_what_light_is_divided_by_is_the_same_from_both_sides(build):
     """As it was not: where a wall whose normals point away met another one, and at the contours of smooth things."""
     import mitsuba as mi
+
+    from holopath_addon.engine.scene.specular_chains import FirstHits
+    from holopath_addon.engine.tracing import grains
 
     matt = {"type": "matt", "reflectance": build.grey(0.3)}
     gloss = {"type": "gloss", "roughness": 0.2, "ior": 1.5}
