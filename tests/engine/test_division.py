@@ -40,7 +40,7 @@ def agrees(what, folder, count, alone=False):
     joined = divided(what, folder, count, alone)
     assert joined.data.any() and np.array_equal(joined.data, whole.data)
     timed = {
-        name: joined.plan[name] for name in ("stages", "seconds", "decisions")
+        name: joined.plan[name] for name in ("stages", "seconds", "decisions", "phases")
     }  # which name seconds, too
     assert joined.plan == whole.plan | timed
     return joined, whole
