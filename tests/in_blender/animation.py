@@ -60,7 +60,9 @@ def prepare():
         cube.location.x = 0.1 * frame
         cube.keyframe_insert("location", frame=frame)
     props = scene.holopath
-    props.resolution_x = props.resolution_y = 320  # a frame takes longer than it takes to notice the one before
+    props.resolution_x = props.resolution_y = (
+        320  # a frame takes longer than it takes to notice the one before
+    )
     props.depth_far_mm, props.depth_near_mm = 1.25, 1.875
     props.frames, props.quality, props.colours = 1, "preview", "MONO"
     bpy.ops.wm.save_as_mainfile(filepath=str(scene_file))
