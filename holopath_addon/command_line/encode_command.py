@@ -69,7 +69,7 @@ def add(command):
         metavar="SHARE",
         help="least relative gain of a step that is worth it (default %(default)s)",
     )
-    add("--steps", type=int, default=1000, metavar="N", help="most steps of each stage (default %(default)s)")
+    add("--steps", type=int, metavar="N", help="most steps of each stage (default: as many as are worth it)")
     add("--out", metavar="DIR", help="where to write (default DIR/hologram)")
 
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..encoding.frame_mean import FrameMean
 from ..encoding.phases import Phases
 from ..waves.supervision import Frames
+from .frame_mean import FrameMean
 
 if TYPE_CHECKING:
     from collections.abc import Callable

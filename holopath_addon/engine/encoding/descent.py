@@ -1,4 +1,4 @@
-"""The ways down: towards each frame's field, and of all frames together, one picture or several views a step."""
+"""The ways down: of each frame towards its field, and of all frames together towards views."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..waves.supervision import Frames
-    from .frame_mean import FrameMean
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
     from .views import Views
@@ -25,15 +24,9 @@ RATE, WARM = 0.2, 0.05  # radians, Adam's longest step from the field's phases, 
 FIXES, FEW = 20, 6  # how often pixels are brought to levels, and steps between
 TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
-# Of `kaczmarz`. A few frames cannot show all pictures exactly: they need an average, not the last word.
-RELAXATION = 1.2  # length of a step: 1 for one that mends the picture; under 2
-LASTS = 4  # rounds of ever smaller steps at the end
-SETTLES = 0.25  # of them before pixels come to levels
-WORTH = 8.0  # tolerances that a step gains on the mean of a round, while steps stay as long as they are
 # Of `together`.
 LONGEST = 0.15  # radians; from 0.2 on some scenes find no rest
-STEPS = 400  # where seconds do not say how many
-WARM_UP = 20  # steps until they are as long
+WARM_UP, WARM_SHARE = 20, 0.1  # steps, or share of all, until they are as long
 FEW_LEVELS = (
     16  # up to which the last steps are half as long; with more they are as much shorter as levels are closer
 )
@@ -103,67 +96,6 @@ def adam(
         step(0)
 
 
-def kaczmarz(
-    phases: Phases,
-    mean: FrameMean,
-    levels: np.ndarray | None,
-    effort: Effort,
-    told: Callable[[float, float], object],
-    stage: dict,
-) -> None:
-    """Take the pictures one after another, each time the step that would mend that one.
-
-    In a round of as many steps as there are pictures each comes up as often as its error is large, in the first one
-    once. When a round gains too little over the one before, the last ones follow with ever smaller steps, so that no
-    picture is favoured for having come last.
-
-    Parameters
-    ----------
-    phases : Phases
-    mean : FrameMean
-        Of the pictures.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the last rounds.
-    effort, stage :
-        As in `adam`.
-    told : callable
-        ``told(done, psnr)``, may raise.
-    """
-    pictures = mean.pictures
-    if not any(wanted.any() for wanted in pictures.wanted):
-        if levels is not None:
-            phases.fix(1, levels)
-        return
-    rng = np.random.default_rng(effort.seed)
-    errors = np.array([float(wanted.any()) for wanted in pictures.wanted])
-    rounds, numbers, steps = [], [], 0
-    lasts = min(effort.most_steps, LASTS * len(pictures) * (1 if levels is None else 2))
-    least = WORTH * effort.tolerance * len(pictures)
-    left = None
-    while left != 0 and errors.sum() > 0:
-        if not numbers:
-            numbers = _round(errors, rng)
-            rounds.append(errors.mean())
-            if steps and left is None and _flat(rounds[1:], 1, least):
-                left = lasts
-        if left is None and steps + lasts >= effort.most_steps:
-            left = lasts
-        shorter = 1 if left is None else 0.5 + 0.5 * math.cos(math.pi * (1 - left / lasts))
-        if levels is not None and left is not None and left % max(1, lasts // FIXES) == 0:
-            phases.fix(max(0.0, 1 - left / ((1 - SETTLES) * lasts)), levels)
-        number = numbers.pop()
-        loss, back = mean.gradient(phases.light, number)
-        phases.relax(back, loss, RELAXATION * shorter)
-        errors[number] = loss
-        steps, left = steps + 1, None if left is None else left - 1
-        psnr = _psnr(loss, pictures.wanted[number])
-        stage.update(steps=steps, loss=float(errors.mean()), psnr_db=psnr)
-        told(steps / (steps + (lasts + len(pictures) if left is None else left)), psnr)
-    stage["psnr_db"] = _mean_psnr(errors, pictures.wanted)
-    if levels is not None:
-        phases.fix(1, levels)
-
-
 def together(
     phases: Phases,
     views: Views,
@@ -177,8 +109,9 @@ def together(
 ) -> float:
     """Adam on some views a step, with steps that rise at once and fall as a cosine; the best round's phases are kept.
 
-    L = sum over `KINDS` of weight times the mean over views of sum over pixels of w (g^2 I - t)^2, as of `FrameMean`.
-    In a round each view of the whole pupil comes up once.
+    L = sum over `KINDS` of weight times the mean over views of sum over pixels of w (g^2 I - t)^2, where I is the mean
+    of the frames' intensities in a view, t what is wanted there, and w = `Views.weight`, so that independent frames
+    have the loss 1/m in any view. In a round each view of the whole pupil comes up once.
 
     Parameters
     ----------
@@ -190,7 +123,7 @@ def together(
         That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the second half.
     effort : Effort
     seconds : float or None
-        That it takes; None for `STEPS`.
+        That it takes; None for as many steps as the effort's.
     threads : Frames
     told : callable
         ``told(done, psnr)``, the PSNR by the whole pupil, may raise.
@@ -206,7 +139,6 @@ def together(
     seen = Seen(phases.light, views, gain, threads)
     if seconds is not None:  # views are looked at once more at the end
         seconds = max(1e-3, seconds - (time.perf_counter() - begun))
-    most = min(effort.most_steps, STEPS if seconds is None else effort.most_steps)
     rng = np.random.default_rng(effort.seed)
     queues: list[list[int]] = [[] for _ in KINDS]
     kept, least = phases.values(), seen.loss
@@ -225,9 +157,9 @@ def together(
                     chosen.append((queue.pop(), kind.weight / kind.looks))
             back = seen.gradient(phases.light, chosen)
             rate = LONGEST * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
-            phases.descend(back, even, rate * min(1, (steps + 1) / WARM_UP))
+            phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)))
             steps += 1
-            done = steps / most
+            done = steps / effort.most_steps
             if seconds is not None:
                 done = max(done, (time.perf_counter() - begun) / seconds)
             if levels is not None and 2 * done - 1 > fixes / FIXES:
@@ -313,7 +245,7 @@ class Seen:
         Returns
         -------
         numpy.ndarray
-            In memory that the next call overwrites, as of `FrameMean.gradient`.
+            In memory that the next call overwrites: G with dL = 2 Re sum conj(G) du.
         """
         views, frames = self._views, len(self._spectra)
         scale = np.float32(self.gain**2)
@@ -362,14 +294,6 @@ class Seen:
     def _brightness(self, number, image):
         views = self._views
         return (views.weight(number) * views.wanted[number] * image).sum(dtype=float)
-
-
-def _round(errors, rng):
-    """Numbers of pictures in random order, each as often as its share of the errors says, to the nearest whole."""
-    ends = np.cumsum(errors) * (len(errors) / errors.sum())
-    points = np.arange(len(errors)) + rng.random()
-    numbers = np.searchsorted(ends, np.minimum(points, ends[-1] * (1 - 1e-12)), side="right")
-    return list(rng.permutation(numbers))
 
 
 def _flat(losses, window, tolerance):

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
     from ..waves.supervision import Frames
 
-ADAM = (0.9, 0.99)  # decays of the means, Kingma and Ba, ICLR 2015
+# Decays of the means, Kingma and Ba, ICLR 2015; alike, as views differ from step to step: a long memory of squares
+# loses a decibel of pictures where few are looked at a step.
+ADAM = (0.9, 0.9)
 TINY = 1e-30  # for pixels whose slope is nothing
 FINE = 0.1  # radians between levels, for which it is enough to round phases in the end
 BLOCK = 1 << 16  # pixels: they stay near the processor, and threads seldom wait for Python
@@ -104,25 +106,6 @@ class Phases:
             if free is not None:
                 slope *= free[frame, block]
             self._angle[frame, block] -= slope
-            self._show(frame, block, rows)
-
-        self._each(move)
-
-    def relax(self, back: np.ndarray, loss: float, relaxation: float) -> None:
-        """A step that would take a loss that is linear in its errors to zero, times `relaxation`.
-
-        Polyak's step 2 L / |slope|^2: that of Kaczmarz, where L is the square of one error (Polyak, USSR Comp.
-        Math. 9(3), 14 (1969)).
-        """
-        slope = self.slope(back)
-        if self._free is not None:
-            slope *= self._free
-        norm = sum(self._threads.each(lambda frame: float(np.vdot(slope[frame], slope[frame])), len(slope)))
-        step = slope.dtype.type(relaxation * 2 * loss / norm if norm else 0)
-
-        def move(frame, block, rows):
-            slope[frame, block] *= step
-            self._angle[frame, block] -= slope[frame, block]
             self._show(frame, block, rows)
 
         self._each(move)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..waves.pictures import Vantage
+from ..waves.pictures import STRAYS, Vantage
 from ..waves.propagation import FreeSpace, padded_shape
 from ..waves.supervision import relative
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ..waves.supervision import Frames
 
 MOST_DEPTHS = 20
-STRAYS = 32  # pixels more around fields, so that light of phases that strays does not come back
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
 MOST_BYTES = 1 << 30  # of transfer functions that are kept
 LEAST_MET = 0.25  # of a cone of light, as in a corner: what would have to be brighter still stays dark
@@ -69,8 +68,12 @@ class ViewKind:
 KINDS = (ViewKind(1.0, 1, 0.9, 1), ViewKind(0.5, 4, 0.05, 2), ViewKind(0.25, 8, 0.05, 2))
 
 
+# FFTs of the whole grid that a step takes of each frame: to its spectrum and back, and to some views and back.
+STEP = 2 + 2 * sum(kind.looks / kind.apart**2 for kind in KINDS)
+
+
 def transforms(frames: int) -> float:
-    """How many of the whole grid the views at one depth take, for phases of so many frames."""
+    """How many of the whole grid the views at one depth take of each frame, for phases of so many frames."""
     return sum(kind.number(frames) / kind.apart**2 for kind in KINDS)
 
 
@@ -103,6 +106,8 @@ class Views:
         Of each view.
     padded : (int, int)
         Shape of spectra.
+    transforms : float
+        FFTs of that shape that a look at all views takes of each frame.
     """
 
     def __init__(
@@ -127,6 +132,7 @@ class Views:
         slope, rng = math.tan(math.asin(wavelength / (2 * pitch))), np.random.default_rng(seed)
         self._reach = slope / pitch
         depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
+        self.transforms = 1 + depths * transforms(frames)
         for numbers, kind in zip(self.kinds, KINDS, strict=True):
             each = kind.number(frames)
             distances = np.repeat(np.linspace(low, high, depths), each)

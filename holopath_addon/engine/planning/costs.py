@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..encoding.views import KINDS, MOST_DEPTHS, transforms
+from ..encoding.encoder import STEPS
+from ..encoding.views import MOST_DEPTHS, STEP, transforms
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
@@ -48,10 +49,9 @@ LOOK, CHARTS, ROW = 0.3, 1.6, 1.1e-6  # of baking: to begin, of meshes with char
 LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
-# Of encodings, a pixel of each frame and wavelength: descents to their ends, and transforms of the padded grid with
-# what is around them, and those of a step of `refine`.
-SGD, JOINT, TRANSFORM = 0.7e-6, 6e-6, 8e-9
-STEP = 2 + 2 * sum(kind.looks / kind.apart**2 for kind in KINDS)
+# Of encodings, a pixel of each frame and wavelength: `sgd` to its end, and transforms of the padded grid with what is
+# around them, and those of a step of all frames together.
+SGD, TRANSFORM = 0.7e-6, 8e-9
 
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
@@ -161,8 +161,8 @@ def phases(
 ) -> dict[str, float]:
     """Seconds of what encodings of a field are made of, by name; see `stages`, which gave `taken`.
 
-    `sgd` and `joint` to their ends; for `refine` the `light` that is found again, each `set` of more frames, and each
-    `step` towards their mean.
+    `sgd` and `joint` to their ends; a look at all `views`; for `refine` the `light` that is found again, each `set` of
+    more frames; and each `step` of all frames together.
     """
     hologram, seen, slowness = survey.hologram, survey.seen, survey.slowness
     pixels, frames, colours = _numbers(survey)
@@ -177,12 +177,16 @@ def phases(
         looks += grid * (1 + transforms(frames) * min(MOST_DEPTHS, max(2, depths)))
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
     sums = pixels * colours * ((plain + chained) * SUM[1] + MOVE * len(planes))
+    sgd = slowness * pixels * frames * colours * SGD
+    views = slowness * frames * TRANSFORM * looks
+    step = slowness * frames * STEP * TRANSFORM * padded
     return {
-        "sgd": slowness * pixels * frames * colours * SGD,
-        "joint": slowness * pixels * frames * colours * (SGD + JOINT),
+        "sgd": sgd,
+        "joint": sgd + views + STEPS["joint"] * step,
+        "views": views,
         "light": sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance")),
         "set": traversals * rays + slowness * SETS[-1] * (sums + TRANSFORM * looks),
-        "step": slowness * frames * STEP * TRANSFORM * padded,
+        "step": step,
     }
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from ..encoding.encoder import LEAST_STEPS as WORTH
 from ..encoding.encoder import TRACED
 from ..errors import InvalidInput
 from ..plan import Decision
@@ -103,7 +104,8 @@ def plan_encoding(
             f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
         )
     several = resolved(settings).frames > 1
-    plain = "joint" if several else "sgd"
+    enough = seconds is None or not own or _joint_least(costs) <= seconds
+    plain = "joint" if several and enough else "sgd"
     if method not in ("auto", "refine"):
         return EncodingPlan(method, 0, 0, _limited(costs.get(method, 0.0), seconds), "as asked")
     if not own:
@@ -129,6 +131,11 @@ def plan_encoding(
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most else _upwards(_refining(costs, *ALL))
     return EncodingPlan("refine", sets * SET, steps, _refining(costs, sets, steps), reason, better)
+
+
+def _joint_least(costs):
+    """Seconds from which on `joint` is worth it: all views are wanted, and looked at twice."""
+    return costs["sgd"] + 3 * costs["views"] + WORTH * costs["step"]
 
 
 def _refining(costs, sets, steps):
