@@ -310,7 +310,7 @@ class Settings:
         "auto",
         "Method",
         "Where the light that surfaces scatter diffusely comes from",
-        advice="`auto`. See [Baked light](#baked-light) and [To compare with](#to-compare-with)",
+        advice="`auto`. See [baked light](how-to/baked-light.md) and [other methods](how-to/compare.md)",
         section="quality",
         chosen=METHODS,
     )
