@@ -58,5 +58,7 @@ def _skip():
 
 def _front_door(app, error):
     """The site's folder opens at docs/index.html."""
-    page = f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={root_doc}.html">'
+    page = (
+        f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={root_doc}.html">'
+    )
     (Path(app.outdir) / "index.html").write_text(page, "utf-8")

@@ -52,7 +52,11 @@ def commands() -> str:
 
 def _command(name, parser):
     positional = " ".join(_value(action) for action in parser._actions if not action.option_strings)
-    text = [f"## {name}", f"```\nholopath {name} {positional}".rstrip() + " [options]\n```", parser.description]
+    text = [
+        f"## {name}",
+        f"```\nholopath {name} {positional}".rstrip() + " [options]\n```",
+        parser.description,
+    ]
     for group in parser._action_groups:
         rows = list(_rows(group._group_actions))
         if not rows:
@@ -70,7 +74,8 @@ def _rows(actions: list[argparse.Action]) -> Iterator[str]:
             continue
         if action.dest in DECLARED:
             if not told:
-                yield f"| {', '.join(f'`{options.flag(n)}`' for n in DECLARED)} | how a hologram is computed: [settings](settings.md) |"
+                flags = ", ".join(f"`{options.flag(name)}`" for name in DECLARED)
+                yield f"| {flags} | How a hologram is computed: see [settings](settings.md) |"
             told = True
             continue
         words = " ".join(filter(None, [", ".join(action.option_strings), _value(action)]))
@@ -89,7 +94,11 @@ def _value(action):
 
 def _upper(text):
     first = text.partition(" ")[0]
-    return text if any(c.isupper() or not c.isalpha() for c in first.rstrip(",:;")) else text[:1].upper() + text[1:]
+    return (
+        text
+        if any(c.isupper() or not c.isalpha() for c in first.rstrip(",:;"))
+        else text[:1].upper() + text[1:]
+    )
 
 
 def chart_table() -> str:
@@ -104,13 +113,22 @@ def _chart_rows(text):
     body = {row[0]: row for row in rows}
     wanted = ("fast", "reflection", "material", "view", "between", "out of focus")
     columns = [next(n for n, title in enumerate(head) if part in title) for part in wanted]
-    lines = ["| " + " | ".join(["method", "seconds", *CHART_COLUMNS]) + " |", "|---" * (len(wanted) + 1) + "|"]
+    lines = [
+        "| " + " | ".join(["method", "seconds", *CHART_COLUMNS]) + " |",
+        "|---" * (len(wanted) + 1) + "|",
+    ]
     for name, told in CHART_METHODS.items():
         lines.append("| " + " | ".join([told, *(body[name][n] for n in columns)]) + " |")
     return "\n".join(lines)
 
 
-CHART_COLUMNS = ("mirrors, glass", "materials, indirect light", "views to the side", "between the depths", "out of focus")
+CHART_COLUMNS = (
+    "mirrors, glass",
+    "materials, indirect light",
+    "views to the side",
+    "between the depths",
+    "out of focus",
+)
 CHART_METHODS = {
     "auto": "**HoloPath**, defaults",
     "paper": "the paper's estimator",
@@ -125,8 +143,16 @@ CHART_METHODS = {
     "light-field": "phases from a light field",
 }
 
+
+def decisions() -> str:
+    """What `--fix` takes."""
+    rows = (f"| `{name}` | {low} to {high} | {told} |" for name, (low, high, told) in engine.FIXABLE.items())
+    return "\n".join(["| name | value | what |", "|---|---|---|", *rows])
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "settings": options.guide_table,
     "commands": commands,
+    "decisions": decisions,
     "chart": chart_table,
 }

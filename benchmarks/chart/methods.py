@@ -71,6 +71,7 @@ MORE = {
     "high, encoded 80 s": {"quality": "high", "encode": {"method": "auto", "seconds": 80.0}},
     "high, encoded 250 s": {"quality": "high", "encode": {"method": "auto", "seconds": 250.0}},
 }
+PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 
 
 def _rays(counts, usual, **settings):

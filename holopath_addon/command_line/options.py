@@ -11,7 +11,6 @@ from .. import engine
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
 
 
-
 def argument(parse: Callable) -> Callable:
     """Argument type from a function that raises `InvalidInput` or `ValueError`."""
 
@@ -143,4 +142,3 @@ def _small(text):
 def _default(name):
     default = default_of(name)
     return "none" if default is None or default == {} else str(default)
-
