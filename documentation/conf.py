@@ -22,6 +22,7 @@ myst_links_external_new_tab = False
 suppress_warnings = ["myst.header"]
 
 default_role = "py:obj"
+add_module_names = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # docstrings tell them, with shapes and units
 napoleon_google_docstring = False
@@ -29,6 +30,7 @@ napoleon_use_rtype = False
 toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"
+html_static_path, html_css_files = ["static"], ["holopath.css"]
 html_title = "HoloPath"
 html_copy_source = html_show_sphinx = False
 html_math_renderer = "mathml"

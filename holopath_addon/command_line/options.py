@@ -90,7 +90,7 @@ def guide_table() -> str:
     rows = ["| setting | on the command line | meaning | start with |", "|---|---|---|---|"]
     for name, declared in DECLARED.items():
         value = "" if declared.chosen else f" {_value(name, declared)}".replace("|", "\\|")
-        meaning = _meaning(declared, "`{}`")
+        meaning = "<br>".join([declared.help, *_choices(declared.chosen, "`{}`")])
         advice = declared.advice or _default(name)
         rows.append(f"| {declared.label} | `{flag(name)}{value}` | {meaning} | {advice} |")
     return "\n".join(rows)
@@ -123,10 +123,13 @@ def _type(name, declared):
 
 def listed(chosen: Mapping[str, Choice], form: str) -> str:
     """What each choice does, but for other people's methods."""
-    told = [
+    return "; ".join(_choices(chosen, form))
+
+
+def _choices(chosen, form):
+    return [
         f"{form.format(name)}: {_small(each.help)}" for name, each in chosen.items() if name not in BASELINES
     ]
-    return "; ".join(told)
 
 
 def _meaning(declared, form):

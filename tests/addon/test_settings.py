@@ -1,4 +1,4 @@
-"""Settings are declared once: the command line, Blender's properties and panels, and the documentation have them all."""
+"""Settings are declared once: the command line, Blender's properties and panels, and the pages have them all."""
 
 import math
 from pathlib import Path
