@@ -280,8 +280,8 @@ class Settings:
     speckle: float | None = _setting(
         None,
         "Speckle",
-        "Speckle contrast that may be left: standard deviation over mean of the intensity. As many frames are taken as it "
-        "needs",
+        "Speckle contrast that may be left: standard deviation over mean of the intensity. As many frames are taken as "
+        "it needs",
         advice="instead of frames: 0.2 is hardly seen in motion, 0.05 in stills",
         section="quality",
         bounds=(0.01, 1.0),
@@ -318,8 +318,8 @@ class Settings:
     despeckle: int = _setting(
         0,
         "Despeckle",
-        "Steps that take speckle out of the finished fields, towards the mean of 96 frames. These are traced for it and "
-        "multiply the time. 60 steps do most, 0 nothing",
+        "Steps that take speckle out of the finished fields, towards the mean of 96 frames. These are traced for it "
+        "and multiply the time. 60 steps do most, 0 nothing",
         advice="0; 60 for a still picture with few frames, 200 for the best",
         section="quality",
         bounds=(0, 1 << 16),
@@ -382,8 +382,8 @@ class Settings:
     paths: int = _setting(
         1,
         "Paths per Ray",
-        "Radiance paths that are averaged for each ray, where radiance is taken per ray. With few, indirect light is too "
-        "dark",
+        "Radiance paths that are averaged for each ray, where radiance is taken per ray. With few, indirect light is "
+        "too dark",
         bounds=(1, 1 << 16),
         soft=(1, 64),
     )
