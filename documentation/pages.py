@@ -47,7 +47,8 @@ def parsers() -> dict[str, argparse.ArgumentParser]:
 
 def commands() -> str:
     """All commands with their words and options."""
-    return "\n\n".join(_command(name, parser) for name, parser in parsers().items())
+    text = "\n\n".join(_command(name, parser) for name, parser in parsers().items())
+    return re.sub(r"docs/([\w-]+\.md)", r"[\1](\1)", text)
 
 
 def _command(name, parser):
@@ -58,7 +59,7 @@ def _command(name, parser):
         parser.description,
     ]
     for group in parser._action_groups:
-        rows = list(_rows(group._group_actions))
+        rows = list(_rows(parser, group._group_actions))
         if not rows:
             continue
         title = "" if group.title in ("positional arguments", "options") else f"{_upper(group.title)}:\n\n"
@@ -67,22 +68,22 @@ def _command(name, parser):
     return "\n\n".join(text)
 
 
-def _rows(actions: list[argparse.Action]) -> Iterator[str]:
-    told = False
+def _rows(parser, actions) -> Iterator[str]:
+    told, has_settings = False, DECLARED.keys() <= {action.dest for action in parser._actions}
     for action in actions:
         if action.help == argparse.SUPPRESS or action.dest in ("help", "quiet", "debug"):
             continue
-        if action.dest in DECLARED:
+        if has_settings and action.dest in DECLARED:
             if not told:
                 flags = ", ".join(f"`{options.flag(name)}`" for name in DECLARED)
-                yield f"| {flags} | How a hologram is computed: see [settings](settings.md) |"
+                yield f"| {flags} | how a hologram is computed: see [settings](settings.md) |"
             told = True
             continue
         words = " ".join(filter(None, [", ".join(action.option_strings), _value(action)]))
-        meaning = (action.help or "").replace("%%", "%")
+        meaning = parser._get_formatter()._expand_help(action)
         if action.choices and not action.metavar:
             meaning += f" ({', '.join(f'`{choice}`' for choice in action.choices)})"
-        yield "| `{}` | {} |".format(*(text.replace("|", "\\|") for text in (words, _upper(meaning))))
+        yield "| `{}` | {} |".format(*(text.replace("|", "\\|") for text in (words, meaning)))
 
 
 def _value(action):
