@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from docutils.nodes import SkipNode
 from docutils.utils.math import latex2mathml
 
 ROOT = Path(__file__).parents[1]
@@ -14,7 +15,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 # Pages lie where a code forge shows them, so the whole checkout is the source.
 root_doc = "docs/index"
 include_patterns = ["docs/**.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"]
-exclude_patterns = [".*", "build", "dist", "out", "tests", "benchmarks", "holopath_addon", "shared"]
+exclude_patterns = [".*", "build", "dist", "out", "tests", "benchmarks", "holopath_addon"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
@@ -44,18 +45,12 @@ def setup(app):
 
 def _inline(translator, node):
     translator.body.append(latex2mathml.tex2mathml(node.astext(), as_block=False))
-    raise _skip()
+    raise SkipNode
 
 
 def _block(translator, node):
     translator.body.append(f'<div class="math">{latex2mathml.tex2mathml(node.astext(), as_block=True)}</div>')
-    raise _skip()
-
-
-def _skip():
-    from docutils.nodes import SkipNode
-
-    return SkipNode()
+    raise SkipNode
 
 
 def _front_door(app, error):
