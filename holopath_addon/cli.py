@@ -183,7 +183,7 @@ def _add_modulator(parser):
         metavar="N",
         help="of phase that a pixel takes (default: any phase)",
     )
-    add("--response", metavar="FILE", help="text file of the phase in radians that each grey level shows")
+    add("--response", metavar="FILE", help="text file of the phase in radians that each gray level shows")
     add("--fill-factor", type=float, default=1.0, metavar="SHARE", help="of a pixel's area (default 1)")
     add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
     add("--crosstalk", type=float, default=0.0, metavar="PIXELS", help="blur of the phases (default 0)")

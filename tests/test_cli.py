@@ -100,7 +100,7 @@ def test_distances_that_are_none(text):
         (["{xml}", "--resolution", "64"], "WIDTHxHEIGHT"),
         (["{xml}", "--pitch", "0"], "pitch"),
         (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
-        (["{xml}", "--wavelengths", "red"], "nanometres"),
+        (["{xml}", "--wavelengths", "red"], "nanometers"),
         (["{xml}", "--wavelengths", "5"], "5 nm"),
         (["{xml}", "--frames", "0"], "Frames"),
         (["{xml}", "--frames", "many"], "frames"),

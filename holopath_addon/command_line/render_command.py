@@ -107,10 +107,10 @@ def add_scene(parser, store):
         help=f"resolution and pitch of a device: {', '.join(engine.DISPLAYS)}",
     )
     add("--resolution", type=argument(_resolution), metavar="WxH", help="default: the file's, 512x512")
-    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometres (default: the file's, 8)")
+    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers (default: the file's, 8)")
     add(
         "--wavelengths",
-        type=options.numbers(0, "a list of wavelengths", "nanometres"),
+        type=options.numbers(0, "a list of wavelengths", "nanometers"),
         metavar="NM[,NM..]",
         help="default: the file's, 640,516.5,455.4",
     )
@@ -121,7 +121,7 @@ def add_scene(parser, store):
     )
     add(
         "--depth-range",
-        type=options.numbers(2, "FAR,NEAR", "millimetres"),
+        type=options.numbers(2, "FAR,NEAR", "millimeters"),
         metavar="FAR_MM,NEAR_MM",
         help="infinity's and the near end's distances from the SLM (default: what the display can show)",
     )
@@ -130,7 +130,7 @@ def add_scene(parser, store):
         choices=tuple(DEPTH_MAPPINGS),
         help="fit the scene into the depth range, or map it as an eyepiece does",
     )
-    add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
+    add("--near", type=float, metavar="METERS", help="world depth of the near end (default: nearest surface)")
     options.add(parser)
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
     add(
@@ -241,11 +241,11 @@ def add_focus(parser, default):
         "--focus",
         type=argument(lengths.parse_focus),
         metavar="0.5m,1m,inf",
-        help=f"focus distances in m, cm, mm, D (dioptres) or inf (default: {default})",
+        help=f"focus distances in m, cm, mm, D (diopters) or inf (default: {default})",
     )
     parser.add_argument(
         "--pupil",
-        type=options.numbers(3, "X,Y,DIAMETER", "millimetres"),
+        type=options.numbers(3, "X,Y,DIAMETER", "millimeters"),
         metavar="X,Y,DIAMETER",
         help="part of the viewer's pupil, mm right and up of the axis (default: all of it)",
     )

@@ -201,7 +201,7 @@ class Plan:
 
     @property
     def z_gathered(self) -> float:
-        """Where the field of all planes is brought together: on the nearest to the viewer that has no images only."""
+        """Where the field of all planes is brought together, on the nearest to the viewer that has no images only."""
         return gathered_on(self.planes).z
 
     @property

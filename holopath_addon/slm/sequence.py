@@ -163,7 +163,7 @@ class Sequence:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pictures: the calibration's, or the hologram's."""
+        """Width and height of the pictures, the calibration's or the hologram's."""
         hologram = self.holograms[0].hologram
         return tuple(self.calibration.size or (hologram.width, hologram.height))
 
