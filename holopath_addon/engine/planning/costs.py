@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..encoding import encoder, views
 from ..encoding.views import MOST_DEPTHS, STEP, transforms
+from ..memory import AT_ONCE
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
@@ -196,7 +197,7 @@ def phases_memory(survey: Survey) -> dict[str, float]:
     kept = [sum(each) for each in zip(targets, transfers, strict=True)]
     grid = max(grid for grid, _ in grids)
     steps = min(most, encoder.BYTES["together"] * frames * grid)
-    traced = SETS[-1] * 8 * (pixels * colours + grid)
+    traced = CHUNK_BYTES + 2 * max(AT_ONCE, SETS[-1] * 8 * pixels * colours)
     return {
         "dpac": own + 8 * frames * pixels,
         "sgd": own + min(most, encoder.BYTES["sgd"] * frames * pixels),
