@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
 STEPS = 1 << 16  # of a turn, in the table from phase to level
 LARGEST = 1 << 15  # pixels of a side
+MOST_TURNS = 20  # of a response
+MOST_CORRECTION = float(1 << 20)  # radians, that float32 holds to a hundredth of a turn
 SAME = 0.5e-9  # metres within which a wavelength is the one that was measured
 
 
@@ -62,7 +64,7 @@ class Response:
 
     def __post_init__(self):
         _check_wavelength(self.wavelength)
-        if not 0.05 <= self.range <= 20:
+        if not 0.05 <= self.range <= MOST_TURNS:
             raise InvalidInput(f"A range of {self.range:g} turns is no SLM's: give a number near 1.")
         if self.curve is not None:
             try:
@@ -75,6 +77,10 @@ class Response:
                 )
             if (np.diff(curve[:, 0]) <= 0).any():
                 raise InvalidInput("The levels of a measured curve must rise.")
+            if np.abs(curve[:, 1]).max() > MOST_TURNS * 2 * math.pi:
+                raise InvalidInput(
+                    f"A measured curve of more than {MOST_TURNS} turns is no SLM's: give its phases in radians."
+                )
             object.__setattr__(self, "curve", tuple(map(tuple, curve.tolist())))
 
     def phases(self, bits: int, wavelength: float | None = None) -> np.ndarray:
@@ -148,10 +154,19 @@ class Calibration:
             raise InvalidInput(
                 f"A device of {self.size[0]} x {self.size[1]} pixels cannot be: give its size."
             )
+        if max(map(abs, self.shift)) > LARGEST:
+            raise InvalidInput(f"A shift has {LARGEST} pixels at most: give one that stays on the device.")
+        for response in self.responses:
+            response.phases(self.bits)  # its curve spans the levels
         if self.correction is not None:
-            correction = np.ascontiguousarray(self.correction, np.float32)
-            if correction.ndim != 2 or not np.isfinite(correction).all():
-                raise InvalidInput("The correction is no map of finite phases, one a pixel.")
+            correction = np.asarray(self.correction)
+            if correction.ndim != 2 or not correction.size or correction.dtype.kind not in "fiu":
+                raise InvalidInput("The correction is no map of phases, one a pixel: give its radians.")
+            if not np.abs(correction, dtype=float).max() <= MOST_CORRECTION:  # NaN is no less
+                raise InvalidInput(
+                    f"The correction is not finite, or goes beyond {MOST_CORRECTION:.0f}: give its radians."
+                )
+            correction = np.ascontiguousarray(correction, np.float32)
             if self.size is not None and correction.shape != tuple(self.size)[::-1]:
                 raise InvalidInput(
                     f"The correction has {correction.shape[1]} x {correction.shape[0]} pixels, the device "
@@ -328,7 +343,9 @@ class Calibration:
         """
         path = Path(path)
         try:
-            said = json.loads(path.read_text(encoding="utf-8"))
+            said = json.loads(path.read_text(encoding="utf-8-sig"))  # editors on Windows begin with a mark
+            if not isinstance(said, dict):
+                raise ValueError("it is no JSON object")
             if said["format"] != FORMAT or said.get("format_version", 1) != FORMAT_VERSION:
                 raise ValueError("another format, or a newer one")
             correction, at = None, None
@@ -338,7 +355,7 @@ class Calibration:
             size = said.get("size")
             return cls(
                 str(said.get("device", "")),
-                int(said.get("bits", 8)),
+                _whole(said.get("bits", 8)),
                 _pair(size) if size else None,
                 _truth(said.get("flip_x", False)),
                 _truth(said.get("flip_y", False)),
@@ -353,9 +370,9 @@ class Calibration:
         except InvalidInput as error:
             raise InvalidInput(f"The calibration {path}: {error}") from None
         except Exception as error:  # there is no end to what a file may hold
-            reason = f"it lacks {error}" if isinstance(error, KeyError) else error
+            reason = f"it lacks {error}" if isinstance(error, KeyError) else _reason(error)
             raise InvalidInput(
-                f"The calibration {path} cannot be read ({reason}): see docs/slm.md."
+                f"The calibration {path} cannot be read ({reason}): write it as docs/slm.md says."
             ) from None
 
 
@@ -392,11 +409,16 @@ def read_response(path: Path | str) -> tuple[float, ...]:
     InvalidInput
     """
     try:
-        return tuple(float(word) for word in Path(path).read_text().split())
+        phases = [float(word) for word in Path(path).read_text(encoding="utf-8-sig").split()]
     except (OSError, ValueError) as error:
         raise InvalidInput(
-            f"The response {path} cannot be read ({error}): give a text file of numbers."
+            f"The response {path} cannot be read ({_reason(error)}): give a text file of numbers."
         ) from error
+    if len(phases) < 2 or not all(abs(phase) <= MOST_TURNS * 2 * math.pi for phase in phases):
+        raise InvalidInput(
+            f"The response {path} holds no phases of levels: give two or more in radians, of up to {MOST_TURNS} turns."
+        )
+    return tuple(phases)
 
 
 def _truth(value):
@@ -407,7 +429,18 @@ def _truth(value):
 
 def _pair(values):
     first, second = values
-    return int(first), int(second)
+    return _whole(first), _whole(second)
+
+
+def _whole(value):
+    if isinstance(value, bool) or value != int(value) or abs(value) > LARGEST:
+        raise ValueError(f"{value!r} is no whole number up to {LARGEST}")
+    return int(value)
+
+
+def _reason(error):
+    """What an error says, in a line."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def _read_map(path):
