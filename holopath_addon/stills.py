@@ -75,8 +75,8 @@ class Still:
         How light is found, where that was decided for all frames of an animation and the settings leave it open.
     encode_seconds : float or None
         That encoding may take, see `engine.plan_encoding`.
-    levels : list of tuple of float, or None
-        Phases that the SLM has at each wavelength, see `engine.encode`.
+    levels : list of engine.Levels, or None
+        That the SLM has at each wavelength.
     """
 
     name: str
@@ -113,7 +113,7 @@ class Still:
             "compared": self.compare,
             "encoded": self.encode,
             "encoding_bits": self.bits,
-            "encoding_levels": self.levels and [list(phases) for phases in self.levels],
+            "encoding_levels": self.levels and [each.to_dict() for each in self.levels],
             "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
             "light_field": self.light_field,
             "encode_seconds": self.encode_seconds,

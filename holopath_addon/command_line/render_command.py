@@ -14,7 +14,7 @@ from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
 from ..farm.work import Work
-from ..slm.calibration import measured_levels
+from ..slm.calibration import measured_levels, response_files
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
@@ -231,9 +231,14 @@ def add_levels(parser):
     )
 
 
-def levels_of(args, wavelengths):
-    """Phases that the words say the SLM has at each wavelength; None if they say nothing."""
-    return None if args.response is None else measured_levels(args.response, wavelengths)
+def levels_of(args, hologram):
+    """`engine.Levels` that the words say the SLM has at each wavelength; None if they say nothing."""
+    return None if args.response is None else measured_levels(args.response, hologram)
+
+
+def response_of(args):
+    """Files that say it, by what they are."""
+    return {} if args.response is None else response_files(args.response)
 
 
 def add_focus(parser, default):
@@ -328,7 +333,7 @@ def still_of(args, source, job=None):
         args.rgbd,
         args.light_field,
         encode_seconds=seconds,
-        levels=levels_of(args, hologram.wavelengths),
+        levels=levels_of(args, hologram),
     )
 
 
@@ -476,7 +481,7 @@ def _job(args, source):
     """What decides the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    files = source.files if args.response is None else {**source.files, "response": Path(args.response)}
+    files = {**source.files, **response_of(args)}
     return SharedJob(scene, output.plain(words), digests(files), versions())
 
 

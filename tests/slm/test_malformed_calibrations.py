@@ -3,6 +3,7 @@
 import json
 import os
 import random
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -102,14 +103,14 @@ def damage(rng, path):
 
 
 def use(path):
-    """All that is done with such a file, as far as it does not depend on a hologram; levels are there."""
-    assert all(np.isfinite(phases).all() for phases in measured_levels(path, [GREEN, 455e-9]))
+    """All that is done with such a file."""
+    hologram = engine.Hologram(6, 4, 8e-6, (GREEN, 455e-9))
+    assert all(np.isfinite(each.phases).all() for each in measured_levels(path, hologram))
     if path.suffix == ".json":
         found = slm.Calibration.load(path)
-        shape = (found.size or (6, 4))[::-1]
-        if max(shape) < 99 and (found.correction is None or found.correction.shape == shape):
-            found = slm.Calibration(**{**vars(found), "shift": (0, 0)})
-            assert found.levels(np.ones(shape), GREEN).max() < 2**found.bits
+        if max(found.size or (0, 0)) < 99:
+            with suppress(engine.InvalidInput):  # the hologram does not fit
+                assert found.levels(np.ones((4, 6)), GREEN).max() < 2**found.bits
 
 
 def check(count, seed, folder):
