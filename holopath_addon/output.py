@@ -33,6 +33,7 @@ _OWN = {
     "pictures",
     "rgbd",
     "light_field",
+    "quilt",
     "report.json",
     "report.html",
     "report.csv",

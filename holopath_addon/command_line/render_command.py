@@ -23,6 +23,7 @@ from .frames import AnimationFrames
 from .options import argument
 
 # Words that leave results as they are; all others decide them.
+MOST_VIEWS = 256  # of a quilt
 _APART = {
     "run",
     "attended",
@@ -93,6 +94,13 @@ def add(command, store):
         type=argument(_views),
         metavar="N",
         help="also write such pictures through N x N points of the pupil into DIR/light_field",
+    )
+    render.add_argument(
+        "--quilt",
+        type=argument(_quilt),
+        metavar="CxR",
+        help="also write such pictures from the left of the pupil to its right, C x R in one as Looking Glass displays "
+        "read it, into DIR/quilt",
     )
     render.add_argument("--attended", action="store_true", help=argparse.SUPPRESS)  # by a window
 
@@ -196,6 +204,15 @@ def _views(text):
     if not text.isdigit() or not 2 <= int(text) <= 32:
         raise engine.InvalidInput(f"A light field has 2 to 32 views in a row, not {text}")
     return int(text)
+
+
+def _quilt(text):
+    columns, _, rows = text.partition("x")
+    if not (columns.isdigit() and rows.isdigit() and 2 <= int(columns) * int(rows) <= MOST_VIEWS):
+        raise engine.InvalidInput(
+            f"A quilt has columns and rows as 8x6, of 2 to {MOST_VIEWS} views, not {text}"
+        )
+    return int(columns), int(rows)
 
 
 def _one_frame(text):
@@ -334,6 +351,7 @@ def still_of(args, source, job=None):
         args.light_field,
         encode_seconds=seconds,
         levels=levels_of(args, hologram),
+        quilt=args.quilt,
     )
 
 
