@@ -16,6 +16,7 @@ from .views import KINDS, intensity
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from ..waves.modulator import Levels
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
     from .views import Views
@@ -55,7 +56,7 @@ def adam(
     phases: Phases,
     target: ComplexTarget | AmplitudeTarget,
     rate: float,
-    levels: np.ndarray | None,
+    levels: Levels | None,
     effort: Effort,
     told: Callable[[float, float], object],
     stage: dict,
@@ -68,8 +69,8 @@ def adam(
     target : ComplexTarget or AmplitudeTarget
     rate : float
         Longest step, radians.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising.
+    levels : Levels or None
+        That phases are to have.
     effort : Effort
     told : callable
         ``told(done, loss)`` gives the PSNR; may raise.
@@ -100,7 +101,7 @@ def together(
     phases: Phases,
     views: Views,
     gain: float,
-    levels: np.ndarray | None,
+    levels: Levels | None,
     effort: Effort,
     seconds: float | None,
     told: Callable[[float, float], object],
@@ -118,8 +119,8 @@ def together(
     views : Views
     gain : float
         Amplitude of the light sent in, to begin with.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the second half.
+    levels : Levels or None
+        That phases are to have. Ever more pixels come to their levels in the second half.
     effort : Effort
     seconds : float or None
         That it takes; None for as many steps as the effort's.

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.modulator import nearest
+from ..waves.modulator import wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..waves.modulator import Levels
     from ..waves.supervision import Frames
 
 # Decays of the means, Kingma and Ba, ICLR 2015; alike, as views differ from step to step: a long memory of squares
@@ -110,7 +111,7 @@ class Phases:
 
         self._each(move)
 
-    def fix(self, share: float, levels: np.ndarray) -> None:
+    def fix(self, share: float, levels: Levels) -> None:
         """Bring a share of each frame's pixels to one of the levels for good: those that are nearest to theirs.
 
         The others make up for the error in the steps that follow. Rounding in each step while the phases move on
@@ -123,7 +124,7 @@ class Phases:
 
         def each(frame):
             angle, free = self._angle[frame], self._free[frame]
-            target, gaps = nearest(angle, levels)
+            target, gaps = levels.nearest(angle)
             wanting = free & (gaps > FINE)
             fixed = len(angle) - np.count_nonzero(free)
             count = min(round(share * len(angle)) - fixed, np.count_nonzero(wanting))
@@ -144,9 +145,7 @@ class Phases:
 
     def values(self) -> np.ndarray:
         """Radians in [0, 2 pi), float32."""
-        turn = np.float32(2 * math.pi)
-        angle = np.mod(self._angle, 2 * math.pi).astype(np.float32).reshape(self._shape)
-        return np.where(angle < turn, angle, 0)  # the largest float below a turn is rounded to it
+        return wrapped(self._angle).reshape(self._shape)
 
     def _slope(self, frame, block, back, factor):
         product, slope, _ = self._room(block)
