@@ -11,6 +11,7 @@ import numpy as np
 import scipy.fft
 
 from ..scene.variants import threads
+from .phases import PARTLY
 from .views import KINDS, intensity
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ def together(
                     chosen.append((queue.pop(), kind.weight / kind.looks))
             back = seen.gradient(phases.light, chosen)
             rate = LONGEST * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
-            phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)))
+            phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)), PARTLY)
             steps += 1
             done = steps / effort.most_steps
             if seconds is not None:
