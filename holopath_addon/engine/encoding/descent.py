@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..scene.variants import threads
 from .views import KINDS, intensity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..waves.modulator import Levels
-    from ..waves.supervision import Frames
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
     from .views import Views
@@ -104,7 +104,6 @@ def together(
     levels: Levels | None,
     effort: Effort,
     seconds: float | None,
-    threads: Frames,
     told: Callable[[float, float], object],
     stage: dict,
 ) -> float:
@@ -125,7 +124,6 @@ def together(
     effort : Effort
     seconds : float or None
         That it takes; None for as many steps as the effort's.
-    threads : Frames
     told : callable
         ``told(done, psnr)``, the PSNR by the whole pupil, may raise.
     stage : dict
@@ -137,7 +135,7 @@ def together(
         The gain that makes all views as bright as they should be.
     """
     begun = time.perf_counter()
-    seen = Seen(phases.light, views, gain, threads)
+    seen = Seen(phases.light, views, gain)
     if seconds is not None:  # views are looked at once more at the end
         seconds = max(1e-3, seconds - (time.perf_counter() - begun))
     rng = np.random.default_rng(effort.seed)
@@ -192,7 +190,6 @@ class Seen:
     views : Views
     gain : float
         Amplitude of the light sent in, where views are black.
-    threads : Frames
 
     Attributes
     ----------
@@ -202,10 +199,8 @@ class Seen:
         Of each view, as it was when last looked at.
     """
 
-    def __init__(self, light: np.ndarray, views: Views, gain: float, threads: Frames) -> None:
-        self.gain = gain
-        self._views, self._threads = views, threads
-        self._spectra, self._gradient = np.empty((2, len(light), *views.padded), light.dtype)
+    def __init__(self, light: np.ndarray, views: Views, gain: float) -> None:
+        self.gain, self._views = gain, views
         self.losses, self._shown, self._wanted, self._weights = np.zeros((4, len(views)))
         for number, wanted in enumerate(views.wanted):
             self._wanted[number] = self._brightness(number, wanted)
@@ -226,8 +221,8 @@ class Seen:
 
     def look(self, light: np.ndarray) -> None:
         """Look at all views."""
-        self._transform(light)
-        images = [self._image(number)[1] for number in range(len(self._views))]
+        spectra = self._transform(light)
+        images = [self._image(spectra, number)[1] for number in range(len(self._views))]
         for number, image in enumerate(images):
             self._shown[number] = self._brightness(number, image)
         self.adjust()
@@ -246,51 +241,35 @@ class Seen:
         Returns
         -------
         numpy.ndarray
-            In memory that the next call overwrites: G with dL = 2 Re sum conj(G) du.
+            G with dL = 2 Re sum conj(G) du.
         """
-        views, frames = self._views, len(self._spectra)
-        scale = np.float32(self.gain**2)
-        self._transform(light)
-        self._gradient[:] = 0
+        views, frames = self._views, len(light)
+        scale, (rows, columns) = np.float32(self.gain**2), views.shape
+        spectra = self._transform(light)
+        gradient = np.zeros_like(spectra)
         for number, share in chosen:
             wanted, weight = views.wanted[number], views.weight(number)
-            waves, image = self._image(number)
+            waves, image = self._image(spectra, number)
             self._shown[number] = self._brightness(number, image)
             error = scale * image - wanted
             slope = error * weight
             self.losses[number] = float((error * slope).sum(dtype=float))
-            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves[0].dtype)
-
-            def back(frame, number=number, waves=waves, slope=slope):
-                wave, (rows, columns) = waves[frame], slope.shape
-                wave[:rows, :columns] *= slope
-                wave[rows:], wave[:rows, columns:] = 0, 0
-                views.back(wave, number, self._gradient[frame])
-
-            self._threads.each(back, frames)
-        rows, columns = views.shape
-
-        def finish(frame):
-            self._gradient[frame] = scipy.fft.ifft2(self._gradient[frame], overwrite_x=True)
-
-        self._threads.each(finish, frames)
-        return self._gradient[:, :rows, :columns]
+            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves.dtype)
+            height, width = slope.shape
+            waves[:, :height, :width] *= slope
+            waves[:, height:], waves[:, :height, width:] = 0, 0
+            views.back(waves, number, gradient)
+        return scipy.fft.ifft2(gradient, overwrite_x=True, workers=threads())[:, :rows, :columns]
 
     def _transform(self, light):
-        def each(frame):
-            self._spectra[frame] = scipy.fft.fft2(light[frame], self._views.padded)
+        return scipy.fft.fft2(light, self._views.padded, workers=threads())
 
-        self._threads.each(each, len(light))
-
-    def _image(self, number):
+    def _image(self, spectra, number):
         """Each frame's wave in a view, and the mean of their intensities."""
-        views = self._views
-        waves = self._threads.each(lambda frame: views.wave(self._spectra[frame], number), len(self._spectra))
-        shape = views.wanted[number].shape
-        image = np.zeros(shape, waves[0].real.dtype)
-        for wave in waves:
-            image += intensity(wave, shape)
-        return waves, image / np.float32(len(waves))
+        waves = self._views.waves(spectra, number)
+        image = intensity(waves, self._views.wanted[number].shape)
+        image *= np.float32(1 / len(waves))
+        return waves, image
 
     def _brightness(self, number, image):
         views = self._views

@@ -371,7 +371,7 @@ class _Work:
                     if colour in wanted:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(fields[:, place] * scale, self._threads)
+                        wanted[colour].add(fields[:, place] * scale)
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
@@ -400,7 +400,7 @@ class _Work:
     def _add_own(self, views, colour):
         """Count the field's own frames."""
         for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
-            views.add(self._fields(group, colour), self._threads)
+            views.add(self._fields(group, colour))
 
     def _towards(self, views, colour, begun, number):
         """Bring phases of one wavelength, by its number, to views; wavelengths share what is left of the time."""
@@ -419,7 +419,7 @@ class _Work:
             with self._stage(method, colour) as stage, self._phases(group, colour) as phases:
                 seconds = None if self._asked.seconds is None else self._left(1) / (left - place)
                 what = phases, views, self.gains[colour], self._coarse[colour], effort, seconds
-                gains.append(descent.together(*what, self._threads, told, stage))
+                gains.append(descent.together(*what, told, stage))
         self.gains[colour] = float(np.mean(gains))
 
     def _at(self, begun, number):
