@@ -52,8 +52,8 @@ LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
 # Of encodings, a pixel of each frame and wavelength: `sgd` to its end, and transforms of the padded grid with what is
-# around them, and those of a step of all frames together.
-SGD, TRANSFORM = 0.7e-6, 8e-9
+# around them, those of a step of all frames together and of looks at all views.
+SGD, TRANSFORM, LOOKED = 0.7e-6, 8e-9, 5e-9
 
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
@@ -175,14 +175,14 @@ def phases(
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
     sums = pixels * colours * ((plain + chained) * SUM[1] + MOVE * len(planes))
     sgd = slowness * pixels * frames * colours * SGD
-    look = slowness * frames * TRANSFORM * looks
+    look = slowness * frames * LOOKED * looks
     step = slowness * frames * STEP * TRANSFORM * padded
     return {
         "sgd": sgd,
         "joint": sgd + look + encoder.STEPS["joint"] * step,
         "views": look,
         "light": sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance")),
-        "set": traversals * rays + slowness * SETS[-1] * (sums + TRANSFORM * looks),
+        "set": traversals * rays + slowness * SETS[-1] * (sums + LOOKED * looks),
         "step": step,
     }
 
