@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -233,8 +234,11 @@ def _object(text):
 
 
 def _write_npz(path, container):
-    with open(path, "wb") as file:
-        np.savez(file, **container.arrays, **{NOTES: np.array(json.dumps(container.attributes))})
+    arrays = {**container.arrays, NOTES: np.array(json.dumps(container.attributes))}
+    with zipfile.ZipFile(path, "w") as file:  # numpy.savez leaves it open where it is interrupted
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, array, allow_pickle=False)
 
 
 def _read_npy(path):

@@ -1,5 +1,6 @@
 """`holopath export` and `holopath import`, as they are typed."""
 
+import gc
 import json
 import signal
 
@@ -98,7 +99,7 @@ def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
     assert "does not exist" in capsys.readouterr().err
 
 
-def ctrl_c(*_args):
+def ctrl_c(*_args, **_options):
     signal.raise_signal(signal.SIGINT)
 
 
@@ -135,3 +136,11 @@ def interrupted(words, folder, left, capsys):
     assert cli.main(words) == 1
     assert capsys.readouterr().err == "holopath: Cancelled: nothing was written.\n"
     assert [path.name for path in folder.iterdir()] == left
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_archive_that_is_interrupted_says_no_more(rendered, tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "files"
+    monkeypatch.setattr(np.lib.format, "write_array", ctrl_c)
+    interrupted(["export", str(rendered), str(folder / "a.npz"), "--quiet"], folder, [], capsys)
+    gc.collect()

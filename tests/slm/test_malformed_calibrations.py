@@ -134,7 +134,7 @@ def check(count, seed, folder):
 
 @pytest.mark.filterwarnings("error")
 def test_damaged_files(tmp_path):
-    check(300, 0, tmp_path)
+    check(150, 0, tmp_path)
 
 
 @pytest.mark.slow

@@ -528,7 +528,7 @@ def test_views_are_those_of_a_field(monkeypatch):
     shape = 47, 63  # whose padded ones are alike
     field = wave_field(band_limited(shape, frames=3))
     views = Views(shape, PITCH, GREEN, 1e-3, 2e-3, frames=3, seed=3)
-    with Frames() as threads:
+    with Frames():
         for m in range(3):
             views.add(field.data[m : m + 1, 0])
     seen = engine.reconstruct(field, [math.inf])[0, ..., 0]
