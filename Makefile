@@ -2,6 +2,7 @@
 # make test: the tests, in minutes            make env: only what both need, in .venv
 # make test-slow: those that take long, or compare with other people's programs (MINUTES=8: as many as begin in that time)
 # make test-all: both, and those in the Blender that HOLOPATH_BLENDER names
+# make test-cuda, make bench-cuda: tests of accuracy, and a full HD hologram by stages, on an NVIDIA card
 # make lint, make bench; make docs: the documentation as a site, in build/site
 # make guide: the parts of the documentation that the code declares: commands, settings, figures of the chart
 # make extension: the zips that Blender installs, in dist; make repository: a folder that Blender updates from
@@ -23,7 +24,10 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 # A worker for each processor, as far as memory goes: each has Blender and Mitsuba loaded.
 PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: env demo test test-slow test-all lint bench chart chart-quick extension repository docs guide clean
+# Those that compare what is computed with formulas, with Mitsuba's thin lens, with Cycles, and with LLVM.
+CUDA_TESTS := tests/engine tests/export tests/baselines tests/stability tests/test_mitsuba_plugins.py tests/test_cuda.py
+
+.PHONY: env demo test test-slow test-all test-cuda bench-cuda lint bench chart chart-quick extension repository docs guide clean
 
 env: $(RUN) $(DEV)
 
@@ -63,6 +67,15 @@ test-slow: $(RUN) $(DEV) $(ORACLES)
 
 test-all: test test-slow
 	@if [ -n "$$HOLOPATH_BLENDER" ]; then $(PY) -m pytest -m blender; fi
+
+# On an NVIDIA card, and refused without one. One process: the card's memory is not shared out.
+test-cuda bench-cuda: export HOLOPATH_BACKEND := cuda_ad_rgb
+
+test-cuda: $(RUN) $(DEV)
+	$(PY) -m pytest -m 'cuda or not (slow or oracle or dense or blender)' $(CUDA_TESTS)
+
+bench-cuda: $(RUN) $(DEV)
+	$(PY) -m benchmarks full_hd
 
 docs: $(DEV)
 	$(PY) -m documentation site

@@ -347,6 +347,23 @@ def test_transparency(stage, case, lit_by):
     )
 
 
+def test_alpha_of_vertex_colours_casts_its_shadow(stage):
+    """From 0 to 1 over the pane: the floor below is lit through it as in Cycles."""
+    leaf = stage.material(PRINCIPLED, "leaf", Base_Color=(0.2, 0.4, 0.8, 1), Roughness=1.0)
+    tree = leaf.node_tree
+    colours = tree.nodes.new("ShaderNodeVertexColor")
+    colours.layer_name = "painted"
+    shader = next(n for n in tree.nodes if n.bl_idname == PRINCIPLED)
+    tree.links.new(colours.outputs["Alpha"], shader.inputs["Alpha"])
+    pane = stage.plane(1.4, leaf, "leaf", (0.2, 0.2, 0.8))
+    painted = pane.data.color_attributes.new("painted", "BYTE_COLOR", "CORNER")
+    painted.data.foreach_set("color", np.repeat(np.float32([0, 1, 1, 0]), 4))
+    stage.plane(5, stage.material(DIFFUSE, "floor", Color=(0.7, 0.7, 0.7, 1)), "floor")
+    stage.lamp("SUN", 3.0, rotation=(0, -0.6, 0))
+    assert apart(stage, 0.02) < 0.02
+    assert "Color Attribute node into Alpha" in features(stage.export())
+
+
 def test_cut_out_by_texture(stage):
     """Leaves as billboards: a texture's alpha, by Principled and by Mix, one the other's negative."""
     holes = stage.float_image(np.kron([[1, 0], [0, 1]], np.ones((4, 4))))
