@@ -552,9 +552,7 @@ class _ShaderReader:
     @staticmethod
     def _grey(value):
         """As Cycles reads a number from a colour: its luminance."""
-        if isinstance(value, ImageValue):
-            return replace(value, grey=True)
-        return float(np.dot(value, LUMINANCE) if np.ndim(value) else value)
+        return replace(value, grey=True) if isinstance(value, ImageValue) else _luminance(value)
 
     @staticmethod
     def _deviates(node, name, neutral):
@@ -579,7 +577,7 @@ class _ShaderReader:
                 self._emission_pressing = True
                 colour = self._textures.mean_colour(colour)
             return replace(strength, grey=True).scaled(colour)
-        strength = self._grey(strength)
+        strength = _luminance(strength)
         if strength == 0:
             return None
         if strength < 0:
@@ -656,6 +654,11 @@ def _clear():
 
 def _f0(ior):
     return ((ior - 1) / (ior + 1)) ** 2
+
+
+def _luminance(value):
+    """Of a colour or a number."""
+    return float(np.dot(value, LUMINANCE) if np.ndim(value) else value)
 
 
 def _square_root(value):

@@ -27,7 +27,7 @@ FIXES, FEW = 20, 6  # how often pixels are brought to levels, and steps between
 TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
 # Of `together`.
-LONGEST = 0.15  # radians; from 0.2 on some scenes find no rest
+LONGEST = 0.2  # radians; from 0.3 on some scenes find no rest
 WARM_UP, WARM_SHARE = 20, 0.1  # steps, or share of all, until they are as long
 FEW_LEVELS = (
     16  # up to which the last steps are half as long; with more they are as much shorter as levels are closer

@@ -436,7 +436,7 @@ def test_refinement_that_finds_no_rest_keeps_its_start(monkeypatch):
 @pytest.mark.parametrize("bits", [None, 2])
 def test_refinement_takes_the_seconds_that_it_is_given(bits):
     """All of it: each color has its part, and few levels are kept."""
-    field, seconds = wave_field(np.concatenate([smooth(2, n, (32, 32)) for n in (0, 5)], axis=1)), 0.6
+    field, seconds = wave_field(np.concatenate([smooth(2, n, (32, 32)) for n in (0, 5)], axis=1)), 1.2
     more = np.concatenate([smooth(24, n, (32, 32)) for n in (1, 6)], axis=1)
     begun = time.perf_counter()
     phase = engine.encode(field, "refine", many=many(more, 8), seconds=seconds, bits=bits, most_steps=10**9)
