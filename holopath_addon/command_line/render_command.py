@@ -14,7 +14,7 @@ from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
 from ..farm.work import Work
-from ..slm.calibration import measured_levels
+from ..slm.calibration import fitted_display, measured_levels
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
@@ -227,13 +227,19 @@ def add_levels(parser):
     parser.add_argument(
         "--response",
         metavar="FILE",
-        help="levels as measured instead: the SLM's calibration (.json), or a text file of their phases in radians",
+        help="levels as measured instead: the SLM's calibration (.json), with the display's model where `holopath "
+        "calibrate` fitted one, or a text file of their phases in radians",
     )
 
 
 def levels_of(args, wavelengths):
     """Phases that the words say the SLM has at each wavelength; None if they say nothing."""
     return None if args.response is None else measured_levels(args.response, wavelengths)
+
+
+def display_of(args, wavelengths):
+    """What the display does to light at each wavelength, where the words name a calibration that knows; else None."""
+    return None if args.response is None else fitted_display(args.response, wavelengths)
 
 
 def add_focus(parser, default):
@@ -329,6 +335,7 @@ def still_of(args, source, job=None):
         args.light_field,
         encode_seconds=seconds,
         levels=levels_of(args, hologram.wavelengths),
+        display=display_of(args, hologram.wavelengths),
     )
 
 

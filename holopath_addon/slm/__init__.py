@@ -3,6 +3,8 @@
 A `Sequence` makes pictures of holograms, `stream` shows them on a `Driver`.
 """
 
+from .bench import Bench, mis_set
+from .calibrating import PatternWindow, calibrate, calibration_of, nominal
 from .calibration import Calibration, Response
 from .driver import Driver, Info, Picture
 from .drivers.controller import Controller, serial_ports
@@ -15,10 +17,12 @@ from .drivers.slmsuite_device import SlmsuiteDriver
 from .drivers.virtual import VirtualDriver
 from .errors import DeviceLost
 from .focus import FocusPlanes, Plane, run_camera, sweep
+from .sensor import Sensor, read_capture
 from .sequence import PACKINGS, Sequence
 from .streaming import Counts, stream
 
 __all__ = [
+    "Bench",
     "Calibration",
     "Controller",
     "Counts",
@@ -34,13 +38,20 @@ __all__ = [
     "Picture",
     "Plane",
     "Response",
+    "Sensor",
     "Sequence",
     "SerialDriver",
     "SlmsuiteDriver",
     "VirtualDriver",
+    "PatternWindow",
+    "calibrate",
+    "calibration_of",
     "describe",
     "identify",
+    "mis_set",
     "monitors",
+    "nominal",
+    "read_capture",
     "run_camera",
     "serial_ports",
     "stream",

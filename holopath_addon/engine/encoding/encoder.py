@@ -23,7 +23,8 @@ from . import descent
 from .double_phase import clipping_level, double_phase, half_band
 from .frame_mean import FrameMean
 from .phase_hologram import PhaseHologram
-from .phases import FINE, Phases
+from .phases import FINE, WHOLE, Phases
+from .shown_light import ShownLight
 from .targets import AmplitudeTarget, ComplexTarget
 from .views import Views
 
@@ -34,10 +35,12 @@ if TYPE_CHECKING:
 
     from ..progress import Progress
     from ..wavefield import WaveField
+    from ..waves.display_model import DisplayModel
 
 SUPERVISIONS = ("complex", "amplitude")
 STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
+MARGIN = 12  # pixels around a display's, into which its relay scatters light
 DARK = 1e-6  # of the brightest colour's amplitude
 BYTES = {"sgd": 40, "joint": 32, "refine": 44, "pictures": 24}  # of a pixel of a frame
 SHARE = {"joint": 0.3, "refine": 0.1}  # of the progress that comes before the stage
@@ -51,6 +54,7 @@ def encode(
     *,
     bits: int | None = None,
     levels: Sequence[ArrayLike] | None = None,
+    display: Sequence[DisplayModel] | None = None,
     supervision: str = "complex",
     planes: int = 1,
     aperture: bool = True,
@@ -79,6 +83,9 @@ def encode(
         Of an SLM so coarse that it matters: phases are the best of its 2^bits levels. Default: not rounded.
     levels : sequence of array_like, optional
         Instead, the phases in radians that the SLM really has at each wavelength, measured; in any order, of any turn.
+    display : sequence of DisplayModel, optional
+        What the display makes of phases at each wavelength: the descents make up for what is not ideal. Default: light
+        of phases alone.
     supervision : str
         Of `sgd`, one of `SUPERVISIONS`: the complex field, or amplitudes only as in prior work.
     planes : int
@@ -116,7 +123,7 @@ def encode(
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
     effort = descent.Effort(tolerance, most_steps, seed)
-    asked = _Asked(method, bits, levels, supervision, planes, aperture, start, many, seconds, effort)
+    asked = _Asked(method, bits, levels, display, supervision, planes, aperture, start, many, seconds, effort)
     asked.check(field)
     with Frames() as threads:
         work = _Work(field, asked, progress or (lambda done, message: None), threads)
@@ -149,6 +156,7 @@ class _Asked:
     method: str
     bits: int | None
     levels: Sequence[ArrayLike] | None
+    display: Sequence[DisplayModel] | None
     supervision: str
     planes: int
     aperture: bool
@@ -189,6 +197,14 @@ class _Asked:
             raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
         if self.bits is not None and self.levels is not None:
             raise InvalidInput("Levels that were measured have a number of their own: leave out the bits.")
+        if self.display is not None and len(self.display) != field.data.shape[1]:
+            raise InvalidInput(
+                f"There are display models of {len(self.display)} wavelengths for {field.data.shape[1]}: give as many."
+            )
+        if self.display is not None and self.method == "dpac":
+            raise InvalidInput(
+                "Double phase knows no display model: choose sgd or joint, or leave out the model."
+            )
         if not 1 <= self.planes <= 64:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:
@@ -248,7 +264,21 @@ class _Work:
         self._coarse = [
             ring if ring is not None and widest_gap(ring) > FINE else None for ring in self._rings
         ]
-        self.report = {"bits": asked.bits, "measured_levels": asked.levels is not None, "stages": []}
+        hologram, shape = field.hologram, field.data.shape[-2:]
+        self._margin = 0 if asked.display is None else MARGIN
+        self._shape = tuple(n + 2 * self._margin for n in shape)  # of light
+        self._displays = [
+            None
+            if asked.display is None
+            else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN)
+            for colour in range(count)
+        ]
+        self.report = {
+            "bits": asked.bits,
+            "measured_levels": asked.levels is not None,
+            "display_model": asked.display is not None,
+            "stages": [],
+        }
 
     def hologram(self):
         """What has been done."""
@@ -287,8 +317,12 @@ class _Work:
         """Phases to start with."""
         data, start = self.field.data, self._asked.start
         for colour in self.colours:
+            display = self._displays[colour]
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
+            elif display is not None:
+                for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
+                    phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
                 waves = filtered(data[:, colour], half_band(data.shape[-2:]))
                 level = clipping_level(waves) or 1
@@ -337,7 +371,7 @@ class _Work:
         field, hologram = self.field, self.field.hologram
         pitch, wavelength = hologram.pitch, hologram.wavelengths[colour]
         vantages = spread_vantages(pitch, wavelength, *self._volume(), self._asked.effort.seed)
-        pictures = Pictures(field.data.shape[-2:], pitch, wavelength, vantages)
+        pictures = Pictures(self._shape, pitch, wavelength, vantages)
         begun = SHARE["joint"] + (1 - SHARE["joint"]) * self.colours.index(colour) / len(self.colours)
         for group in _groups(len(field.data), math.prod(pictures.padded) * BYTES["pictures"]):
             self._progress(begun, "Pictures of the field")
@@ -353,7 +387,7 @@ class _Work:
                     if colour in wanted:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(fields[:, place] * scale, self._threads)
+                        wanted[colour].add(self._wide(fields[:, place] * scale), self._threads)
                 if self._left(TRACED) < 0 and min(counts.values()):
                     break
             for views in wanted.values():
@@ -366,9 +400,11 @@ class _Work:
     def _wanted(self):
         """What `refine` goes towards, by wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        frames, _, *shape = self.field.data.shape
+        frames = len(self.field.data)
         return {
-            colour: Views(shape, hologram.pitch, hologram.wavelengths[colour], *self._volume(), frames, seed)
+            colour: Views(
+                self._shape, hologram.pitch, hologram.wavelengths[colour], *self._volume(), frames, seed
+            )
             for colour in self.colours
         }
 
@@ -417,7 +453,14 @@ class _Work:
 
     def _fields(self, which, colour):
         """Complex fields of some frames, of root mean square 1 over all; a copy."""
-        return self.field.data[which, colour] * np.float32(1 / self._scales[colour])
+        fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
+        return self._wide(fields)
+
+    def _wide(self, fields):
+        """With dark around them as wide as the display's margin."""
+        if not self._margin:
+            return fields
+        return np.pad(fields, [(0, 0)] * (fields.ndim - 2) + [(self._margin, self._margin)] * 2)
 
     def _volume(self):
         """Distances between which the scene lies."""
@@ -427,12 +470,13 @@ class _Work:
 
     def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
-        band = circular_band(self.field.data.shape[-2:])
+        band = circular_band(self._shape)
         wanted = shown = 0.0
         for frame, phase in enumerate(self.phases[:, colour]):
             wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())
             wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
-            light = np.exp(np.complex64(1j) * phase)
+            display = self._displays[colour]
+            light = np.exp(np.complex64(1j) * phase) if display is None else display.light(phase)
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
@@ -446,7 +490,9 @@ class _Work:
     @contextmanager
     def _phases(self, group, colour):
         """`Phases` of some frames in one wavelength, which are put back however the work ends."""
-        phases = Phases(self.phases[group, colour], self._threads)
+        ring = self._rings[colour]
+        ends = WHOLE if ring is None else (ring[0], ring[-1])
+        phases = Phases(self.phases[group, colour], self._threads, self._displays[colour], ends)
         try:
             yield phases
         finally:
