@@ -23,6 +23,7 @@ ALL = {
     "exporter": ("exporter.main", False),
 }
 NAMED = {
+    "display_model": ("display_model.run", False),
     "farm": ("farm.run", False),
     "foretold": ("foretold.run", False),
     "refinement": ("refinement.run", False),

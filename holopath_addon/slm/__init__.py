@@ -16,6 +16,7 @@ from .drivers.serial_device import SerialDriver
 from .drivers.slmsuite_device import SlmsuiteDriver
 from .drivers.virtual import VirtualDriver
 from .errors import DeviceLost
+from .fitting import Fitted
 from .focus import FocusPlanes, Plane, run_camera, sweep
 from .sensor import Sensor, read_capture
 from .sequence import PACKINGS, Sequence
@@ -31,6 +32,7 @@ __all__ = [
     "DisplayDriver",
     "Driver",
     "FilesDriver",
+    "Fitted",
     "FocusPlanes",
     "Info",
     "Monitor",

@@ -107,35 +107,39 @@ def even_knots(bits: int) -> tuple:
 def parameters(start: Setup) -> list[Parameter]:
     """What is fitted, in the order of `vector`."""
     rows = [
-        ("position x", "half sides", -0.3, 0.3, "pixels", 2),
-        ("position y", "half sides", -0.3, 0.3, "pixels", 2),
-        ("falloff", "per square half side", 0.05, 0.5, "pixels", 2, 0.0),
-        ("tilt x", "rad", -4e-3, 4e-3, "pixels", 3),
-        ("tilt y", "rad", -4e-3, 4e-3, "pixels", 3),
-        ("source size", "rad", 0.05e-3, 0.5e-3, "source", 4, 0.0),
-        ("bandwidth", "m", 0.5e-9, 12e-9, "source", 4, 0.0),
-        ("unmodulated, real", "", -0.25, 0.25, "pixels", 2),
-        ("unmodulated, imaginary", "", -0.25, 0.25, "pixels", 2),
-        ("crosstalk", "pixels", 0.2, 0.8, "pixels", 4, 0.0),
+        Parameter("position x", "half sides", -0.3, 0.3, "pixels", 2),
+        Parameter("position y", "half sides", -0.3, 0.3, "pixels", 2),
+        Parameter("falloff", "per square half side", 0.05, 0.5, "pixels", 2, 0.0),
+        Parameter("tilt x", "rad", -4e-3, 4e-3, "pixels", 3),
+        Parameter("tilt y", "rad", -4e-3, 4e-3, "pixels", 3),
+        Parameter("source size", "rad", 0.05e-3, 0.5e-3, "source", 4, 0.0),
+        Parameter("bandwidth", "m", 0.5e-9, 12e-9, "source", 4, 0.0),
+        Parameter("unmodulated, real", "", -0.25, 0.25, "pixels", 2),
+        Parameter("unmodulated, imaginary", "", -0.25, 0.25, "pixels", 2),
+        Parameter("crosstalk", "pixels", 0.2, 0.8, "pixels", 4, 0.0),
     ]
-    rows += [(f"Zernike {j}", "rad", -0.5, 0.5, "relay", 3) for j in range(4, 12)]
+    rows += [Parameter(f"Zernike {j}", "rad", -0.5, 0.5, "relay", 3) for j in range(4, 12)]
     for way in ("across", "down"):
-        rows += [(f"Zernike {j} {way}", "rad per half side", -0.25, 0.25, "relay", 3) for j in range(4, 7)]
+        rows += [
+            Parameter(f"Zernike {j} {way}", "rad per half side", -0.25, 0.25, "relay", 3) for j in range(4, 7)
+        ]
     for k in range(1, KNOTS + 1):
         full = 2 * math.pi * k / KNOTS
-        rows.append((f"response {k}/{KNOTS}", "rad", 0.75 * full - 0.5, 1.15 * full + 0.5, "pixels", 2))
+        rows.append(
+            Parameter(f"response {k}/{KNOTS}", "rad", 0.75 * full - 0.5, 1.15 * full + 0.5, "pixels", 2)
+        )
     rows += [
-        ("gain", "", 0.2, 0.5, "sensor", 0, 0.0),
-        ("black", "", 0.0, 0.06, "sensor", 0, 0.0),
-        ("gamma", "", 0.85, 1.2, "sensor", 4, 0.5),
+        Parameter("gain", "", 0.2, 0.5, "sensor", 0, 0.0),
+        Parameter("black", "", 0.0, 0.06, "sensor", 0, 0.0),
+        Parameter("gamma", "", 0.85, 1.2, "sensor", 4, 0.5),
     ]
     kinds = {"a": (0.04, 1), "b": (0.04, 1), "c": (0.1, 0), "d": (0.04, 1), "e": (0.04, 1), "f": (0.1, 0)}
     kinds |= {"g": (0.02, 4), "h": (0.02, 4)}
     for distance, middle in start.sensor.homographies.items():
         for value, (name, (span, since)) in zip(middle, kinds.items(), strict=True):
             name = f"homography {name} at {distance * 1e3:g} mm"
-            rows.append((name, "", value - span, value + span, "sensor", since, -math.inf, distance))
-    return [Parameter(*row) for row in rows]
+            rows.append(Parameter(name, "", value - span, value + span, "sensor", since, -math.inf, distance))
+    return rows
 
 
 def vector(setup: Setup) -> np.ndarray:
@@ -296,11 +300,11 @@ def descend(
     spans = np.array([p.high - p.low for p in prediction.parameters])
     low = np.array([max(p.least, p.low - BEYOND * (p.high - p.low)) for p in prediction.parameters])
     high = np.array([p.high + BEYOND * (p.high - p.low) for p in prediction.parameters])
-    chosen, damping, step, matrix = list(chosen), 1e-3, 0, None
+    chosen, damping, step, kept = list(chosen), 1e-3, 0, False
+    matrix, normal = np.empty((0, 0), np.float32), np.empty((0, 0))
     errors = prediction.residuals(values)
     square = float(errors @ errors)
-    while step < steps or matrix is not None:
-        kept = matrix is not None
+    while step < steps or kept:
         if not kept:
             look = partial(_told, told, step / steps, 1 / steps, math.sqrt(square / errors.size))
             matrix = prediction.jacobian(values, chosen, look)
@@ -322,8 +326,7 @@ def descend(
         gained = (before - square) / before
         if gained <= TOLERANCE and not kept:
             break
-        if gained <= KEPT:
-            matrix = None
+        kept = gained > KEPT
     freedom = max(1, errors.size - len(chosen))
     deviations = np.full(len(values), np.inf)
     deviations[chosen] = np.sqrt(np.diag(np.linalg.pinv(normal)) * square / freedom) * spans[chosen]
@@ -387,18 +390,21 @@ def fit(
     foci, values = len(start.sensor.homographies), vector(start)
     found = parameters(start)
     extent = [number for number, p in enumerate(found) if p.part == "source"]
+    prediction = Prediction(captures, start, shape, pitch, bits)
+    deviations = np.full(len(values), np.inf)
     for stage, (turns, blur, steps) in enumerate(STAGES):
         chosen = [number for number, p in enumerate(found) if p.since <= stage]
         coherent = [number for number in extent if number not in chosen]
         tried = values.copy()
         tried[coherent] = 0  # faster
-        some = captures[: turns * foci] if turns else captures
-        prediction = Prediction(some, start, shape, pitch, bits, blur)
+        some = prediction
+        if turns or blur:
+            some = Prediction(captures[: turns * foci or None], start, shape, pitch, bits, blur)
 
         def told(done, error, stage=stage):
             progress((stage + done) / len(STAGES), f"Fitting the display, {100 * error:.1f} % off")
 
-        tried, deviations = descend(prediction, tried, chosen, steps, told)
+        tried, deviations = descend(some, tried, chosen, steps, told)
         values[chosen] = tried[chosen]
     errors = prediction.residuals(values)
     square = float(np.mean(errors**2))

@@ -72,7 +72,7 @@ def patterns(
             side = (1, 1, 2, 4)[turn % 4]
             blocks = rng.integers(0, top + 1, [-(-n // side) for n in shape])
             levels = np.repeat(np.repeat(blocks, side, 0), side, 1)[: shape[0], : shape[1]]
-        shown.append((levels.astype(np.uint8 if bits <= 8 else np.uint16), distance))
+        shown.append((np.asarray(levels).astype(np.uint8 if bits <= 8 else np.uint16), distance))
         number += 1
     return shown
 

@@ -175,9 +175,7 @@ def test_files_that_say_what_cannot_be(change, tmp_path):
         slm.Calibration.load(tmp_path / "my.json")
 
 
-WORDS = (
-    "calibrate --driver virtual --wavelength 520 --pitch 8 --distances 1,2 --window 16 --captures 20".split()
-)
+WORDS = "calibrate --driver virtual --wavelength 520 --pitch 8 --distances 0.5,1 --window 16 --captures 20".split()
 
 
 def test_command(tmp_path, monkeypatch, capsys):
@@ -185,7 +183,7 @@ def test_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
     monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
     assert cli.main([*WORDS, "--out", str(tmp_path / "my.json")]) == 0
-    assert "homography c at 1 mm" in capsys.readouterr().out
+    assert "homography c at 0.5 mm" in capsys.readouterr().out
     calibration = slm.Calibration.load(tmp_path / "my.json")
     assert len(calibration.models) == 1 and calibration.display([520e-9])
     again = [*WORDS, "--out", str(tmp_path / "my.json")]
@@ -200,7 +198,7 @@ def test_command(tmp_path, monkeypatch, capsys):
         (["--out", "my.txt"], "is a .json file"),
         (["--window", "4"], "16 to 512"),
         (["--captures", "10"], "ten captures at each"),
-        (["--distances", "1"], "two foci or more"),
+        (["--distances", "0.5"], "two foci or more"),
         (["--bits", "40"], "1 to 16 bits"),
         (["--driver", "slmsuite"], "camera is missing"),
     ],

@@ -89,10 +89,10 @@ class Phases:
             dL = sum of slope times change of phase: 2 Im(conj(u) G).
         """
         slope = np.empty_like(self._angle)
-        back, factors = self._at_pixels(back, factors)
+        back, shares = self._at_pixels(back, factors)
 
         def fill(frame, block, rows):
-            factor = 1 if factors is None else factors[frame]
+            factor = 1 if shares is None else shares[frame]
             slope[frame, block] = self._slope(frame, block, back[frame, rows], factor)
 
         self._each(fill)
@@ -104,7 +104,7 @@ class Phases:
             self._means = np.zeros((2, *self._angle.shape), self._angle.dtype)
             self._means[1] = TINY
         means, free = self._means, self._free
-        back, factors = self._at_pixels(back, factors)
+        back, shares = self._at_pixels(back, factors)
         self._count += 1
         first, second = ADAM
         real = self._angle.dtype.type
@@ -114,7 +114,7 @@ class Phases:
 
         def move(frame, block, rows):
             mean, square = means[0, frame, block], means[1, frame, block]
-            slope = self._slope(frame, block, back[frame, rows], factors[frame])
+            slope = self._slope(frame, block, back[frame, rows], shares[frame])
             mean *= real(first)
             mean += slope
             slope *= slope
@@ -198,7 +198,7 @@ class Phases:
             factor = 1 if factors is None else factors[frame]
             return 0.5j * light[frame] * display.slope(self._turns(frame), back[frame] * factor)
 
-        return np.array(self._threads.each(each, len(light)), light.dtype), np.ones(len(light))
+        return np.array(self._threads.each(each, len(light)), light.dtype), [1.0] * len(light)
 
     def _slope(self, frame, block, back, factor):
         product, slope, _ = self._room(block)
