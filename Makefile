@@ -2,7 +2,9 @@
 # make test: the tests, in minutes            make env: only what both need, in .venv
 # make test-slow: those that take long, or compare with other people's programs (MINUTES=8: as many as begin in that time)
 # make test-all: both, and those in the Blender that HOLOPATH_BLENDER names
-# make lint, make bench; make guide: the table of settings in docs/guide.md, as they are declared
+# make test-cuda, make bench-cuda: tests of accuracy, and a full HD hologram by stages, on an NVIDIA card
+# make lint, make bench; make docs: the documentation as a site, in build/site
+# make guide: the parts of the documentation that the code declares: commands, settings, figures of the chart
 # make extension: the zips that Blender installs, in dist; make repository: a folder that Blender updates from
 # make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
 
@@ -22,7 +24,10 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 # A worker for each processor, as far as memory goes: each has Blender and Mitsuba loaded.
 PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: env demo test test-slow test-all lint bench chart chart-quick extension repository guide clean
+# Those that compare what is computed with formulas, with Mitsuba's thin lens, with Cycles, and with LLVM.
+CUDA_TESTS := tests/engine tests/export tests/baselines tests/stability tests/test_mitsuba_plugins.py tests/test_cuda.py
+
+.PHONY: env demo test test-slow test-all test-cuda bench-cuda lint bench chart chart-quick extension repository docs guide clean
 
 env: $(RUN) $(DEV)
 
@@ -40,14 +45,14 @@ $(RUN): pyproject.toml wheels.lock | $(PY)
 
 # What tests, benchmarks and lint need besides.
 $(DEV): pyproject.toml Makefile install_monitors.sh | $(RUN)
-	$(PIP_INSTALL) -e '.[blender,test]'
+	$(PIP_INSTALL) -e '.[blender,test,docs]'
 	$(PIP_INSTALL) --upgrade --no-deps --target $(VENV)/share/stubs $(BPY_STUBS)
 	./install_monitors.sh
 	@touch $@
 
 # Other people's programs to compare with.
 $(ORACLES): pyproject.toml | $(DEV)
-	$(PIP_INSTALL) -e '.[blender,test,oracles]'
+	$(PIP_INSTALL) -e '.[blender,test,docs,oracles]'
 	@touch $@
 
 demo: $(RUN)
@@ -63,8 +68,20 @@ test-slow: $(RUN) $(DEV) $(ORACLES)
 test-all: test test-slow
 	@if [ -n "$$HOLOPATH_BLENDER" ]; then $(PY) -m pytest -m blender; fi
 
+# On an NVIDIA card, and refused without one. One process: the card's memory is not shared out.
+test-cuda bench-cuda: export HOLOPATH_BACKEND := cuda_ad_rgb
+
+test-cuda: $(RUN) $(DEV)
+	$(PY) -m pytest -m 'cuda or not (slow or oracle or dense or blender)' $(CUDA_TESTS)
+
+bench-cuda: $(RUN) $(DEV)
+	$(PY) -m benchmarks full_hd
+
+docs: $(DEV)
+	$(PY) -m documentation site
+
 guide: $(RUN)
-	$(PY) -m holopath_addon.command_line.options docs/guide.md
+	$(PY) -m documentation pages
 
 lint: $(RUN) $(DEV)
 	$(PY) -m ruff check .

@@ -4,6 +4,7 @@ import argparse
 import sys
 from importlib import import_module
 
+from holopath_addon.engine import BackendUnavailable, InvalidInput
 from holopath_addon.engine.scene import variants
 
 OUT = "out/bench"
@@ -26,6 +27,7 @@ NAMED = {
     "display_model": ("display_model.run", False),
     "farm": ("farm.run", False),
     "foretold": ("foretold.run", False),
+    "full_hd": ("full_hd.run", False),
     "refinement": ("refinement.run", False),
     "slm": ("slm.run", False),
     "stability": ("stability.report.run", True),
@@ -38,7 +40,11 @@ def main():
     parser.add_argument("name", nargs="?", choices=ALL | NAMED, help="default: all but " + ", ".join(NAMED))
     parser.add_argument("parts", nargs=argparse.REMAINDER, help="of it, such as scenes; default: all")
     options = parser.parse_args()
-    variants.activate()
+    try:
+        variants.activate()
+    except (BackendUnavailable, InvalidInput) as error:
+        print(error, file=sys.stderr)
+        return 2
     if options.name:
         run(*(ALL | NAMED)[options.name], options.parts)
     else:

@@ -13,7 +13,7 @@ from holopath_addon.slm.fitting import Setup, vector
 
 SIDE, PITCH, GREEN, FOCI, VIEW = 40, 8e-6, 520e-9, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)
 MIDDLE = 4.5e-3  # where pictures are compared
-FRAMES = 4
+FRAMES = 8
 
 
 def run(*seeds):
@@ -60,7 +60,7 @@ def _field():
 
 def _decibels(bench, field, calibration):
     """Of the picture on the bench, without its camera, against the field's own."""
-    levels = {"levels": calibration.phases([GREEN])} if calibration.models else {}
+    levels = {"levels": calibration.levels_of(field.hologram)} if calibration.models else {}
     phase = engine.encode(field, "joint", display=calibration.display([GREEN]), **levels)
     shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
     seen = np.mean([bench.picture(phases, MIDDLE) for phases in shown], axis=0)

@@ -15,14 +15,13 @@ import scipy.fft
 
 from holopath_addon import engine, pipeline
 from holopath_addon.engine.encoding import descent
-from holopath_addon.engine.encoding.frame_mean import FrameMean
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import ComplexTarget
+from holopath_addon.engine.encoding.views import KINDS, STEP, Views
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.settings import PHASE_FIELDS
 from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
-from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.supervision import Frames
 
 from .convergence import border
@@ -381,24 +380,31 @@ def cost(sizes=SIZES):
         rng = np.random.default_rng(0)
         parts = rng.normal(size=(2, frames, *shape)).astype(np.float32)
         fields = parts[0] + 1j * parts[1]
-        vantages = [Vantage(3e-3), Vantage(-2e-3, (0.1, 0, 0.25))]
-        pictures = Pictures(shape, PITCH, GREEN, vantages)
-        pictures.add(fields)
+        views = Views(shape, PITCH, GREEN, -2e-3, 3e-3, frames, 0)
         with Frames() as threads:
+            views.add(fields)
             phases = Phases(np.angle(fields), threads)
             target = ComplexTarget(fields, True, threads)
-            mean = FrameMean(pictures, 1.0, threads)
+            seen = descent.Seen(phases.light, views, 1.0)
+            chosen = [
+                (number, kind.weight / kind.looks)
+                for kind, numbers in zip(KINDS, views.kinds, strict=True)
+                for number in numbers[: kind.looks]
+            ]
+            even = np.ones(frames, np.complex64)
 
             def sgd(phases=phases, target=target):
                 _, back, factors = target.gradient(phases.light)
                 phases.descend(back, factors, 0.01)
 
-            def joint(phases=phases, mean=mean):
-                loss, back = mean.gradient(phases.light, 1)
-                phases.relax(back, loss, 0.1)
+            def joint(phases=phases, seen=seen, chosen=chosen, even=even):
+                phases.descend(seen.gradient(phases.light, chosen), even, 0.01)
 
             text = []
-            for name, step, count, grid in (("sgd", sgd, 2, shape), ("joint", joint, 4, pictures.padded)):
+            for name, step, count, grid in (
+                ("sgd", sgd, 2, shape),
+                ("joint", joint, round(STEP), views.padded),
+            ):
                 whole, alone = _medians(step, _ffts(np.ones((frames, *grid), np.complex64), count, threads))
                 text.append(f"{name} {whole:7.1f} ({count} FFTs {alone:7.1f}, ratio {whole / alone:.2f})")
         lines.append(f"  M = {frames:2d}, {shape[1]:4d} x {shape[0]:4d}: {'   '.join(text)}")

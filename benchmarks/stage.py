@@ -136,9 +136,9 @@ class Stage:
 
     def mitsuba(self, resolution=(32, 32), spp=256, depth=6, exported=None, seed=0):
         """Linear RGB [y, x, 3] of the exported scene, by Mitsuba's path tracer."""
+        exported = exported or self.export(resolution)  # chooses an LLVM, before Mitsuba is imported
         import mitsuba as mi
 
-        exported = exported or self.export(resolution)
         camera = exported.camera
         to_world = camera.to_world @ np.diag([-1.0, 1.0, -1.0, 1.0])
         width, height = resolution

@@ -186,7 +186,7 @@ def _add_modulator(parser):
     add(
         "--response",
         metavar="FILE",
-        help="text file of the phase in radians that each grey level shows, or the display as it was fitted (.json)",
+        help="text file of the phase in radians that each gray level shows, or the display as it was fitted (.json)",
     )
     add("--fill-factor", type=float, default=1.0, metavar="SHARE", help="of a pixel's area (default 1)")
     add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
@@ -219,6 +219,8 @@ def _plan(args):
         print(encoding.decision)
         if encoding.advice:
             print(f"note: {encoding.advice} See --encode-seconds.")
+        for warning in encoding.warnings:
+            print(f"warning: {warning}")
     for note in loaded.notes:
         print(f"note: {render_command.note_text(note)}")
 

@@ -34,7 +34,7 @@ def parse_distance(text):
         return math.inf
     match = _LENGTH.fullmatch(word)
     if not match or (match[2] not in _UNITS and match[2] not in _DIOPTRES):
-        raise InvalidInput(f"'{text}' is not a distance: write for example 0.5m, 50cm, 2D (dioptres) or inf.")
+        raise InvalidInput(f"'{text}' is not a distance: write for example 0.5m, 50cm, 2D (diopters) or inf.")
     value = float(match[1])
     if match[2] in _DIOPTRES:
         if value < 0:

@@ -46,6 +46,18 @@ def pytest_collection_modifyitems(config, items):
         items[:] = items[first:] + items[:first]
 
 
+def pytest_configure(config):
+    """Where a graphics card is asked for and there is none, nothing is tried: tests would fail one by one."""
+    if os.environ.get("HOLOPATH_BACKEND") != "cuda_ad_rgb" or config.option.collectonly:
+        return
+    from holopath_addon.engine.scene import variants
+
+    card = next(row for row in variants.describe() if row["name"] == variants.CUDA)
+    if not card["available"]:
+        reason = f"{variants.CUDA} cannot be used: {card['detail']}; unset HOLOPATH_BACKEND, or use another machine."
+        pytest.exit(reason, returncode=2)
+
+
 def pytest_collection_finish(session):
     """Dr.Jit loads an LLVM once for all, where it is first imported: the first test that computes chooses it."""
     if "drjit" in sys.modules:

@@ -64,9 +64,12 @@ DESCENTS = {
 MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
     "high, despeckled": {"quality": "high", "despeckle": 200},
-    "balanced, refined": {"quality": "balanced", "encode": {"method": "refine", "most_steps": 100}},
-    "high, refined": {"quality": "high", "encode": {"method": "refine"}},
-    "high, despeckled, refined": {"quality": "high", "despeckle": 200, "encode": {"method": "refine"}},
+    "preview, encoded 1 s": {"quality": "preview", "encode": {"method": "auto", "seconds": 1.0}},
+    "balanced, encoded 4 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 4.0}},
+    "balanced, encoded 20 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 20.0}},
+    "balanced, encoded": {"quality": "balanced", "encode": {"method": "auto"}},
+    "high, encoded 80 s": {"quality": "high", "encode": {"method": "auto", "seconds": 80.0}},
+    "high, encoded 250 s": {"quality": "high", "encode": {"method": "auto", "seconds": 250.0}},
 }
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 

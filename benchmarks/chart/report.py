@@ -55,7 +55,7 @@ process that has the scene, Python and its libraries included. **Speckle** is de
 reference in 16 x 16 patches, lit pixels only, the median. *Out of focus* are the pixels whose blur is over two pixels
 in radius. Methods that find phases are compared by the light of these; those that find a complex field by that field,
 and the phase-only loss says what phases in its place lose (`sgd`, mean of three foci). Efforts of ours that are
-*refined* are phases, too, towards the mean of 192 more frames of the same light.
+*encoded* are phases, too, of the default encoding, in the seconds that it was given or in its own time.
 
 All methods have diffuse light as Mitsuba's path tracer finds it: those that start from pictures take them with mirrors,
 glass and gloss in them. A learned network is not in the chart: the method `network` takes a user's own.

@@ -14,23 +14,26 @@ COLUMNS = 4  # of small multiples
 
 INTRODUCTION = """# Where models break
 
-Each sweep walks one parameter across an edge at which a model could break, in small steps, and measures a
-figure that physics keeps flat, or divides it by the law that it follows: PSNR against a truth of its own for
-each value, by Mitsuba's thin-lens camera, torchoptics' angular spectrum method or an analytic answer, and
-brightness over that truth's. Between neighbours PSNR may step by {psnr:g} dB and brightness by
-{brightness:.0%}; nothing may be no number or end in an exception. Where pictures must get worse or better by
-physics, the largest step is left out or counts only falls, and the last column says so.
+At which edges could HoloPath's models fail, and do they? Each sweep below walks one parameter across such an edge in
+small steps. It measures a figure that physics keeps flat, or divides it by the law that it follows.
 
-`python -m benchmarks stability` walks all sweeps and writes this page; `python -m benchmarks stability pitch
-rays` walks those that are named, and takes the others' rows from out/bench/stability.json. Tests in
-tests/stability walk a few values of each; `python -m benchmarks stability quick` walks those. The command ends with
-the steps that are larger than they may be.
+- **PSNR** is against a truth of its own for each value: Mitsuba's thin-lens camera, torchoptics' angular spectrum
+  method, or an analytic answer.
+- **Brightness** is over that of the truth.
+- **Largest step** is between neighbors. PSNR may step by {psnr:g} dB and brightness by {brightness:.0%}. Nothing may be
+  no number, or end in an exception. Where pictures must get worse or better by physics, the largest step is left out or
+  counts only falls, and the last column says so.
 
-Kernels are cut to whole pixels of a lattice: where it gains or loses a ring, PSNR changes by up to 0.7 dB. Values lie
-densely where several rings follow each other: a rough mirror's surface loses 1.5 dB between alpha 0.006 and 0.007, in
-three steps.
+`python -m benchmarks stability` walks all sweeps and writes this page. `python -m benchmarks stability pitch rays`
+walks those that are named, and takes the others' rows from out/bench/stability.json. Tests in tests/stability walk a
+few values of each, and `python -m benchmarks stability quick` walks those. The command ends with the steps that are
+larger than they may be.
 
-In the plots blue is PSNR in dB, or gigabytes, orange brightness and other ratios; red dots mark what is refused.
+Kernels are cut to whole pixels of a lattice. Where the lattice gains or loses a ring, PSNR changes by up to 0.7 dB.
+Values lie densely where several rings follow each other. There a rough mirror's surface loses 1.5 dB between alpha
+0.006 and 0.007, in three steps.
+
+In the plots blue is PSNR in dB, or gigabytes. Orange is brightness and other ratios. Red dots mark what is refused.
 """
 
 

@@ -1,21 +1,14 @@
-"""The settings that `engine.settings` declares, as options of a command and as the guide's table.
-
-python -m holopath_addon.command_line.options docs/guide.md    writes the table anew
-"""
+"""The settings that `engine.settings` declares, as options of a command and as the documentation's table."""
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from .. import engine
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
-
-BEGIN, END = "<!-- settings, from engine/settings.py: make guide -->", "<!-- end of settings -->"
 
 
 def argument(parse: Callable) -> Callable:
@@ -93,19 +86,14 @@ def asked(args: argparse.Namespace, base: Settings) -> Settings:
 
 
 def guide_table() -> str:
-    """The guide's table of settings, Markdown."""
+    """The documentation's table of settings, Markdown."""
     rows = ["| setting | on the command line | meaning | start with |", "|---|---|---|---|"]
     for name, declared in DECLARED.items():
-        value = "" if declared.chosen else f" {_value(name, declared)}"
-        meaning = _meaning(declared, "`{}`")
+        value = "" if declared.chosen else f" {_value(name, declared)}".replace("|", "\\|")
+        meaning = "<br>".join([declared.help, *_choices(declared.chosen, "`{}`")])
         advice = declared.advice or _default(name)
         rows.append(f"| {declared.label} | `{flag(name)}{value}` | {meaning} | {advice} |")
     return "\n".join(rows)
-
-
-def write_guide(text: str) -> str:
-    """A guide's text with its table as the settings are declared now."""
-    return re.sub(f"(?s)(?<={re.escape(BEGIN)}\n\n).*(?=\n\n{re.escape(END)})", lambda _: guide_table(), text)
 
 
 def _say(text):
@@ -135,10 +123,13 @@ def _type(name, declared):
 
 def listed(chosen: Mapping[str, Choice], form: str) -> str:
     """What each choice does, but for other people's methods."""
-    told = [
+    return "; ".join(_choices(chosen, form))
+
+
+def _choices(chosen, form):
+    return [
         f"{form.format(name)}: {_small(each.help)}" for name, each in chosen.items() if name not in BASELINES
     ]
-    return "; ".join(told)
 
 
 def _meaning(declared, form):
@@ -154,8 +145,3 @@ def _small(text):
 def _default(name):
     default = default_of(name)
     return "none" if default is None or default == {} else str(default)
-
-
-if __name__ == "__main__":
-    guide = Path(sys.argv[1])
-    guide.write_text(write_guide(guide.read_text("utf-8")), "utf-8")

@@ -14,7 +14,7 @@ from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
 from ..farm.work import Work
-from ..slm.calibration import fitted_display, measured_levels
+from ..slm.calibration import fitted_display, measured_levels, response_files
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
@@ -23,6 +23,7 @@ from .frames import AnimationFrames
 from .options import argument
 
 # Words that leave results as they are; all others decide them.
+MOST_VIEWS = 256  # of a quilt
 _APART = {
     "run",
     "attended",
@@ -94,6 +95,13 @@ def add(command, store):
         metavar="N",
         help="also write such pictures through N x N points of the pupil into DIR/light_field",
     )
+    render.add_argument(
+        "--quilt",
+        type=argument(_quilt),
+        metavar="CxR",
+        help="also write such pictures from the left of the pupil to its right, C x R in one as Looking Glass displays "
+        "read it, into DIR/quilt",
+    )
     render.add_argument("--attended", action="store_true", help=argparse.SUPPRESS)  # by a window
 
 
@@ -107,10 +115,10 @@ def add_scene(parser, store):
         help=f"resolution and pitch of a device: {', '.join(engine.DISPLAYS)}",
     )
     add("--resolution", type=argument(_resolution), metavar="WxH", help="default: the file's, 512x512")
-    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometres (default: the file's, 8)")
+    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers (default: the file's, 8)")
     add(
         "--wavelengths",
-        type=options.numbers(0, "a list of wavelengths", "nanometres"),
+        type=options.numbers(0, "a list of wavelengths", "nanometers"),
         metavar="NM[,NM..]",
         help="default: the file's, 640,516.5,455.4",
     )
@@ -121,7 +129,7 @@ def add_scene(parser, store):
     )
     add(
         "--depth-range",
-        type=options.numbers(2, "FAR,NEAR", "millimetres"),
+        type=options.numbers(2, "FAR,NEAR", "millimeters"),
         metavar="FAR_MM,NEAR_MM",
         help="infinity's and the near end's distances from the SLM (default: what the display can show)",
     )
@@ -130,7 +138,7 @@ def add_scene(parser, store):
         choices=tuple(DEPTH_MAPPINGS),
         help="fit the scene into the depth range, or map it as an eyepiece does",
     )
-    add("--near", type=float, metavar="METRES", help="world depth of the near end (default: nearest surface)")
+    add("--near", type=float, metavar="METERS", help="world depth of the near end (default: nearest surface)")
     options.add(parser)
     add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
     add(
@@ -198,6 +206,15 @@ def _views(text):
     return int(text)
 
 
+def _quilt(text):
+    columns, _, rows = text.partition("x")
+    if not (columns.isdigit() and rows.isdigit() and 2 <= int(columns) * int(rows) <= MOST_VIEWS):
+        raise engine.InvalidInput(
+            f"A quilt has columns and rows as 8x6, of 2 to {MOST_VIEWS} views, not {text}"
+        )
+    return int(columns), int(rows)
+
+
 def _one_frame(text):
     frames = ranges.frames(text)
     if len(frames) != 1:
@@ -232,9 +249,14 @@ def add_levels(parser):
     )
 
 
-def levels_of(args, wavelengths):
-    """Phases that the words say the SLM has at each wavelength; None if they say nothing."""
-    return None if args.response is None else measured_levels(args.response, wavelengths)
+def levels_of(args, hologram):
+    """`engine.Levels` that the words say the SLM has at each wavelength; None if they say nothing."""
+    return None if args.response is None else measured_levels(args.response, hologram)
+
+
+def response_of(args):
+    """Files that say it, by what they are."""
+    return {} if args.response is None else response_files(args.response)
 
 
 def display_of(args, wavelengths):
@@ -247,11 +269,11 @@ def add_focus(parser, default):
         "--focus",
         type=argument(lengths.parse_focus),
         metavar="0.5m,1m,inf",
-        help=f"focus distances in m, cm, mm, D (dioptres) or inf (default: {default})",
+        help=f"focus distances in m, cm, mm, D (diopters) or inf (default: {default})",
     )
     parser.add_argument(
         "--pupil",
-        type=options.numbers(3, "X,Y,DIAMETER", "millimetres"),
+        type=options.numbers(3, "X,Y,DIAMETER", "millimeters"),
         metavar="X,Y,DIAMETER",
         help="part of the viewer's pupil, mm right and up of the axis (default: all of it)",
     )
@@ -334,7 +356,8 @@ def still_of(args, source, job=None):
         args.rgbd,
         args.light_field,
         encode_seconds=seconds,
-        levels=levels_of(args, hologram.wavelengths),
+        levels=levels_of(args, hologram),
+        quilt=args.quilt,
         display=display_of(args, hologram.wavelengths),
     )
 
@@ -483,7 +506,7 @@ def _job(args, source):
     """What decides the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    files = source.files if args.response is None else {**source.files, "response": Path(args.response)}
+    files = {**source.files, **response_of(args)}
     return SharedJob(scene, output.plain(words), digests(files), versions())
 
 

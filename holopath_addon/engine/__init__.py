@@ -24,7 +24,7 @@ from .viewing.reconstruction import Refocuser, reconstruct, to_rgb
 from .viewing.reference import diffracted, reference
 from .wavefield import WaveField
 from .waves.display_model import DisplayModel
-from .waves.modulator import Modulator
+from .waves.modulator import Levels, Modulator
 
 __all__ = [
     "BackendUnavailable",
@@ -39,6 +39,7 @@ __all__ = [
     "FIXABLE",
     "Hologram",
     "InvalidInput",
+    "Levels",
     "Modulator",
     "PhaseHologram",
     "Plan",

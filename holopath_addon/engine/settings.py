@@ -280,7 +280,8 @@ class Settings:
     speckle: float | None = _setting(
         None,
         "Speckle",
-        "Speckle contrast that may be left, standard deviation over mean of the intensity: as many frames as it takes",
+        "Speckle contrast that may be left: standard deviation over mean of the intensity. As many frames are taken as "
+        "it needs",
         advice="instead of frames: 0.2 is hardly seen in motion, 0.05 in stills",
         section="quality",
         bounds=(0.01, 1.0),
@@ -299,7 +300,7 @@ class Settings:
     frames: int = _setting(
         8,
         "Frames",
-        "Time-multiplexed frames per color; more have less speckle and take longer",
+        "Time-multiplexed frames per color. More have less speckle and take longer",
         advice="8; 24 for a fast SLM",
         section="quality",
         bounds=(1, 256),
@@ -310,15 +311,15 @@ class Settings:
         "auto",
         "Method",
         "Where the light that surfaces scatter diffusely comes from",
-        advice="`auto`. See [Baked light](#baked-light) and [To compare with](#to-compare-with)",
+        advice="`auto`. See [baked light](how-to/baked-light.md) and [other methods](how-to/compare.md)",
         section="quality",
         chosen=METHODS,
     )
     despeckle: int = _setting(
         0,
         "Despeckle",
-        "Steps that take speckle out of this scene's own fields after tracing, towards the mean of 96 frames, which "
-        "are traced for it and multiply the time; 60 do most. 0: none",
+        "Steps that take speckle out of the finished fields, towards the mean of 96 frames. These are traced for it "
+        "and multiply the time. 60 steps do most, 0 nothing",
         advice="0; 60 for a still picture with few frames, 200 for the best",
         section="quality",
         bounds=(0, 1 << 16),
@@ -350,7 +351,7 @@ class Settings:
     spp: int | None = _setting(
         None,
         "Rays per Pixel",
-        "Most rays per pixel, on average; fewer than are needed fill a narrower cone",
+        "Most rays per pixel, on average. Fewer than are needed fill a narrower cone",
         advice="as many as are needed",
         bounds=(1, 1 << 20),
         soft=(1, 4096),
@@ -381,16 +382,16 @@ class Settings:
     paths: int = _setting(
         1,
         "Paths per Ray",
-        "Radiance paths that are averaged for each ray where radiance is taken per ray; few are dark where light is "
-        "indirect",
+        "Radiance paths that are averaged for each ray, where radiance is taken per ray. With few, indirect light is "
+        "too dark",
         bounds=(1, 1 << 16),
         soft=(1, 64),
     )
     most_hits: int = _setting(
         8,
         "Specular Hits",
-        "Most mirrors and clear surfaces in a row that are followed to what is seen in them; what is beyond is black. "
-        "0: none are followed, and reflections lie on the mirror's surface",
+        "Most mirrors and clear surfaces in a row that a ray follows to what is seen in them. What is beyond is black. "
+        "With 0, reflections lie on the mirror's surface",
         bounds=(0, 64),
         soft=(0, 16),
     )
@@ -421,7 +422,7 @@ class Settings:
     planes: int | str = _setting(
         "auto",
         "Recording Planes",
-        "Most planes that rays start from, each near its part of the scene: more planes need fewer rays, and keep the "
+        "Most planes that rays start from, each near its part of the scene. More planes need fewer rays, and keep the "
         "edges of near things free of dark rims",
         advice="`auto`: as many as are worth their time; 1 as published",
         bounds=(1, 32),

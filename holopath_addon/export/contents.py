@@ -12,13 +12,14 @@ from ..engine.light.unwrapping import LACKING, unwrap
 from . import baking
 from .cache import MeshBake
 from .geometry import read_mesh, split_by_slot
-from .hair import curve_tubes, particle_tubes
+from .hair_and_points import curve_tubes, particle_tubes, point_balls
 from .lights import emission_varies, export_lamp, read_profile
 from .textures import RawImage
 
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+# Objects without faces that are given some.
+FORMED = {"CURVES": curve_tubes, "POINTCLOUD": point_balls}
 UNSUPPORTED_TYPES = {
-    "POINTCLOUD": "Point cloud",
     "VOLUME": "Volume",
     "GPENCIL": "Grease Pencil",
     "GREASEPENCIL": "Grease Pencil",
@@ -28,7 +29,7 @@ COPIED_TRIANGLES = 200_000
 # Side of a baked texture: two texels a pixel of the hologram where it is nearest, within these limits.
 LEAST_TEXELS, MOST_TEXELS = 64, 2048
 
-_BARE_HAIR = ("UV maps on hair", "missing: textures read one point")
+_BARE = ("UV maps on hair or points", "missing: textures read one point")
 
 
 @dataclass
@@ -181,7 +182,7 @@ class Contents:
             look = self._cache.appearances.get(material, can_bake=False)
             self._notes.worn(object.name, look.notes)
             if _reads_maps(look):
-                self._notes.add(object.name, *_BARE_HAIR)
+                self._notes.add(object.name, *_BARE)
             metres = np.diag([self._scale, self._scale, self._scale, 1.0])
             metres[:3, 3] = np.negative(self._origin)
             self._hair.append((_with_bare_maps(surface, look).transformed(metres), look, object.name))
@@ -215,7 +216,7 @@ class Contents:
         bake, kept.bake = kept.bake, None
         if not unfinished:
             return looks
-        if object.type == "CURVES" or not (_held_elsewhere(object) or len(object.data.polygons) > 0):
+        if object.type in FORMED or not (_held_elsewhere(object) or len(object.data.polygons) > 0):
             return [get(material, False) for material in materials]
         placed = self._finite(matrix, object.name)
         corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
@@ -349,16 +350,16 @@ class Contents:
         return shapes
 
     def _read(self, key, object):
-        """Surfaces of a mesh or of hair curves by material slot."""
+        """Surfaces of a mesh, of hair curves or of points by material slot."""
         kept, looks = self.meshes[key], self._slots[key]
         kept.triangles, kept.slots, kept.lacking = 0, [], set()
-        if object.type == "CURVES":
-            surface = curve_tubes(object.data)
+        if object.type in FORMED:
+            surface = FORMED[object.type](object.data)
             if surface is None:
                 return {}
             kept.triangles, kept.slots = len(surface.faces), [0]
             if _reads_maps(looks[0]):
-                kept.lacking.add(_BARE_HAIR)
+                kept.lacking.add(_BARE)
             return {0: _with_bare_maps(surface, looks[0])}
         if kept.bake:
             data = kept.bake.data
@@ -475,7 +476,7 @@ def _reads_maps(look):
 
 
 def _with_bare_maps(surface, look):
-    """Hair with the UV map that a look reads, all zero."""
+    """Hair or points with the UV map that a look reads, all zero."""
     if not _reads_maps(look):
         return surface
     return replace(surface, uv=np.zeros((len(surface.points), 2), np.float32))
@@ -483,7 +484,7 @@ def _with_bare_maps(surface, look):
 
 def _is_mesh(object):
     # curves, surfaces and texts appear a second time, as an instance of the mesh they evaluate to
-    return object.type in ("META", "CURVES") or isinstance(object.data, bpy.types.Mesh)
+    return object.type == "META" or object.type in FORMED or isinstance(object.data, bpy.types.Mesh)
 
 
 def _group(surfaces, looks, name):

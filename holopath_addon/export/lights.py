@@ -62,8 +62,6 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
         return None
     if not light.use_shadow:
         notes.add(name, "Light without shadow", "casts shadows")
-    if any(getattr(light, f"{ray}_factor", 1.0) != 1.0 for ray in ("diffuse", "specular", "transmission")):
-        notes.add(name, "Diffuse, glossy or transmission factor of a light", "ignored")
     if cycles and cycles.max_bounces < cycles.bl_rna.properties["max_bounces"].default:
         notes.add(name, "Max Bounces of a light", "ignored")
     placed = np.array(matrix, float)

@@ -18,6 +18,7 @@ SMOOTH = 0.02
 # The same of a coat, so that Blender's default coat roughness of 0.03 is smooth.
 SMOOTH_COAT = 0.035
 LEAST_IOR = 0.1  # a texture or driver may give less
+LEAST_PRINCIPLED_IOR = 1e-5  # Cycles': it mirrors all
 
 _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 _CLEAR = {"type": "null"}
@@ -174,7 +175,9 @@ class _ShaderReader:
             self._note("Material Output", "missing: rendered black, as in Blender")
             return Appearance()
         if output.inputs["Volume"].is_linked:
-            self._note("Volume", "ignored")
+            self._note("Volume", "ignored: clear")
+            if first_link(output.inputs["Surface"]) is None:
+                return _clear()
         self._displaced = first_link(output.inputs["Displacement"]) is not None
         if self._displaced and self._material.displacement_method != "BUMP":
             self._note("Displacement", "shown as bumps: the surface is not moved")
@@ -234,7 +237,7 @@ class _ShaderReader:
         gloss = self._microfacets(node, 0.5)
         gloss |= self._burley_anisotropy(node, "Anisotropic", "Anisotropic Rotation")
         tint = self._textured(node, "Specular Tint", _WHITE)
-        ior = max(self._constant(node, "IOR", 1.5), LEAST_IOR)
+        ior = max(self._constant(node, "IOR", 1.5), LEAST_PRINCIPLED_IOR)
         self._note_thin_film(node, "Principled ")
         if self._deviates(node, "Thin Wall", False):
             self._note("Principled Thin Wall", "ignored")
@@ -245,7 +248,8 @@ class _ShaderReader:
             f0 = 2 * self._constant(node, "Specular IOR Level", 0.5) * _f0(ior)
             if f0 > 0:
                 smooth = _at_most(gloss["roughness"], SMOOTH)
-                look = self._over(look, Appearance(self._dielectric(_eta(f0), tint, gloss), smooth=smooth))
+                eta = _eta(f0) if ior >= 1 else 1 / _eta(f0)
+                look = self._over(look, Appearance(self._dielectric(eta, tint, gloss), smooth=smooth))
         if transmission != 0 and metallic != 1:
             # Blender's Principled tints by the square root at each of two surfaces, and no reflections
             glass = self._glass(_square_root(base), _WHITE, gloss, ior, tint)
@@ -505,7 +509,8 @@ class _ShaderReader:
         return bsdf | {key: gloss[key] for key in ("aspect", "distribution") if key in gloss}
 
     def _dielectric(self, ior, tint, gloss):
-        return self._gloss(gloss, ior=max(ior, 1.001), reflectance=self._build(tint, limit=1))
+        ior = max(ior, 1.001) if ior >= 1 else min(ior, 0.999)
+        return self._gloss(gloss, ior=ior, reflectance=self._build(tint, limit=1))
 
     def _mirror(self, gloss, **colours):
         """What reflects with these colours of `engine.scene.closures`."""
@@ -574,7 +579,7 @@ class _ShaderReader:
                 self._emission_pressing = True
                 colour = self._textures.mean_colour(colour)
             return replace(strength, grey=True).scaled(colour)
-        strength = float(np.mean(strength))
+        strength = self._grey(strength)
         if strength == 0:
             return None
         if strength < 0:

@@ -102,8 +102,31 @@ class ImageValue:
         return replace(self, scale=tuple(map(float, scale)), offset=tuple(map(float, offset)))
 
 
+def missing(image, owner, notes):
+    """Whether an image is none or cannot be read, which is noted: it is opaque and magenta, as in Cycles.
+
+    Parameters
+    ----------
+    image : bpy.types.Image or None
+    owner : str
+        Name for the note where there is none.
+    notes : Notes
+
+    Returns
+    -------
+    bool
+    """
+    if image is None:
+        notes.add(owner, "Image Texture without an image", "shown in magenta")
+        return True
+    if image.size[0] * image.size[1] == 0 or not image.channels:
+        notes.add(image.name, "Image file", "missing: shown in magenta")
+        return True
+    return False
+
+
 def linear_pixels(image, notes):
-    """Pixels of an image in linear Rec.709, bottom row first.
+    """Pixels of an image that is not `missing` in linear Rec.709, bottom row first.
 
     Parameters
     ----------
@@ -112,13 +135,9 @@ def linear_pixels(image, notes):
 
     Returns
     -------
-    float32 [y, x, 4] or None
-        None if the image cannot be read.
+    float32 [y, x, 4]
     """
     width, height = image.size
-    if width * height == 0 or not image.channels:
-        notes.add(image.name, "Image file", "missing: shown in magenta")
-        return None
     if image.source in ("SEQUENCE", "MOVIE"):
         notes.add(image.name, "Image sequence or movie", "only the frame loaded now is used")
     elif image.source == "TILED":
@@ -233,14 +252,16 @@ class Textures:
         node = source.node
         if not source.socket.is_output or node.bl_idname in _CONSTANT:
             return _plain(source.socket.default_value)
+        pictured = node.bl_idname == "ShaderNodeTexImage" and not node.mute
+        if pictured and missing(node.image, owner, self._notes):
+            return 1.0 if source.socket.name == "Alpha" else MAGENTA
         feature = f"{node.bl_label} node into {pin.socket.name}"
         reading = self._reading
         reading.wanted[socket_key(pin)] = Output(pin, NUMBER if pin.socket.type == "VALUE" else COLOUR)
         if reading.baked:
             return self._baked(pin, owner, feature)
-        if node.bl_idname == "ShaderNodeTexImage" and not node.mute:
-            if reading.baked is None or self._is_direct(source):
-                return self._image(source, owner)
+        if pictured and (reading.baked is None or self._is_direct(source)):
+            return self._image(source, owner)
         reading.pressing = True
         if reading.baked is None:
             self._notes.add(owner, feature, "not supported: replaced by a constant")
@@ -287,10 +308,8 @@ class Textures:
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
     def _is_direct(self, source):
-        """Whether Mitsuba can read an image as it is; a missing one, too, has nothing to bake."""
+        """Whether Mitsuba can read an image as it is."""
         node, image = source.node, source.node.image
-        if image is None or image.size[0] * image.size[1] == 0:
-            return True
         return (
             node.projection == "FLAT"
             and image.source not in ("TILED", "MOVIE", "SEQUENCE")
@@ -325,9 +344,6 @@ class Textures:
 
     def _image(self, source, owner):
         node = source.node
-        if node.image is None:
-            self._notes.add(owner, "Image Texture without an image", "shown in magenta")
-            return MAGENTA
         if node.projection != "FLAT":
             self._notes.add(owner, f"{node.projection.title()} projection", "mapped by UV instead")
         uv_name, matrix = self._coordinates(source.input("Vector"), owner)
@@ -397,8 +413,7 @@ class Textures:
         """Mean linear colour of a value, shape (3,)."""
         if not isinstance(value, ImageValue):
             return np.broadcast_to(np.asarray(value, float), 3)
-        colour = self._linear_colour(value)
-        colour = np.array(MAGENTA, np.float32) if colour is None else self._scaled(colour, value)
+        colour = self._scaled(self._linear_colour(value), value)
         return np.maximum(colour, 0).reshape(-1, 3).mean(0, float)
 
     @staticmethod
@@ -407,10 +422,8 @@ class Textures:
         return colour * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
 
     def _linear_colour(self, value):
-        """The channels of an image that count, [y, x, 3], or None."""
+        """The channels of an image that count, [y, x, 3]."""
         pixels = self.pixels(value.image)
-        if pixels is None:
-            return None
         if pixels.shape[2] == 1:
             return np.repeat(pixels, 3, axis=2)
         if value.alpha:
@@ -455,8 +468,6 @@ class Textures:
         if key in self._built:
             return self._built[key]
         colour = self._linear_colour(value)
-        if colour is None:
-            return self.build(tuple(self.mean_colour(value)), grey, limit)
         to_uv = np.array(value.uv_matrix).reshape(3, 3)
         if value.extension == "CLIP":
             # a black frame of one pixel, repeated outwards

@@ -4,7 +4,7 @@ import numpy as np
 
 from . import baking
 from .node_graph import Pin, follow, output_node, uses_nodes
-from .textures import MAGENTA, ImageValue
+from .textures import MAGENTA, ImageValue, missing
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
@@ -38,7 +38,7 @@ def export_world(world, frame, textures, notes):
     source = follow(Pin(output.inputs["Surface"]))
     if not source.socket.is_output:
         return None
-    direct = _direct(source)
+    direct = _direct(source, world.name, notes)
     if direct is None:
         return _baked(source, world, frame, notes)
     colour, strength, rotation = direct
@@ -46,13 +46,10 @@ def export_world(world, frame, textures, notes):
         return None
     if not isinstance(colour, ImageValue):
         return _uniform(np.array(colour) * strength)
-    pixels = textures.pixels(colour.image)
-    if pixels is None:
-        return _uniform(np.array(MAGENTA) * strength)
-    return _everywhere(pixels * np.float32(strength), rotation)
+    return _everywhere(textures.pixels(colour.image) * np.float32(strength), rotation)
 
 
-def _direct(source):
+def _direct(source, owner, notes):
     """Colour or image, strength, and the 3x3 rotation from world directions to the image's; or None: bake it."""
     if source.node.bl_idname not in ("ShaderNodeBackground", "ShaderNodeEmission") or source.node.mute:
         return None
@@ -65,7 +62,7 @@ def _direct(source):
     node = colour.node
     if node.bl_idname != "ShaderNodeTexEnvironment" or node.mute:
         return None
-    if node.image is None:
+    if missing(node.image, owner, notes):
         return MAGENTA, strength, np.eye(3)
     if node.projection != "EQUIRECTANGULAR" or node.image.source in ("MOVIE", "SEQUENCE"):
         return None

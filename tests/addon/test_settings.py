@@ -1,4 +1,4 @@
-"""Settings are declared once: the command line, Blender's properties and panels, and the guide have them all."""
+"""Settings are declared once: the command line, Blender's properties and panels, and the pages have them all."""
 
 import math
 from pathlib import Path
@@ -11,7 +11,7 @@ from holopath_addon.command_line import options
 from holopath_addon.engine.settings import DECLARED, Settings, default_of
 from tests.addon.layout import Context, Layout
 
-GUIDE = Path(__file__).parents[2] / "docs" / "guide.md"
+PAGE = Path(__file__).parents[2] / "docs" / "settings.md"
 
 
 def parse(*words):
@@ -19,9 +19,9 @@ def parse(*words):
     return cli._parser(engine.BakeStore.default()).parse_args(["plan", *words])
 
 
-def test_the_guide_has_the_settings_as_they_are_declared():
-    text = GUIDE.read_text("utf-8")
-    assert options.write_guide(text) == text, "run `make guide`"
+def test_the_documentation_has_the_settings_as_they_are_declared():
+    text = PAGE.read_text("utf-8")
+    assert options.guide_table() in text, "run `make guide`"
     assert all(f"| {declared.label} | `{options.flag(name)}" in text for name, declared in DECLARED.items())
 
 

@@ -146,8 +146,8 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
     """Of pictures that phases can show: those of other phases."""
     from types import SimpleNamespace
 
+    from holopath_addon.engine.baselines.frame_mean import FrameMean
     from holopath_addon.engine.baselines.supervised import phases_for
-    from holopath_addon.engine.encoding.frame_mean import FrameMean
     from holopath_addon.engine.waves.pictures import Pictures, Vantage
 
     rng = np.random.default_rng(5)

@@ -205,11 +205,21 @@ def test_lamps_without_light(stage, case):
     assert [n.feature for n in exported.notes] == ["Lamp with a degenerate transform"] * degenerate
 
 
+def test_factors_that_eevee_alone_knows_change_nothing(stage):
+    floor(stage)
+    lamp = stage.lamp("POINT", 100)
+    for kind in ("diffuse", "specular", "transmission", "volume"):
+        setattr(lamp.data, f"{kind}_factor", 0.0)
+    exported = stage.export()
+    assert exported.notes == []
+    ours, theirs = stage.mitsuba(spp=16, depth=3, exported=exported), stage.cycles(spp=16, depth=3)
+    assert ours.mean((0, 1)) == pytest.approx(theirs.mean((0, 1)), rel=0.01) and theirs.mean() > 0.1
+
+
 def test_what_lamps_cannot_do_is_noted(stage):
     floor(stage)
     lamp = stage.lamp("POINT")
     lamp.data.use_shadow = False
-    lamp.data.diffuse_factor = 0.5
     lamp.data.cycles.max_bounces = 0
     lamp.visible_camera, lamp.visible_glossy = True, False
     lamp.light_linking.receiver_collection = bpy.data.collections.new("lit")
@@ -219,7 +229,6 @@ def test_what_lamps_cannot_do_is_noted(stage):
     tree.links.new(noise.outputs[1], emission.inputs["Color"])
     assert {n.feature for n in stage.export().notes} == {
         "Light without shadow",
-        "Diffuse, glossy or transmission factor of a light",
         "Max Bounces of a light",
         "Ray visibility: lamp shown to the camera",
         "Ray visibility: lamp hidden from some rays",

@@ -347,6 +347,23 @@ def test_transparency(stage, case, lit_by):
     )
 
 
+def test_alpha_of_vertex_colours_casts_its_shadow(stage):
+    """From 0 to 1 over the pane: the floor below is lit through it as in Cycles."""
+    leaf = stage.material(PRINCIPLED, "leaf", Base_Color=(0.2, 0.4, 0.8, 1), Roughness=1.0)
+    tree = leaf.node_tree
+    colours = tree.nodes.new("ShaderNodeVertexColor")
+    colours.layer_name = "painted"
+    shader = next(n for n in tree.nodes if n.bl_idname == PRINCIPLED)
+    tree.links.new(colours.outputs["Alpha"], shader.inputs["Alpha"])
+    pane = stage.plane(1.4, leaf, "leaf", (0.2, 0.2, 0.8))
+    painted = pane.data.color_attributes.new("painted", "BYTE_COLOR", "CORNER")
+    painted.data.foreach_set("color", np.repeat(np.float32([0, 1, 1, 0]), 4))
+    stage.plane(5, stage.material(DIFFUSE, "floor", Color=(0.7, 0.7, 0.7, 1)), "floor")
+    stage.lamp("SUN", 3.0, rotation=(0, -0.6, 0))
+    assert apart(stage, 0.02) < 0.02
+    assert "Color Attribute node into Alpha" in features(stage.export())
+
+
 def test_cut_out_by_texture(stage):
     """Leaves as billboards: a texture's alpha, by Principled and by Mix, one the other's negative."""
     holes = stage.float_image(np.kron([[1, 0], [0, 1]], np.ones((4, 4))))
@@ -542,6 +559,72 @@ def test_files_and_missing_files(stage, tmp_path):
     exported = stage.export()
     assert ("lost", "Image file") in {(n.object, n.feature) for n in exported.notes}
     assert stage.mitsuba(spp=4, exported=exported)[MIDDLE].mean((0, 1)) == pytest.approx((1, 0, 1))
+
+
+@pytest.mark.parametrize("lost", ["file", "image"])
+@pytest.mark.parametrize(
+    "output, socket, values",
+    [
+        ("Color", "Base Color", {}),
+        ("Alpha", "Alpha", {}),
+        ("Color", "Alpha", {}),
+        ("Color", "Transmission Weight", {"Roughness": 0.0}),
+        ("Color", "Emission Strength", {"Emission_Color": (0.2, 0.5, 0.8, 1)}),
+    ],
+)
+def test_missing_images_are_opaque_and_magenta(stage, lost, output, socket, values):
+    """Also where only a number is read of them."""
+    material = stage.material(PRINCIPLED, **{"Base_Color": (0.8, 0.5, 0.2, 1), "Roughness": 1.0} | values)
+    image = None
+    if lost == "file":
+        image = bpy.data.images.new("lost", 4, 4)
+        image.source, image.filepath = "FILE", "//nowhere.png"
+        image.reload()
+    texture = stage.texture(material, image, socket)
+    shader = next(n for n in material.node_tree.nodes if n.bl_idname == PRINCIPLED)
+    material.node_tree.links.new(texture.outputs[output], shader.inputs[socket])
+    stage.plane(2, material)
+    stage.world((0.5, 0.5, 0.5))
+    assert stage.ratio(MIDDLE, spp=64) == pytest.approx(np.ones(3), abs=0.02)
+    assert features(stage.export()) == {"Image file" if image else "Image Texture without an image"}
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.5])
+def test_principled_with_an_index_of_zero_mirrors_all(stage, roughness):
+    stage.sphere(1, stage.material(PRINCIPLED, Base_Color=(0.1, 0.4, 0.2, 1), IOR=0.0, Roughness=roughness))
+    light(stage, "world")
+    assert apart(stage, 0.03, BALL) < 0.03
+    assert stage.export().notes == []
+
+
+@pytest.mark.parametrize("ior", [0.5, 0.9])
+@pytest.mark.parametrize("roughness", [0.0, 0.5])
+def test_principled_below_an_index_of_one(stage, ior, roughness):
+    """From some angle on it reflects all, as in Cycles, where a black one shows nothing else.
+
+    A white one is as bright as what is around it: no light is lost or gained. (Cycles' gains some: it takes the light
+    that the index's inverse reflects from what is below.)
+    """
+    black = stage.material(PRINCIPLED, Base_Color=(0, 0, 0, 1), IOR=ior, Roughness=roughness)
+    ball = stage.sphere(1, black)
+    light(stage, "world")
+    assert apart(stage, 0.03, BALL) < 0.03
+    white = stage.material(PRINCIPLED, Base_Color=(1, 1, 1, 1), IOR=ior, Roughness=roughness)
+    ball.data.materials[0] = white
+    assert stage.mitsuba(spp=64, depth=8)[BALL].mean() == pytest.approx(0.5, rel=0.02)
+
+
+def test_nothing_but_a_volume_is_clear(stage):
+    material = stage.material()
+    tree = material.node_tree
+    output = next(n for n in tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    mist = tree.nodes.new("ShaderNodeVolumeScatter")
+    mist.inputs["Density"].default_value = 0.0
+    tree.links.new(mist.outputs[0], output.inputs["Volume"])
+    stage.sphere(1, material)
+    stage.world((0.2, 0.4, 0.6))
+    assert stage.mitsuba(spp=4) == pytest.approx(stage.cycles(spp=4), abs=1e-4)
+    assert features(stage.export()) == {"Volume"}
 
 
 def test_named_uv_map(stage):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.pictures import Pictures, Vantage
+from ..waves.pictures import STRAYS, Pictures, Vantage
 from ..waves.supervision import relative
 from .layers import sliced
 from .shots import picture_with_depth
@@ -29,7 +29,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
     def pictures(k):
         vantages = [Vantage(float(z)) for z in depths]
-        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], vantages)
+        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, STRAYS)
         for layer, picture in enumerate(wanted.wanted):
             picture[:] = np.where(number == layer, radiance[k], 0)
         wanted.radiance = radiance[k]

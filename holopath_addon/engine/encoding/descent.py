@@ -1,4 +1,4 @@
-"""The ways down: towards each frame's field, and of all frames together, one picture or several views a step."""
+"""The ways down: of each frame towards its field, and of all frames together towards views."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..scene.variants import threads
+from .phases import PARTLY
 from .views import KINDS, intensity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..waves.supervision import Frames
-    from .frame_mean import FrameMean
+    from ..waves.modulator import Levels
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
     from .views import Views
@@ -25,15 +26,9 @@ RATE, WARM = 0.2, 0.05  # radians, Adam's longest step from the field's phases, 
 FIXES, FEW = 20, 6  # how often pixels are brought to levels, and steps between
 TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
-# Of `kaczmarz`. A few frames cannot show all pictures exactly: they need an average, not the last word.
-RELAXATION = 1.2  # length of a step: 1 for one that mends the picture; under 2
-LASTS = 4  # rounds of ever smaller steps at the end
-SETTLES = 0.25  # of them before pixels come to levels
-WORTH = 8.0  # tolerances that a step gains on the mean of a round, while steps stay as long as they are
 # Of `together`.
 LONGEST = 0.15  # radians; from 0.2 on some scenes find no rest
-STEPS = 400  # where seconds do not say how many
-WARM_UP = 20  # steps until they are as long
+WARM_UP, WARM_SHARE = 20, 0.1  # steps, or share of all, until they are as long
 FEW_LEVELS = (
     16  # up to which the last steps are half as long; with more they are as much shorter as levels are closer
 )
@@ -62,7 +57,7 @@ def adam(
     phases: Phases,
     target: ComplexTarget | AmplitudeTarget,
     rate: float,
-    levels: np.ndarray | None,
+    levels: Levels | None,
     effort: Effort,
     told: Callable[[float, float], object],
     stage: dict,
@@ -75,8 +70,8 @@ def adam(
     target : ComplexTarget or AmplitudeTarget
     rate : float
         Longest step, radians.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising.
+    levels : Levels or None
+        That phases are to have.
     effort : Effort
     told : callable
         ``told(done, loss)`` gives the PSNR; may raise.
@@ -103,82 +98,21 @@ def adam(
         step(0)
 
 
-def kaczmarz(
-    phases: Phases,
-    mean: FrameMean,
-    levels: np.ndarray | None,
-    effort: Effort,
-    told: Callable[[float, float], object],
-    stage: dict,
-) -> None:
-    """Take the pictures one after another, each time the step that would mend that one.
-
-    In a round of as many steps as there are pictures each comes up as often as its error is large, in the first one
-    once. When a round gains too little over the one before, the last ones follow with ever smaller steps, so that no
-    picture is favoured for having come last.
-
-    Parameters
-    ----------
-    phases : Phases
-    mean : FrameMean
-        Of the pictures.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the last rounds.
-    effort, stage :
-        As in `adam`.
-    told : callable
-        ``told(done, psnr)``, may raise.
-    """
-    pictures = mean.pictures
-    if not any(wanted.any() for wanted in pictures.wanted):
-        if levels is not None:
-            phases.fix(1, levels)
-        return
-    rng = np.random.default_rng(effort.seed)
-    errors = np.array([float(wanted.any()) for wanted in pictures.wanted])
-    rounds, numbers, steps = [], [], 0
-    lasts = min(effort.most_steps, LASTS * len(pictures) * (1 if levels is None else 2))
-    least = WORTH * effort.tolerance * len(pictures)
-    left = None
-    while left != 0 and errors.sum() > 0:
-        if not numbers:
-            numbers = _round(errors, rng)
-            rounds.append(errors.mean())
-            if steps and left is None and _flat(rounds[1:], 1, least):
-                left = lasts
-        if left is None and steps + lasts >= effort.most_steps:
-            left = lasts
-        shorter = 1 if left is None else 0.5 + 0.5 * math.cos(math.pi * (1 - left / lasts))
-        if levels is not None and left is not None and left % max(1, lasts // FIXES) == 0:
-            phases.fix(max(0.0, 1 - left / ((1 - SETTLES) * lasts)), levels)
-        number = numbers.pop()
-        loss, back = mean.gradient(phases.light, number)
-        phases.relax(back, loss, RELAXATION * shorter)
-        errors[number] = loss
-        steps, left = steps + 1, None if left is None else left - 1
-        psnr = _psnr(loss, pictures.wanted[number])
-        stage.update(steps=steps, loss=float(errors.mean()), psnr_db=psnr)
-        told(steps / (steps + (lasts + len(pictures) if left is None else left)), psnr)
-    stage["psnr_db"] = _mean_psnr(errors, pictures.wanted)
-    if levels is not None:
-        phases.fix(1, levels)
-
-
 def together(
     phases: Phases,
     views: Views,
     gain: float,
-    levels: np.ndarray | None,
+    levels: Levels | None,
     effort: Effort,
     seconds: float | None,
-    threads: Frames,
     told: Callable[[float, float], object],
     stage: dict,
 ) -> float:
     """Adam on some views a step, with steps that rise at once and fall as a cosine; the best round's phases are kept.
 
-    L = sum over `KINDS` of weight times the mean over views of sum over pixels of w (g^2 I - t)^2, as of `FrameMean`.
-    In a round each view of the whole pupil comes up once.
+    L = sum over `KINDS` of weight times the mean over views of sum over pixels of w (g^2 I - t)^2, where I is the mean
+    of the frames' intensities in a view, t what is wanted there, and w = `Views.weight`, so that independent frames
+    have the loss 1/m in any view. In a round each view of the whole pupil comes up once.
 
     Parameters
     ----------
@@ -186,12 +120,11 @@ def together(
     views : Views
     gain : float
         Amplitude of the light sent in, to begin with.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the second half.
+    levels : Levels or None
+        That phases are to have. Ever more pixels come to their levels in the second half.
     effort : Effort
     seconds : float or None
-        That it takes; None for `STEPS`.
-    threads : Frames
+        That it takes; None for as many steps as the effort's.
     told : callable
         ``told(done, psnr)``, the PSNR by the whole pupil, may raise.
     stage : dict
@@ -203,10 +136,9 @@ def together(
         The gain that makes all views as bright as they should be.
     """
     begun = time.perf_counter()
-    seen = Seen(phases.light, views, gain, threads)
+    seen = Seen(phases.light, views, gain)
     if seconds is not None:  # views are looked at once more at the end
         seconds = max(1e-3, seconds - (time.perf_counter() - begun))
-    most = min(effort.most_steps, STEPS if seconds is None else effort.most_steps)
     rng = np.random.default_rng(effort.seed)
     queues: list[list[int]] = [[] for _ in KINDS]
     kept, least = phases.values(), seen.loss
@@ -225,9 +157,9 @@ def together(
                     chosen.append((queue.pop(), kind.weight / kind.looks))
             back = seen.gradient(phases.light, chosen)
             rate = LONGEST * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
-            phases.descend(back, even, rate * min(1, (steps + 1) / WARM_UP))
+            phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)), PARTLY)
             steps += 1
-            done = steps / most
+            done = steps / effort.most_steps
             if seconds is not None:
                 done = max(done, (time.perf_counter() - begun) / seconds)
             if levels is not None and 2 * done - 1 > fixes / FIXES:
@@ -259,7 +191,6 @@ class Seen:
     views : Views
     gain : float
         Amplitude of the light sent in, where views are black.
-    threads : Frames
 
     Attributes
     ----------
@@ -269,10 +200,8 @@ class Seen:
         Of each view, as it was when last looked at.
     """
 
-    def __init__(self, light: np.ndarray, views: Views, gain: float, threads: Frames) -> None:
-        self.gain = gain
-        self._views, self._threads = views, threads
-        self._spectra, self._gradient = np.empty((2, len(light), *views.padded), light.dtype)
+    def __init__(self, light: np.ndarray, views: Views, gain: float) -> None:
+        self.gain, self._views = gain, views
         self.losses, self._shown, self._wanted, self._weights = np.zeros((4, len(views)))
         for number, wanted in enumerate(views.wanted):
             self._wanted[number] = self._brightness(number, wanted)
@@ -293,8 +222,8 @@ class Seen:
 
     def look(self, light: np.ndarray) -> None:
         """Look at all views."""
-        self._transform(light)
-        images = [self._image(number)[1] for number in range(len(self._views))]
+        spectra = self._transform(light)
+        images = [self._image(spectra, number)[1] for number in range(len(self._views))]
         for number, image in enumerate(images):
             self._shown[number] = self._brightness(number, image)
         self.adjust()
@@ -313,63 +242,39 @@ class Seen:
         Returns
         -------
         numpy.ndarray
-            In memory that the next call overwrites, as of `FrameMean.gradient`.
+            G with dL = 2 Re sum conj(G) du.
         """
-        views, frames = self._views, len(self._spectra)
-        scale = np.float32(self.gain**2)
-        self._transform(light)
-        self._gradient[:] = 0
+        views, frames = self._views, len(light)
+        scale, (rows, columns) = np.float32(self.gain**2), views.shape
+        spectra = self._transform(light)
+        gradient = np.zeros_like(spectra)
         for number, share in chosen:
             wanted, weight = views.wanted[number], views.weight(number)
-            waves, image = self._image(number)
+            waves, image = self._image(spectra, number)
             self._shown[number] = self._brightness(number, image)
             error = scale * image - wanted
             slope = error * weight
             self.losses[number] = float((error * slope).sum(dtype=float))
-            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves[0].dtype)
-
-            def back(frame, number=number, waves=waves, slope=slope):
-                wave, (rows, columns) = waves[frame], slope.shape
-                wave[:rows, :columns] *= slope
-                wave[rows:], wave[:rows, columns:] = 0, 0
-                views.back(wave, number, self._gradient[frame])
-
-            self._threads.each(back, frames)
-        rows, columns = views.shape
-
-        def finish(frame):
-            self._gradient[frame] = scipy.fft.ifft2(self._gradient[frame], overwrite_x=True)
-
-        self._threads.each(finish, frames)
-        return self._gradient[:, :rows, :columns]
+            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves.dtype)
+            height, width = slope.shape
+            waves[:, :height, :width] *= slope
+            waves[:, height:], waves[:, :height, width:] = 0, 0
+            views.back(waves, number, gradient)
+        return scipy.fft.ifft2(gradient, overwrite_x=True, workers=threads())[:, :rows, :columns]
 
     def _transform(self, light):
-        def each(frame):
-            self._spectra[frame] = scipy.fft.fft2(light[frame], self._views.padded)
+        return scipy.fft.fft2(light, self._views.padded, workers=threads())
 
-        self._threads.each(each, len(light))
-
-    def _image(self, number):
+    def _image(self, spectra, number):
         """Each frame's wave in a view, and the mean of their intensities."""
-        views = self._views
-        waves = self._threads.each(lambda frame: views.wave(self._spectra[frame], number), len(self._spectra))
-        shape = views.wanted[number].shape
-        image = np.zeros(shape, waves[0].real.dtype)
-        for wave in waves:
-            image += intensity(wave, shape)
-        return waves, image / np.float32(len(waves))
+        waves = self._views.waves(spectra, number)
+        image = intensity(waves, self._views.wanted[number].shape)
+        image *= np.float32(1 / len(waves))
+        return waves, image
 
     def _brightness(self, number, image):
         views = self._views
         return (views.weight(number) * views.wanted[number] * image).sum(dtype=float)
-
-
-def _round(errors, rng):
-    """Numbers of pictures in random order, each as often as its share of the errors says, to the nearest whole."""
-    ends = np.cumsum(errors) * (len(errors) / errors.sum())
-    points = np.arange(len(errors)) + rng.random()
-    numbers = np.searchsorted(ends, np.minimum(points, ends[-1] * (1 - 1e-12)), side="right")
-    return list(rng.permutation(numbers))
 
 
 def _flat(losses, window, tolerance):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,18 +15,16 @@ from ..errors import Cancelled, InvalidInput, cancelled
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
-from ..waves.modulator import even_levels, nearest, widest_gap
-from ..waves.pictures import Pictures, spread_vantages
+from ..waves.modulator import Levels, wrapped
 from ..waves.propagation import circular_band, filtered
 from ..waves.supervision import Frames
 from . import descent
 from .double_phase import clipping_level, double_phase, half_band
-from .frame_mean import FrameMean
 from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
 from .shown_light import ShownLight
 from .targets import AmplitudeTarget, ComplexTarget
-from .views import Views
+from .views import STEP, Views
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -42,9 +40,14 @@ STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
 MARGIN = 12  # pixels around a display's, into which its relay scatters light
 DARK = 1e-6  # of the brightest colour's amplitude
-BYTES = {"sgd": 40, "joint": 32, "refine": 44, "pictures": 24}  # of a pixel of a frame
-SHARE = {"joint": 0.3, "refine": 0.1}  # of the progress that comes before the stage
+BYTES = {"sgd": 40, "together": 44, "views": 24}  # of a pixel of a frame
+MOST_STEPS = 1000
+STEPS = {"joint": 100, "refine": 400}  # of each wavelength, where seconds do not say how many
+SHARE = {"joint": 0.1, "refine": 0.1}  # of the progress that comes before the stage
 TRACED = 0.4  # and is done when the many frames are there
+# Shares of the seconds, where these are few: the first stage takes no more of them, and some frames are there by then.
+FIRST, LATEST = 0.5, 0.6
+LEAST_STEPS = 10  # of all frames together, for which looks at all views are worth their time
 
 
 def encode(
@@ -53,7 +56,7 @@ def encode(
     progress: Progress | None = None,
     *,
     bits: int | None = None,
-    levels: Sequence[ArrayLike] | None = None,
+    levels: Sequence[ArrayLike | Levels] | None = None,
     display: Sequence[DisplayModel] | None = None,
     supervision: str = "complex",
     planes: int = 1,
@@ -62,7 +65,7 @@ def encode(
     many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None = None,
     seconds: float | None = None,
     tolerance: float = 1e-3,
-    most_steps: int = 1000,
+    most_steps: int | None = None,
     seed: int = 0,
 ) -> PhaseHologram:
     """Phases whose light, within the SLM's recordable cone, is that of a complex field.
@@ -75,14 +78,16 @@ def encode(
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame for itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths and
         through parts of the pupil all over the volume. ``refine``: instead, so that it is that of `many` frames.
-        ``auto``: `joint` where there are several frames, else `sgd`.
+        ``auto``: `joint` where there are several frames, else `sgd`. Where its seconds are too few for any more frames,
+        `refine` is `joint`.
     progress : callable, optional
         ``progress(done, message)`` with the PSNR so far, may raise `Cancelled`; what is done by then is in the
         attribute `kept` of the `Cancelled` that this raises.
     bits : int, optional
         Of an SLM so coarse that it matters: phases are the best of its 2^bits levels. Default: not rounded.
-    levels : sequence of array_like, optional
+    levels : sequence of array_like or Levels, optional
         Instead, the phases in radians that the SLM really has at each wavelength, measured; in any order, of any turn.
+        With a correction of its pixels: `Levels`.
     display : sequence of DisplayModel, optional
         What the display makes of phases at each wavelength: the descents make up for what is not ideal. Default: light
         of phases alone.
@@ -99,15 +104,15 @@ def encode(
         For `refine`: ``many(progress)`` gives fields of many more frames of the same light, batch by batch, with the
         numbers of the wavelengths that they are of; shape (frame, those wavelengths, y, x). See `many_frames`.
     seconds : float, optional
-        That all of it may take: what there is by then is what it gives, and `refine` takes as many steps as fit.
-        Default: to the end, of `refine` 400 steps of each wavelength.
+        That all of it may take: what there is by then is what it gives, and all frames together take as many steps as
+        fit. Default: to the end.
     tolerance : float
-        `sgd` ends when its loss falls by less than this share a step; the full steps of `joint` end at eight times as
-        much, and the shorter ones that follow have a fixed number.
-    most_steps : int
-        Of each stage, but for those in which `sgd` brings phases to few levels.
+        `sgd` ends when its loss falls by less than this share a step.
+    most_steps : int, optional
+        Of each stage and wavelength, but for those in which `sgd` brings phases to few levels. Default: 1000 of `sgd`;
+        of all frames together as the seconds say, or else 100 of `joint` and 400 of `refine`.
     seed : int
-        Of the order and the parts of the pupil in which pictures are looked at.
+        Of the order and the parts of the pupil in which views are looked at.
 
     Returns
     -------
@@ -122,8 +127,11 @@ def encode(
     """
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
-    effort = descent.Effort(tolerance, most_steps, seed)
-    asked = _Asked(method, bits, levels, display, supervision, planes, aperture, start, many, seconds, effort)
+    together = most_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
+    effort = descent.Effort(tolerance, MOST_STEPS if most_steps is None else most_steps, seed)
+    asked = _Asked(
+        method, bits, levels, display, supervision, planes, aperture, start, many, seconds, effort, together
+    )
     asked.check(field)
     with Frames() as threads:
         work = _Work(field, asked, progress or (lambda done, message: None), threads)
@@ -135,8 +143,7 @@ def encode(
             for colour in work.colours:
                 work.sgd(colour)
             if method == "joint":
-                for colour in work.colours:
-                    work.joint(colour)
+                work.joint()
             elif method == "refine" and work.colours:
                 work.refine()
             work.round()
@@ -155,7 +162,7 @@ class _Asked:
 
     method: str
     bits: int | None
-    levels: Sequence[ArrayLike] | None
+    levels: Sequence[ArrayLike | Levels] | None
     display: Sequence[DisplayModel] | None
     supervision: str
     planes: int
@@ -163,26 +170,23 @@ class _Asked:
     start: str | PhaseHologram
     many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None
     seconds: float | None
-    effort: descent.Effort
+    effort: descent.Effort  # of `sgd`
+    together: int  # steps of all frames together, most
 
-    def rings(self, count):
-        """Levels of each wavelength, in [0, 2 pi) and rising; None where any phase is one.
+    def levels_of(self, count):
+        """`Levels` of each wavelength; None where any phase is one.
 
         Raises
         ------
         InvalidInput
         """
         if self.levels is None:
-            return [None if self.bits is None else even_levels(self.bits)] * count
+            return [None if self.bits is None else Levels.even(self.bits)] * count
         if len(self.levels) != count:
             raise InvalidInput(
                 f"There are levels of {len(self.levels)} wavelengths for {count}: give as many."
             )
-        rings = [np.unique(np.mod(np.asarray(phases, float).ravel(), 2 * math.pi)) for phases in self.levels]
-        for ring in rings:
-            if len(ring) < 2 or not np.isfinite(ring).all():
-                raise InvalidInput("Levels of an SLM are two or more different phases in radians.")
-        return rings
+        return [each if isinstance(each, Levels) else Levels(each) for each in self.levels]
 
     def check(self, field):
         """Whether options are known, and fit each other and the field."""
@@ -205,6 +209,13 @@ class _Asked:
             raise InvalidInput(
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
+        for each in self.levels or ():
+            correction = each.correction if isinstance(each, Levels) else None
+            if correction is not None and correction.shape != field.data.shape[-2:]:
+                raise InvalidInput(
+                    f"The correction of the levels has {_pixels(correction)}, the field {_pixels(field.data)}: give "
+                    "one of its size."
+                )
         if not 1 <= self.planes <= 64:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:
@@ -236,8 +247,13 @@ class _Asked:
 
 
 def _size(data):
-    frames, colours, rows, columns = data.shape
-    return f"{frames} frames and {colours} wavelengths of {columns} x {rows} pixels"
+    frames, colours = data.shape[:2]
+    return f"{frames} frames and {colours} wavelengths of {_pixels(data)}"
+
+
+def _pixels(data):
+    rows, columns = data.shape[-2:]
+    return f"{columns} x {rows} pixels"
 
 
 class _TimeUp(Exception):
@@ -245,10 +261,7 @@ class _TimeUp(Exception):
 
 
 class _Work:
-    """Phases of all wavelengths under way.
-
-    Stages take the share of the seconds that they have of the progress.
-    """
+    """Phases of all wavelengths under way."""
 
     def __init__(self, field, asked, progress, threads):
         self.field, self._asked, self._progress, self._threads = field, asked, progress, threads
@@ -259,10 +272,10 @@ class _Work:
         self._scales = [_root_mean_square(field.data[:, colour]) for colour in range(count)]
         self.colours = [colour for colour in range(count) if self._scales[colour] > DARK * max(self._scales)]
         self.gains = [0.0] * count
-        self._rings = asked.rings(count)
+        self._levels = asked.levels_of(count)
         # those for which the descents have to care
         self._coarse = [
-            ring if ring is not None and widest_gap(ring) > FINE else None for ring in self._rings
+            ring if ring is not None and ring.widest_gap > FINE else None for ring in self._levels
         ]
         hologram, shape = field.hologram, field.data.shape[-2:]
         self._margin = 0 if asked.display is None else MARGIN
@@ -335,7 +348,8 @@ class _Work:
         field, asked = self.field, self._asked
         white = _white(self._fields(0, colour))
         groups = _groups(len(field.data), field.data[0, colour].size * BYTES["sgd"])
-        part = SHARE.get(asked.method, 1.0) / len(self.colours) / len(groups)
+        whole = SHARE.get(asked.method, 1.0)
+        part, limit = whole / len(self.colours) / len(groups), FIRST / whole if whole < 1 else 1
         rate = descent.WARM if isinstance(asked.start, PhaseHologram) else descent.RATE
         levels = self._coarse[colour] if asked.method == "sgd" else None  # else the next stage's
         for number, group in enumerate(groups):
@@ -347,7 +361,7 @@ class _Work:
             def told(done, loss, begun=begun):
                 psnr = 10 * math.log10(white**2 / max(loss, 1e-30))
                 self._progress(begun + part * done, f"Phases, {psnr:.1f} dB")
-                self._check_clock(begun + part)
+                self._check_clock(limit * (begun + part))
                 return psnr
 
             with (
@@ -366,81 +380,85 @@ class _Work:
         distances = _spread(*self._volume(), asked.planes)
         return AmplitudeTarget(fields, hologram.pitch, hologram.wavelengths[colour], distances, self._threads)
 
-    def joint(self, colour):
-        """All frames together, towards the field's own pictures."""
-        field, hologram = self.field, self.field.hologram
-        pitch, wavelength = hologram.pitch, hologram.wavelengths[colour]
-        vantages = spread_vantages(pitch, wavelength, *self._volume(), self._asked.effort.seed)
-        pictures = Pictures(self._shape, pitch, wavelength, vantages)
-        begun = SHARE["joint"] + (1 - SHARE["joint"]) * self.colours.index(colour) / len(self.colours)
-        for group in _groups(len(field.data), math.prod(pictures.padded) * BYTES["pictures"]):
-            self._progress(begun, "Pictures of the field")
-            pictures.add(self._fields(group, colour))
-        self._together(colour, pictures, begun)
+    def joint(self):
+        """All frames together, towards their own mean."""
+        for number, colour in enumerate(self.colours):
+            views = self._views(colour)
+            if self._worth(views, number):
+                self._progress(self._at(SHARE["joint"], number), "Views of the field")
+                self._add_own(views, colour)
+                self._towards(views, colour, SHARE["joint"], number)
 
     def refine(self):
-        """All frames together, towards the mean of many more."""
-        begun, wanted, counts = SHARE["refine"], self._wanted(), dict.fromkeys(self.colours, 0)
-        with self._stage("many frames", None) as stage:
-            for numbers, fields in self._asked.many(part_of(self._progress, begun, TRACED)):
+        """All frames together, towards the mean of them and many more."""
+        begun, counts = SHARE["refine"], dict.fromkeys(self.colours, 0)
+        wanted = {colour: self._views(colour) for colour in self.colours}
+        tell = part_of(self._progress, begun, TRACED)
+
+        def told(done, message):
+            tell(done, message)
+            self._check_clock(TRACED if min(counts.values()) else LATEST)
+
+        with self._stage("many frames", None) as stage, suppress(_TimeUp):
+            for numbers, fields in self._asked.many(told):
                 for place, colour in enumerate(numbers):
                     if colour in wanted:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(self._wide(fields[:, place] * scale), self._threads)
-                if self._left(TRACED) < 0 and min(counts.values()):
-                    break
-            for views in wanted.values():
-                views.unvignette()
-            stage["frames"] = min(counts.values())
-        part = (1 - TRACED) / len(self.colours)
+                        wanted[colour].add(self._wide(fields[:, place] * scale))
+                self._check_clock(TRACED if min(counts.values()) else LATEST)
+        stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
-            self._towards(wanted.pop(colour), colour, TRACED + number * part, part)
+            views = wanted.pop(colour)
+            self._add_own(views, colour)
+            views.unvignette()
+            self._towards(views, colour, TRACED, number)
 
-    def _wanted(self):
-        """What `refine` goes towards, by wavelength, before frames are counted."""
+    def _views(self, colour):
+        """What all frames together go towards in one wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        frames = len(self.field.data)
-        return {
-            colour: Views(
-                self._shape, hologram.pitch, hologram.wavelengths[colour], *self._volume(), frames, seed
-            )
-            for colour in self.colours
-        }
+        volume, frames = self._volume(), len(self.field.data)
+        return Views(self._shape, hologram.pitch, hologram.wavelengths[colour], *volume, frames, seed)
 
-    def _towards(self, views, colour, begun, share):
-        groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["refine"])
-        asked, gains = self._asked, []
-        for number, group in enumerate(groups):
+    def _worth(self, views, number):
+        """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
+        stages = [each for each in self.report["stages"] if each.get("steps")]
+        if self._asked.seconds is None or not stages:
+            return True
+        first = stages[number % len(stages)]
+        transform = first["seconds"] / first["steps"] / 2 * math.prod(views.padded) / math.prod(views.shape)
+        # each is looked at when it is wanted, in the beginning and in the end
+        least = (3 * views.transforms + LEAST_STEPS * STEP) * transform
+        return least < self._left(1) / (len(self.colours) - number)
 
-            def told(done, psnr, number=number):
-                at = begun + share * (number + done) / len(groups)
-                self._progress(at, f"Towards many frames, {psnr:.1f} dB")
+    def _add_own(self, views, colour):
+        """Count the field's own frames."""
+        for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
+            views.add(self._fields(group, colour))
 
-            with self._stage("refine", colour) as stage, self._phases(group, colour) as phases:
-                left = self._left(begun + share * (number + 1) / len(groups))
-                seconds = None if asked.seconds is None else left
-                what = phases, views, self.gains[colour], self._coarse[colour], asked.effort, seconds
-                gains.append(descent.together(*what, self._threads, told, stage))
+    def _towards(self, views, colour, begun, number):
+        """Bring phases of one wavelength, by its number, to views; wavelengths share what is left of the time."""
+        if not self.gains[colour]:  # nothing of it can be seen
+            return
+        method, gains = self._asked.method, []
+        effort = replace(self._asked.effort, most_steps=self._asked.together)
+        groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["together"])
+        left = len(groups) * (len(self.colours) - number)
+        for place, group in enumerate(groups):
+
+            def told(done, psnr, place=place):
+                at = self._at(begun, number + (place + done) / len(groups))
+                self._progress(at, f"All frames, {psnr:.1f} dB")
+
+            with self._stage(method, colour) as stage, self._phases(group, colour) as phases:
+                seconds = None if self._asked.seconds is None else self._left(1) / (left - place)
+                what = phases, views, self.gains[colour], self._coarse[colour], effort, seconds
+                gains.append(descent.together(*what, told, stage))
         self.gains[colour] = float(np.mean(gains))
 
-    def _together(self, colour, pictures, begun):
-        """`joint` of all frames that fit into memory."""
-        groups = _groups(len(self.phases), math.prod(pictures.padded) * BYTES["joint"])
-        part = (1 - begun) / (len(self.colours) - self.colours.index(colour)) / len(groups)
-        for number, group in enumerate(groups):
-
-            def told(done, psnr, at=begun + number * part):
-                self._progress(at + part * done, f"All frames, {psnr:.1f} dB")
-                self._check_clock(at + part)
-
-            with (
-                self._stage("joint", colour) as stage,
-                self._phases(group, colour) as phases,
-                suppress(_TimeUp),
-            ):
-                mean = FrameMean(pictures, self.gains[colour], self._threads)
-                descent.kaczmarz(phases, mean, self._coarse[colour], self._asked.effort, told, stage)
+    def _at(self, begun, number):
+        """How much is done of the whole after so many wavelengths, where all frames together begin at `begun`."""
+        return begun + (1 - begun) * number / len(self.colours)
 
     def _left(self, share):
         """Seconds until a share of them is over."""
@@ -482,16 +500,16 @@ class _Work:
 
     def round(self):
         """Bring phases to the display's levels."""
-        for colour, levels in enumerate(self._rings):
+        for colour, levels in enumerate(self._levels):
             if levels is not None:
                 for frame in self.phases[:, colour]:
-                    frame[:] = np.mod(nearest(frame, levels)[0], 2 * math.pi)
+                    frame[:] = wrapped(levels.nearest(frame)[0])
 
     @contextmanager
     def _phases(self, group, colour):
         """`Phases` of some frames in one wavelength, which are put back however the work ends."""
-        ring = self._rings[colour]
-        ends = WHOLE if ring is None else (ring[0], ring[-1])
+        levels = self._levels[colour]
+        ends = WHOLE if levels is None else (levels.phases[0], levels.phases[-1])
         phases = Phases(self.phases[group, colour], self._threads, self._displays[colour], ends)
         try:
             yield phases

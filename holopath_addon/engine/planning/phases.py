@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
+from ..encoding.encoder import LEAST_STEPS as WORTH
 from ..encoding.encoder import TRACED
 from ..errors import InvalidInput
+from ..memory import shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
 from ..waves.phase_fields import SETS
@@ -40,6 +42,8 @@ class EncodingPlan:
     reason : str
     better : float or None
         Seconds that would show more; None where they hardly would.
+    memory_bytes : float
+        That it takes at most, with the field; 0 where nothing is foretold.
     """
 
     method: str
@@ -48,6 +52,7 @@ class EncodingPlan:
     seconds: float
     reason: str
     better: float | None = None
+    memory_bytes: float = 0.0
 
     @property
     def advice(self) -> str:
@@ -58,12 +63,18 @@ class EncodingPlan:
         return f"{_seconds(self.better)} of encoding would gain {gain}, as on the scenes measured."
 
     @property
+    def warnings(self) -> list[str]:
+        """What to know before it begins; see `memory.shortage`, which may raise."""
+        return shortage(self.memory_bytes, "This encoding")
+
+    @property
     def decision(self) -> Decision:
         """In words."""
         most = "" if self.steps else "up to "
         frames = f" towards {most}{self.frames} more frames" if self.frames else ""
         seconds = f", about {_seconds(self.seconds)}" if self.seconds else ""
-        return Decision("encoding", f"{self.method}{frames}{seconds}", self.reason)
+        memory = f", {self.memory_bytes / 1e6:.0f} MB" if self.memory_bytes else ""
+        return Decision("encoding", f"{self.method}{frames}{seconds}{memory}", self.reason)
 
     def to_dict(self) -> dict:
         """JSON-able form."""
@@ -97,13 +108,20 @@ def plan_encoding(
     """
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(ENCODINGS)}.")
+    chosen = _chosen(plan, settings, method, seconds)
+    return replace(chosen, memory_bytes=plan.phases_memory.get(chosen.method, 0.0))
+
+
+def _chosen(plan, settings, method, seconds):
+    """`plan_encoding` without the memory."""
     costs, own = plan.phases, settings.method not in BASELINES
     if method == "refine" and not own:
         raise InvalidInput(
             f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
         )
     several = resolved(settings).frames > 1
-    plain = "joint" if several else "sgd"
+    enough = seconds is None or not own or _joint_least(costs) <= seconds
+    plain = "joint" if several and enough else "sgd"
     if method not in ("auto", "refine"):
         return EncodingPlan(method, 0, 0, _limited(costs.get(method, 0.0), seconds), "as asked")
     if not own:
@@ -129,6 +147,11 @@ def plan_encoding(
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most else _upwards(_refining(costs, *ALL))
     return EncodingPlan("refine", sets * SET, steps, _refining(costs, sets, steps), reason, better)
+
+
+def _joint_least(costs):
+    """Seconds from which on `joint` is worth it: all views are wanted, and looked at twice."""
+    return costs["sgd"] + 3 * costs["views"] + WORTH * costs["step"]
 
 
 def _refining(costs, sets, steps):

@@ -12,7 +12,16 @@ import drjit as dr
 import mitsuba as mi
 
 from .fingerprint import text_of_properties
-from .microfacet import Beckmann, Ggx, glass_table, grazing, normal_reflectance, reflection_table, refracted
+from .microfacet import (
+    Beckmann,
+    Ggx,
+    glass_table,
+    grazing,
+    mean_reflectance,
+    normal_reflectance,
+    reflection_table,
+    refracted,
+)
 
 FLAGS = mi.BSDFFlags
 SIDES = FLAGS.FrontSide | FLAGS.BackSide
@@ -114,7 +123,7 @@ class Gloss(Closure):
         if self._ior is not None:
             smooth = normal_reflectance(self._ior)
             normal = dr.minimum(colour * smooth, 1)
-            mean = mi.fresnel_diffuse_reflectance(self._ior)
+            mean = mean_reflectance(self._ior)
             share = dr.clip((mean - smooth) / (1 - smooth), 0, 1)
             return lambda cosine: dr.lerp(normal, 1, grazing(cosine, self._ior)), dr.lerp(normal, 1, share)
         if not self._metal:

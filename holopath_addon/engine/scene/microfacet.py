@@ -80,6 +80,16 @@ def normal_reflectance(ior: mi.Float | float) -> mi.Float | float:
     return dr.square((ior - 1) / (ior + 1))
 
 
+def mean_reflectance(ior: mi.Float) -> mi.Float:
+    """Reflectance of a dielectric, averaged over the hemisphere by the cosine.
+
+    Below an index of 1 as much light passes as the other way, by reciprocity, out of 1 / ior^2 times as much;
+    Mitsuba's own fit for that is above 1 for small ones.
+    """
+    outside = mi.fresnel_diffuse_reflectance(dr.maximum(ior, dr.rcp(ior)))
+    return dr.select(ior < 1, 1 - dr.square(ior) * (1 - outside), outside)
+
+
 def grazing(cosine: mi.Float, ior: mi.Float | float) -> mi.Float:
     """How far a dielectric's reflectance is on its way from that at normal incidence (0) to 1."""
     reflectance = mi.fresnel(cosine, ior)[0]

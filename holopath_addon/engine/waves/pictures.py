@@ -11,6 +11,7 @@ import scipy.fft
 from .propagation import FreeSpace, padded_shape
 from .supervision import Frames, TargetPicture, relative
 
+STRAYS = 32  # pixels more around fields, so that light of phases that strays does not come back
 PARTS = 2  # of the pupil looked through at each depth, besides the whole
 PART = 0.5  # radius of a part, of the pupil's
 MOST_DEPTHS = 20
@@ -81,6 +82,8 @@ class Pictures:
     pitch, wavelength : float
         Metres.
     vantages : list of Vantage
+    strays : int
+        Pixels more around the fields, `STRAYS` for phases that are to show the pictures.
 
     Attributes
     ----------
@@ -91,11 +94,16 @@ class Pictures:
     """
 
     def __init__(
-        self, shape: tuple[int, int], pitch: float, wavelength: float, vantages: list[Vantage]
+        self,
+        shape: tuple[int, int],
+        pitch: float,
+        wavelength: float,
+        vantages: list[Vantage],
+        strays: int = 0,
     ) -> None:
         self.shape, self.vantages = shape, list(vantages)
         farthest = max(abs(vantage.distance) for vantage in vantages)
-        self.padded = padded_shape(shape, pitch, wavelength, farthest)
+        self.padded = padded_shape(shape, pitch, wavelength, farthest, strays)
         self.space = FreeSpace(self.padded, pitch, wavelength)
         self.wanted = np.zeros((len(self.vantages), *shape), np.float32)
         self.energy, self._frames = 0.0, 0

@@ -186,6 +186,20 @@ def test_tinted_passage(mi):
     assert np.array(bsdf.eval_null_transmission(si))[:, 0] == pytest.approx([0.2, 0.5, 0.8])
 
 
+@pytest.mark.parametrize("ior", [1.5, 0.9, 0.5, 0.1, 0.005])
+def test_mean_reflectance(mi, ior):
+    """Fresnel's equations, averaged over the hemisphere by the cosine."""
+    from holopath_addon.engine.scene.microfacet import mean_reflectance
+
+    cosine = (np.arange(10_000) + 0.5) / 10_000
+    sine = np.sqrt(1 - cosine**2) / ior
+    beyond = np.sqrt(np.maximum(1 - sine**2, 0))
+    s = ((cosine - ior * beyond) / (cosine + ior * beyond)) ** 2
+    p = ((ior * cosine - beyond) / (ior * cosine + beyond)) ** 2
+    reflected = np.where(sine >= 1, 1, (s + p) / 2)
+    assert mean_reflectance(mi.Float(ior))[0] == pytest.approx(2 * (reflected * cosine).mean(), abs=1e-3)
+
+
 def test_bad_distribution_is_refused(mi):
     with pytest.raises(Exception, match="no distribution 'phong'"):
         mi.load_dict(gloss(roughness=0.5, distribution="phong"))

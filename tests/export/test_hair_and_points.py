@@ -1,11 +1,11 @@
-"""Hair as tubes: their measures, and Cycles' picture of the same hair."""
+"""Hair as tubes and points as balls: their measures, and Cycles' picture of the same."""
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from holopath_addon.export.hair import tubes  # noqa: E402
+from holopath_addon.export.hair_and_points import balls, tubes  # noqa: E402
 
 from .test_geometry import area, bounds  # noqa: E402
 
@@ -103,7 +103,7 @@ def test_textures_on_hair_are_noted(stage):
     curves(stage, [np.array([(0, 0, 0), (0, 0, 1)])], 0.05, material)
     stage.world()
     exported = stage.export()
-    assert ("fur", "UV maps on hair") in {(n.object, n.feature) for n in exported.notes}
+    assert ("fur", "UV maps on hair or points") in {(n.object, n.feature) for n in exported.notes}
     assert np.isfinite(stage.mitsuba(spp=4, exported=exported)).all()
 
 
@@ -148,3 +148,60 @@ def test_hair_moves_with_the_origin_of_what_mitsuba_has(stage, kind):
     for moved in (thing, stage.camera):
         moved.location.x += 640
     assert bounds(stage.export().scene) == pytest.approx(here, abs=1e-3)
+
+
+def points(stage, places, radii, material=None):
+    """A point cloud; geometry nodes are how Blender makes them."""
+    mesh = stage.mesh("dots", [tuple(map(float, place)) for place in places], [])
+    mesh.data.attributes.new("size", "FLOAT", "POINT").data.foreach_set("value", np.float32(radii))
+    group = bpy.data.node_groups.new("to points", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
+    given, made = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    turned = group.nodes.new("GeometryNodeMeshToPoints")
+    size = group.nodes.new("GeometryNodeInputNamedAttribute")
+    size.data_type, size.inputs["Name"].default_value = "FLOAT", "size"
+    group.links.new(given.outputs[0], turned.inputs["Mesh"])
+    group.links.new(size.outputs["Attribute"], turned.inputs["Radius"])
+    last = turned
+    if material is not None:
+        last = group.nodes.new("GeometryNodeSetMaterial")
+        last.inputs["Material"].default_value = material
+        group.links.new(turned.outputs[0], last.inputs["Geometry"])
+    group.links.new(last.outputs[0], made.inputs[0])
+    mesh.modifiers.new("to points", "NODES").node_group = group
+    return mesh
+
+
+@pytest.mark.parametrize("count", [1, 1000, 10_000, 50_000])
+def test_balls_look_as_large_as_their_spheres(count):
+    """However coarse: the mean of their outline is the circle's, from each side nearly so."""
+    rng = np.random.default_rng(0)
+    surface = balls(rng.normal(size=(count, 3)), np.full(count, 0.3))
+    assert surface.area() / count == pytest.approx(4 * np.pi * 0.3**2, rel=1e-4)
+    weighted = surface._weighted_normals()[: len(surface.faces) // count]
+    outward = surface.normals[surface.faces[: len(weighted)]].mean(1)
+    assert ((weighted * outward).sum(1) > 0).all()
+    for side in rng.normal(size=(8, 3)):
+        outline = 0.25 * np.abs(weighted @ (side / np.linalg.norm(side))).sum()
+        assert outline == pytest.approx(np.pi * 0.3**2, rel=0.04)
+
+
+def test_points_without_a_place_or_size_are_left_out():
+    places = np.array([(0, 0, 0), (np.nan, 0, 0), (1, 0, 0), (2, 0, 0)])
+    kept = balls(places, np.array([0.1, 0.1, 0.0, -1.0]))
+    assert np.isfinite(kept.points).all() and np.abs(kept.points).max() < 0.11
+    assert balls(places[:0], np.zeros(0)) is None
+
+
+def test_points_look_as_in_cycles(stage):
+    rng = np.random.default_rng(2)
+    places, radii = rng.uniform(-1, 1, (25, 3)), rng.uniform(0.05, 0.3, 25)
+    points(stage, places, radii, _lit(stage)).scale = (1.2, 1.2, 1.2)
+    stage.plane(3, stage.material("ShaderNodeBsdfDiffuse", "ground", Color=(0.1, 0.1, 0.4, 1)))
+    exported = stage.export()
+    assert exported.notes == []
+    ours, theirs = stage.mitsuba((32, 32), 64, exported=exported), stage.cycles((32, 32), 64)
+    assert ours.mean((0, 1)) == pytest.approx(theirs.mean((0, 1)), rel=0.03)
+    ours, theirs = (image.reshape(8, 4, 8, 4, 3).mean((1, 3)) for image in (ours, theirs))
+    assert np.abs(ours - theirs).mean() < 0.05 * theirs.mean()

@@ -1,0 +1,159 @@
+"""Pages that are written from the code, between marks in the Markdown: commands, settings, figures of the chart."""
+
+import argparse
+import itertools
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from holopath_addon import cli, engine
+from holopath_addon.command_line import options
+from holopath_addon.engine.settings import DECLARED
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+# A folder that is nobody's own, as help tells the reader's.
+STORE = engine.BakeStore(Path("~/.cache/holopath"))
+
+
+def write(path: Path) -> str:
+    """A page's text with all its parts as the code has them now.
+
+    Parameters
+    ----------
+    path : Path
+        A Markdown page with marks ``<!-- NAME: make guide -->`` and ``<!-- end of NAME -->``.
+
+    Returns
+    -------
+    str
+    """
+    text = path.read_text("utf-8")
+    for name, part in PARTS.items():
+        begin, end = f"<!-- {name}: make guide -->", f"<!-- end of {name} -->"
+        pattern = f"(?s)(?<={re.escape(begin)}\n\n).*(?=\n\n{re.escape(end)})"
+        text = re.sub(pattern, lambda _, part=part: part(), text)
+    return text
+
+
+def parsers() -> dict[str, argparse.ArgumentParser]:
+    """The parser of each command, by its name."""
+    (commands,) = (
+        action for action in cli._parser(STORE)._actions if isinstance(action, argparse._SubParsersAction)
+    )
+    hidden = {action.dest for action in commands._choices_actions}
+    return {name: parser for name, parser in commands.choices.items() if name in hidden}
+
+
+def commands() -> str:
+    """All commands with their words and options."""
+    text = "\n\n".join(_command(name, parser) for name, parser in parsers().items())
+    return re.sub(r"docs/([\w-]+\.md)", r"[\1](\1)", text)
+
+
+def _command(name, parser):
+    positional = " ".join(_value(action) for action in parser._actions if not action.option_strings)
+    text = [
+        f"## {name}",
+        f"```\nholopath {name} {positional}".rstrip() + " [options]\n```",
+        parser.description,
+    ]
+    for group in parser._action_groups:
+        rows = list(_rows(parser, group._group_actions))
+        if not rows:
+            continue
+        title = "" if group.title in ("positional arguments", "options") else f"{_upper(group.title)}:\n\n"
+        heading = "word" if group.title == "positional arguments" else "option"
+        text.append(title + "\n".join([f"| {heading} | meaning |", "|---|---|", *rows]))
+    return "\n\n".join(text)
+
+
+def _rows(parser, actions) -> Iterator[str]:
+    told, has_settings = False, DECLARED.keys() <= {action.dest for action in parser._actions}
+    for action in actions:
+        if action.help == argparse.SUPPRESS or action.dest in ("help", "quiet", "debug"):
+            continue
+        if has_settings and action.dest in DECLARED:
+            if not told:
+                flags = ", ".join(f"`{options.flag(name)}`" for name in DECLARED)
+                yield f"| {flags} | how a hologram is computed: see [settings](settings.md) |"
+            told = True
+            continue
+        words = " ".join(filter(None, [", ".join(action.option_strings), _value(action)]))
+        meaning = parser._get_formatter()._expand_help(action)
+        if action.choices and not action.metavar:
+            meaning += f" ({', '.join(f'`{choice}`' for choice in action.choices)})"
+        yield "| `{}` | {} |".format(*(text.replace("|", "\\|") for text in (words, meaning)))
+
+
+def _value(action):
+    if action.nargs == 0:
+        return ""
+    value = action.metavar or ("NAME" if action.choices else action.dest.upper())
+    return f"[{value}]" if action.nargs == "?" else str(value)
+
+
+def _upper(text):
+    first = text.partition(" ")[0]
+    return (
+        text
+        if any(c.isupper() or not c.isalpha() for c in first.rstrip(",:;"))
+        else text[:1].upper() + text[1:]
+    )
+
+
+def chart_table() -> str:
+    """Of the chart's table of methods, what a reader asks first."""
+    return _chart_rows((DOCS / "chart.md").read_text("utf-8"))
+
+
+def _chart_rows(text):
+    _, _, table = text.partition("## The paper's Table 1, measured")
+    lines = itertools.takewhile(lambda line: line[:1] == "|", table[table.index("\n|") + 1 :].splitlines())
+    head, _, *rows = ([cell.strip() for cell in line.strip("| ").split("|")] for line in lines)
+    body = {row[0]: row for row in rows}
+    wanted = ("fast", "reflection", "material", "view", "between", "out of focus")
+    columns = [next(n for n, title in enumerate(head) if part in title) for part in wanted]
+    lines = [
+        "| " + " | ".join(["method", "seconds", *CHART_COLUMNS]) + " |",
+        "|---" * (len(wanted) + 1) + "|",
+    ]
+    for name, told in CHART_METHODS.items():
+        lines.append("| " + " | ".join([told, *(body[name][n] for n in columns)]) + " |")
+    return "\n".join(lines)
+
+
+CHART_COLUMNS = (
+    "mirrors, glass",
+    "materials, indirect light",
+    "views to the side",
+    "between the depths",
+    "out of focus",
+)
+CHART_METHODS = {
+    "auto": "**HoloPath**, defaults",
+    "paper": "the paper's estimator",
+    "point": "point cloud",
+    "polygon": "polygons",
+    "rgbd": "layers of a picture with depth",
+    "rgbd-torchoptics": "the same, by torchoptics",
+    "gaussian": "Gaussians",
+    "stereogram": "stereogram",
+    "rgbd-sgd": "phases from a picture with depth",
+    "focal-stack": "phases from a focal stack",
+    "light-field": "phases from a light field",
+}
+
+
+def decisions() -> str:
+    """What `--fix` takes."""
+    rows = (f"| `{name}` | {low} to {high} | {told} |" for name, (low, high, told) in engine.FIXABLE.items())
+    return "\n".join(["| name | value | what |", "|---|---|---|", *rows])
+
+
+PARTS: dict[str, Callable[[], str]] = {
+    "settings": options.guide_table,
+    "commands": commands,
+    "decisions": decisions,
+    "chart": chart_table,
+}

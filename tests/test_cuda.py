@@ -1,0 +1,90 @@
+"""`make test-cuda` and `make bench-cuda`: what they run on an NVIDIA card, and how they refuse without one."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.scene import variants
+
+ROOT = Path(__file__).parents[1]
+CARD = variants._cuda_device()[0]
+
+
+def run(*words, backend=variants.CUDA):
+    """A Python of its own: what is loaded stays in a process."""
+    return subprocess.run(
+        [sys.executable, "-m", *words],
+        cwd=ROOT,
+        env=os.environ | {"HOLOPATH_BACKEND": backend},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+
+
+@pytest.mark.skipif(CARD, reason="this machine has an NVIDIA card")
+@pytest.mark.parametrize("words", [("pytest", "tests/test_cuda.py"), ("benchmarks", "full_hd", "64x36")])
+def test_without_a_card_one_sentence_and_status_2(words):
+    refused = run(*words)
+    assert refused.returncode == 2
+    assert re.fullmatch(r"(Exit: )?cuda_ad_rgb cannot be used: .*\.", refused.stderr.strip())
+    assert refused.stdout == ""
+
+
+def recipe(target):
+    """Words of a target's command in the Makefile."""
+    text = (ROOT / "Makefile").read_text("utf-8")
+    folders = re.search(r"(?m)^CUDA_TESTS := (.*)", text)[1]
+    command = re.search(rf"(?m)^{target}: \$.*\n\t(.*)", text)[1].replace("$(CUDA_TESTS)", folders)
+    return [word.strip("'") for word in re.findall(r"'[^']*'|\S+", command)]
+
+
+@pytest.mark.slow
+def test_what_is_run_on_a_card():
+    """Tests of each room of the engine, of the exporter and of other methods, and those for a card alone."""
+    _, dash, *words = recipe("test-cuda")
+    found = run(*words, "--collect-only", "-q")
+    assert dash == "-m" and found.returncode == 0, found.stdout[-2000:]
+    names = [line.partition("[")[0] for line in found.stdout.splitlines() if "::" in line]
+    assert f"{Path(__file__).relative_to(ROOT)}::test_fields_are_those_of_llvm" in names
+    rooms = {"scene", "waves", "light", "tracing", "encoding", "planning", "viewing"}
+    assert {f"tests/engine/{room}" for room in rooms} | {"tests/export", "tests/baselines"} <= {
+        str(Path(name.partition("::")[0]).parent) for name in names
+    }
+    assert not any("test_what_is_run_on_a_card" in name for name in names)
+
+
+@pytest.mark.slow
+def test_the_benchmark_in_small():
+    """On whatever computes here: stages, and both speeds."""
+    told = run("benchmarks", "full_hd", "64x36", backend="")
+    assert told.returncode == 0, told.stderr
+    assert "64 x 36" in told.stdout
+    for row in ("radiance", "wave tracing", "propagation"):
+        assert re.search(rf"(?m)^  {row} +\d+\.\d\d s$", told.stdout)
+    for row in ("wave rays", "ray_intersect loop"):
+        assert float(re.search(rf"(?m)^  {row} +(\d+) Mray/s$", told.stdout)[1]) >= 0
+
+
+def field_of(scene, folder, backend):
+    words = f"render {scene} --resolution 96x96 --pitch 8 --frames 3 --quality preview --method full --quiet"
+    done = run("holopath_addon", *words.split(), "--out", str(folder), backend=backend)
+    assert done.returncode == 0, done.stderr
+    return engine.WaveField.load(folder / "wavefield")
+
+
+@pytest.mark.cuda
+@pytest.mark.parametrize("scene", ["demo:planes", "demo:suzanne", "demo:box"])
+def test_fields_are_those_of_llvm(scene, tmp_path):
+    """The same rays and random numbers: only roundings differ, and paths that an edge sends another way."""
+    pytest.importorskip("bpy")
+    ours, theirs = (field_of(scene, tmp_path / name, name) for name in (variants.CUDA, variants.LLVM))
+    difference = np.linalg.norm(ours.data - theirs.data) / np.linalg.norm(theirs.data)
+    assert difference < 0.02
