@@ -24,6 +24,7 @@ ALL = {
     "exporter": ("exporter.main", False),
 }
 NAMED = {
+    "display_model": ("display_model.run", False),
     "farm": ("farm.run", False),
     "foretold": ("foretold.run", False),
     "full_hd": ("full_hd.run", False),

@@ -183,7 +183,11 @@ def _add_modulator(parser):
         metavar="N",
         help="of phase that a pixel takes (default: any phase)",
     )
-    add("--response", metavar="FILE", help="text file of the phase in radians that each gray level shows")
+    add(
+        "--response",
+        metavar="FILE",
+        help="text file of the phase in radians that each gray level shows, or the display as it was fitted (.json)",
+    )
     add("--fill-factor", type=float, default=1.0, metavar="SHARE", help="of a pixel's area (default 1)")
     add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
     add("--crosstalk", type=float, default=0.0, metavar="PIXELS", help="blur of the phases (default 0)")
@@ -221,17 +225,39 @@ def _plan(args):
         print(f"note: {render_command.note_text(note)}")
 
 
+def _shown(args, folder, modulator):
+    """Light of the stored phases."""
+    phase = output.stored_hologram(folder)
+    display = render_command.display_of(args, phase.hologram.wavelengths)
+    if _fitted(args) and display is None:
+        raise engine.InvalidInput(
+            f"{args.response} holds no fitted display: make one by `holopath calibrate`."
+        )
+    return phase.field(modulator, display)
+
+
+def _fitted(args):
+    return args.response is not None and Path(args.response).suffix.lower() == ".json"
+
+
 def _modulator_of(args):
-    response = None if args.response is None else read_response(args.response)
+    if _fitted(args) and (args.bits, args.fill_factor, args.unmodulated, args.crosstalk) != (
+        None,
+        1.0,
+        0.0,
+        0.0,
+    ):
+        raise engine.InvalidInput("A display that was fitted has limits of its own: leave out the others.")
+    response = None if args.response is None or _fitted(args) else read_response(args.response)
     return engine.Modulator(args.bits, response, args.fill_factor, args.unmodulated, args.crosstalk)
 
 
 def _reconstruct(args):
     progress = Progress(quiet=args.quiet)
     folder, modulator = Path(args.folder), _modulator_of(args)
-    if modulator != engine.Modulator() and not args.hologram:
+    if (args.response is not None or modulator != engine.Modulator()) and not args.hologram:
         raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
-    field = output.stored_hologram(folder).field(modulator) if args.hologram else output.stored_field(folder)
+    field = _shown(args, folder, modulator) if args.hologram else output.stored_field(folder)
     report = output.read_report(folder)
     focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:

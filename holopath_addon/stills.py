@@ -24,7 +24,7 @@ VIEW_PATHS = 64  # a pixel, of each view of a light field
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_PHASES = {"encoded", "encoding_bits", "encoding_levels", "encode_seconds"}
+_PHASES = {"encoded", "encoding_bits", "encoding_levels", "encoding_display", "encode_seconds"}
 _VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", "quilt", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
@@ -34,6 +34,7 @@ _NAMES = {
     "encoded": "encoding",
     "encoding_bits": "bits",
     "encoding_levels": "measured levels",
+    "encoding_display": "fitted display",
     "encode_seconds": "seconds of the encoding",
     "rgbd": "picture with depth",
     "light_field": "light field",
@@ -80,6 +81,8 @@ class Still:
         That encoding may take, see `engine.plan_encoding`.
     levels : list of engine.Levels, or None
         That the SLM has at each wavelength.
+    display : list of engine.DisplayModel, or None
+        What the display does to light at each wavelength, see `engine.encode`.
     """
 
     name: str
@@ -101,6 +104,7 @@ class Still:
     encode_seconds: float | None = None
     levels: list | None = None
     quilt: tuple | None = None
+    display: list | None = None
 
     @cached_property
     def asked(self):
@@ -118,6 +122,7 @@ class Still:
             "encoded": self.encode,
             "encoding_bits": self.bits,
             "encoding_levels": self.levels and [each.to_dict() for each in self.levels],
+            "encoding_display": self.display and [model.to_dict() for model in self.display],
             "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
             "light_field": self.light_field,
             "quilt": self.quilt and list(self.quilt),
@@ -244,7 +249,9 @@ def _encode(still, field, progress, stoppable):
     """The phases that are asked for, and what to know of them."""
     try:
         what = field, still.encode, progress, still.scene, still.settings, still.store
-        phase = pipeline.encode(*what, bits=still.bits, levels=still.levels, seconds=still.encode_seconds)
+        phase = pipeline.encode(
+            *what, bits=still.bits, levels=still.levels, display=still.display, seconds=still.encode_seconds
+        )
         advice = phase.report["plan"]["advice"]
         return phase, [f"{advice} See --encode-seconds."] if advice else []
     except engine.Cancelled as error:

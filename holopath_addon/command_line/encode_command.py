@@ -107,6 +107,7 @@ def _phases(args, folder, start, progress):
         progress,
         bits=args.bits,
         levels=render_command.levels_of(args, field.hologram),
+        display=render_command.display_of(args, field.hologram.wavelengths),
         supervision=args.supervision,
         planes=args.compared_planes,
         aperture=args.aperture,

@@ -14,7 +14,7 @@ from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
 from ..farm.work import Work
-from ..slm.calibration import measured_levels, response_files
+from ..slm.calibration import fitted_display, measured_levels, response_files
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
@@ -244,7 +244,8 @@ def add_levels(parser):
     parser.add_argument(
         "--response",
         metavar="FILE",
-        help="levels as measured instead: the SLM's calibration (.json), or a text file of their phases in radians",
+        help="levels as measured instead: the SLM's calibration (.json), with the display's model where `holopath "
+        "calibrate` fitted one, or a text file of their phases in radians",
     )
 
 
@@ -256,6 +257,11 @@ def levels_of(args, hologram):
 def response_of(args):
     """Files that say it, by what they are."""
     return {} if args.response is None else response_files(args.response)
+
+
+def display_of(args, wavelengths):
+    """What the display does to light at each wavelength, where the words name a calibration that knows; else None."""
+    return None if args.response is None else fitted_display(args.response, wavelengths)
 
 
 def add_focus(parser, default):
@@ -352,6 +358,7 @@ def still_of(args, source, job=None):
         encode_seconds=seconds,
         levels=levels_of(args, hologram),
         quilt=args.quilt,
+        display=display_of(args, hologram.wavelengths),
     )
 
 

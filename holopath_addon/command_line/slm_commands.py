@@ -1,11 +1,13 @@
-"""Commands for the SLM: stream, focus, devices."""
+"""Commands for the SLM: stream, focus, calibrate, devices."""
 
 import tempfile
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from .. import engine, output, slm
@@ -15,7 +17,7 @@ from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
 from .console import Progress
-from .options import listed, renamed
+from .options import listed, numbers, renamed
 
 PATIENCE = 30.0  # seconds to wait for a lost device
 
@@ -63,28 +65,7 @@ def add(command):
         metavar="S",
         help="seconds to wait for a lost device (default %(default)g)",
     )
-    group = stream.add_argument_group("driver display").add_argument
-    group("--monitor", metavar="NAME", help="name or geometry (1920x1080+1920+0) of the SLM's monitor")
-    group("--primary", action="store_true", help="allow the monitor where you work")
-    group = stream.add_argument_group("driver serial, trigger and focus").add_argument
-    group("--port", metavar="PORT", help="serial port of the controller")
-    group("--baud", type=int, default=BAUD, help="default %(default)s")
-    group("--trigger", action="store_true", help="have the controller give a pulse for each picture")
-    group(
-        "--pulse",
-        type=int,
-        default=100,
-        metavar="US",
-        help="its length in microseconds (default %(default)s)",
-    )
-    group = stream.add_argument_group("driver slmsuite").add_argument
-    group("--device", default="simulated", metavar="NAME", help="of slmsuite (default simulated)")
-    group(
-        "--options",
-        default="{}",
-        metavar="JSON",
-        help="of its class, for example '{\"resolution\": [512, 512]}'",
-    )
+    _add_device(stream)
     group = stream.add_argument_group("driver files").add_argument
     group("--out", metavar="DIR", help="where to write (default DIR/pictures)")
     group("--kind", choices=KINDS, default=KINDS[0], help="default %(default)s")
@@ -123,6 +104,59 @@ def add(command):
         help="store where the motor is as this plane's; a FILE that is not there is made, of five planes, 80 to 85 mm",
     )
 
+    calibrate = command(
+        "calibrate",
+        _calibrate,
+        "Find what a display and its camera really are, from captures of known patterns.",
+    )
+    option = calibrate.add_argument
+    option(
+        "--out", required=True, metavar="FILE", help="calibration (.json) to write, or to add a wavelength to"
+    )
+    option("--wavelength", required=True, type=float, metavar="NM", help="of the light source, nanometers")
+    option("--pitch", required=True, type=float, metavar="UM", help="of the SLM's pixels, micrometers")
+    option(
+        "--driver",
+        choices=tuple(name for name in slm.DRIVERS if name != "files"),
+        default="display",
+        help="default display; virtual is a simulated bench that is off in everything",
+    )
+    option(
+        "--window",
+        type=int,
+        default=64,
+        metavar="N",
+        help="pixels in the SLM's middle that show patterns (64)",
+    )
+    option("--bits", type=int, default=8, metavar="N", help="of a level (default 8)")
+    option(
+        "--distances",
+        type=numbers(0, "a list of distances", "millimeters"),
+        metavar="MM,MM[,..]",
+        help="of the foci from the SLM (default: those of --focus-planes)",
+    )
+    option("--focus-planes", metavar="FILE", help="focus planes, which say where the camera's motor goes")
+    option(
+        "--view",
+        type=numbers(2, "two shares", "half sides of the window"),
+        default=[0.95, 0.95],
+        metavar="X,Y",
+        help="half sides of the window that half the camera's shorter side sees; negative: mirrored (0.95,0.95)",
+    )
+    option("--captures", type=int, default=64, metavar="N", help="how many (default 64)")
+    option("--camera", metavar="COMMAND", help="takes a picture, as for `holopath stream`")
+    option(
+        "--settle",
+        type=float,
+        default=0.5,
+        metavar="S",
+        help="seconds until a picture is shown (default 0.5)",
+    )
+    option(
+        "--seed", type=int, default=0, metavar="N", help="of the patterns, and of what the virtual bench is"
+    )
+    _add_device(calibrate)
+
     devices = command("devices", _devices, "List SLM drivers, monitors, serial ports and Mitsuba backends.")
     devices.add_argument(
         "--identify",
@@ -131,6 +165,32 @@ def add(command):
         const=5.0,
         metavar="SECONDS",
         help="show on each monitor its number in the list, so long (default 5)",
+    )
+
+
+def _add_device(parser):
+    """Which monitor, port or SLM of slmsuite."""
+    group = parser.add_argument_group("driver display").add_argument
+    group("--monitor", metavar="NAME", help="name or geometry (1920x1080+1920+0) of the SLM's monitor")
+    group("--primary", action="store_true", help="allow the monitor where you work")
+    group = parser.add_argument_group("driver serial, trigger and focus").add_argument
+    group("--port", metavar="PORT", help="serial port of the controller")
+    group("--baud", type=int, default=BAUD, help="default %(default)s")
+    group("--trigger", action="store_true", help="have the controller give a pulse for each picture")
+    group(
+        "--pulse",
+        type=int,
+        default=100,
+        metavar="US",
+        help="its length in microseconds (default %(default)s)",
+    )
+    group = parser.add_argument_group("driver slmsuite").add_argument
+    group("--device", default="simulated", metavar="NAME", help="of slmsuite (default simulated)")
+    group(
+        "--options",
+        default="{}",
+        metavar="JSON",
+        help="of its class, for example '{\"resolution\": [512, 512]}'",
     )
 
 
@@ -204,10 +264,6 @@ class _Told:
 
 
 def _driver(args, sequence):
-    if args.driver == "display":
-        return slm.DisplayDriver(args.monitor, args.primary, sequence.size)
-    if args.driver == "serial":
-        return slm.SerialDriver(args.port, args.baud)
     if args.driver == "files":
         return slm.FilesDriver(args.out or Path(args.folder) / "pictures", args.kind)
     if args.driver == "virtual":
@@ -215,7 +271,16 @@ def _driver(args, sequence):
         return slm.VirtualDriver(
             sequence.holograms[0], sequence.calibration, packing=args.packing, order=args.order
         )
-    return slm.SlmsuiteDriver(args.device, options_of(args.options, args.device, sequence.size))
+    return _device(args, sequence.size)
+
+
+def _device(args, size):
+    """A real one, for pictures of a width and height."""
+    if args.driver == "display":
+        return slm.DisplayDriver(args.monitor, args.primary, size)
+    if args.driver == "serial":
+        return slm.SerialDriver(args.port, args.baud)
+    return slm.SlmsuiteDriver(args.device, options_of(args.options, args.device, size))
 
 
 def _controller(args, driver):
@@ -326,6 +391,75 @@ def _focus(args):
         progress(1.0, f"Done: position {target}")
     finally:
         controller.close()
+
+
+def _calibrate(args):
+    progress, path = Progress(quiet=args.quiet), Path(args.out)
+    if path.suffix.lower() != ".json":
+        raise engine.InvalidInput(f"A calibration is a .json file: {path} is none.")
+    before = slm.Calibration.load(path) if path.exists() else None
+    if not 16 <= args.window <= 512:
+        raise engine.InvalidInput(f"A window of {args.window} pixels cannot be fitted: choose 16 to 512.")
+    if not 1 <= args.bits <= 16:
+        raise engine.InvalidInput(f"An SLM has 1 to 16 bits, not {args.bits}.")
+    window = slm.PatternWindow(args.window, args.pitch * 1e-6, args.wavelength * 1e-9, args.bits)
+    planes = slm.FocusPlanes.load(args.focus_planes) if args.focus_planes else None
+    distances = [mm * 1e-3 for mm in args.distances or ()]
+    if planes is not None and not distances:
+        distances = [plane.distance for plane in planes.planes]
+    if not distances:
+        raise engine.InvalidInput("The foci are missing: give them with --distances or --focus-planes.")
+    told = partial(slm.calibrate, window=window, distances=distances, view=args.view, count=args.captures,
+                   seed=args.seed, progress=progress)  # fmt: skip
+    if args.driver == "virtual":
+        camera = round(1.4 * args.window)
+        start = slm.nominal(window, distances, (camera, camera), args.view)
+        bench, _ = slm.mis_set(start, window, args.seed)
+        found = told(bench.look)
+    else:
+        found = _calibrated(args, told, window, planes, distances)
+    slm.calibration_of(found, window, before=before).save(path)
+    if not args.quiet:
+        for row, value, deviation in zip(found.parameters, found.values, found.deviations, strict=True):
+            print(f"{row.name:<28} {value:12.5g} +- {deviation:<10.2g} {row.unit}")
+    progress(1.0, f"Done: {found.explained:.1%} of what the camera saw is explained: {path}")
+
+
+def _calibrated(args, told, window, planes, distances):
+    """On a real device, with a camera that is a command."""
+    if not args.camera:
+        raise engine.InvalidInput(
+            "The camera is missing: give the command that takes a picture with --camera."
+        )
+    if len(distances) > 1 and planes is None:
+        raise engine.InvalidInput(
+            "The focus planes are missing: give them with --focus-planes, see `holopath focus --help`."
+        )
+    driver = _device(args, (args.window, args.window))
+    controller = getattr(driver, "controller", None) or slm.Controller(args.port, args.baud)
+    shown = count(0)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "capture.png"
+
+        def look(levels, distance):
+            number = next(shown)
+            whole = window.on(levels, (driver.info.width or args.window, driver.info.height or args.window))
+            picture = slm.Picture(whole, number, ((0, 0),), window.bits)
+            while driver.show(number, picture) is False:
+                time.sleep(0.01)
+            controller.focus(planes.position_at(distance))
+            time.sleep(args.settle)
+            slm.run_camera(args.camera, file, distances.index(distance), distance)
+            return slm.read_capture(file)
+
+        try:
+            driver.open(None, lambda number, what: None)
+            if controller is not getattr(driver, "controller", None):
+                controller.open()
+            return told(look)
+        finally:
+            driver.close()
+            controller.close()
 
 
 def _devices(args):

@@ -23,6 +23,7 @@ from .viewing.preview import Preview
 from .viewing.reconstruction import Refocuser, reconstruct, to_rgb
 from .viewing.reference import diffracted, reference
 from .wavefield import WaveField
+from .waves.display_model import DisplayModel
 from .waves.modulator import Levels, Modulator
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "DISPLAYS",
     "Decision",
     "Display",
+    "DisplayModel",
     "EncodingPlan",
     "FIXABLE",
     "Hologram",

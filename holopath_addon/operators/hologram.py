@@ -37,9 +37,10 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         field, task, before = session.rendered().field, session.current.task, session.current.phase
         props = properties.of(bpy.data.scenes[scene])
         method, calibration = props.encoding, calibration_of(props.device)
-        levels = {"bits": props.bits if props.bits < ENOUGH_BITS else None}
+        display = {"bits": props.bits if props.bits < ENOUGH_BITS else None}
         if calibration is not None:
-            levels = {"levels": calibration.levels_of(field.hologram)}
+            found = calibration.display(field.hologram.wavelengths)
+            display = {"levels": calibration.levels_of(field.hologram), "display": found}
         wanted, seconds = preferences.wanted(), properties.encode_seconds_of(props)
 
         def encode(job, progress):
@@ -52,7 +53,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
                     "encoding."
                 )
             try:
-                return field, pipeline.encode(field, method, progress, *scene, seconds=seconds, **levels)
+                return field, pipeline.encode(field, method, progress, *scene, seconds=seconds, **display)
             except engine.Cancelled as error:
                 if error.kept is None or before is not None:
                     raise

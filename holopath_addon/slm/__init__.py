@@ -3,6 +3,8 @@
 A `Sequence` makes pictures of holograms, `stream` shows them on a `Driver`.
 """
 
+from .bench import Bench, mis_set
+from .calibrating import PatternWindow, calibrate, calibration_of, nominal
 from .calibration import Calibration, Response
 from .driver import Driver, Info, Picture
 from .drivers.controller import Controller, serial_ports
@@ -14,11 +16,14 @@ from .drivers.serial_device import SerialDriver
 from .drivers.slmsuite_device import SlmsuiteDriver
 from .drivers.virtual import VirtualDriver
 from .errors import DeviceLost
+from .fitting import Fitted
 from .focus import FocusPlanes, Plane, run_camera, sweep
+from .sensor import Sensor, read_capture
 from .sequence import PACKINGS, Sequence
 from .streaming import Counts, stream
 
 __all__ = [
+    "Bench",
     "Calibration",
     "Controller",
     "Counts",
@@ -27,6 +32,7 @@ __all__ = [
     "DisplayDriver",
     "Driver",
     "FilesDriver",
+    "Fitted",
     "FocusPlanes",
     "Info",
     "Monitor",
@@ -34,13 +40,20 @@ __all__ = [
     "Picture",
     "Plane",
     "Response",
+    "Sensor",
     "Sequence",
     "SerialDriver",
     "SlmsuiteDriver",
     "VirtualDriver",
+    "PatternWindow",
+    "calibrate",
+    "calibration_of",
     "describe",
     "identify",
+    "mis_set",
     "monitors",
+    "nominal",
+    "read_capture",
     "run_camera",
     "serial_ports",
     "stream",

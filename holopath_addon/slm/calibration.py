@@ -14,16 +14,19 @@ import numpy as np
 
 from ..engine.errors import InvalidInput
 from ..engine.scene import variants
+from ..engine.waves.display_model import DisplayModel
 from ..engine.waves.modulator import Levels, grey_levels
+from .sensor import Sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from ..engine.hologram import Hologram
 
 FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
 STEPS = 1 << 16  # of a turn, in the table from phase to level
 LARGEST = 1 << 15  # pixels of a side
+FITTED = 3e-9  # metres from the wavelength at which a model was fitted, within which it holds
 MOST_TURNS = 20  # of a response
 MOST_CORRECTION = float(1 << 20)  # radians, that float32 holds to a hundredth of a turn
 SAME = 0.5e-9  # metres within which a wavelength is the one that was measured
@@ -134,6 +137,10 @@ class Calibration:
         Phase in radians that is added at each of the device's pixels, so that a flat hologram is flat.
     correction_wavelength : float, optional
         Metres, at which that was measured; at others it goes as 1 / wavelength.
+    models : tuple of engine.DisplayModel
+        What else the display does to light, fitted at one or more wavelengths; see `slm.fit`.
+    sensors : tuple of Sensor
+        The camera of each of them.
 
     Raises
     ------
@@ -149,6 +156,8 @@ class Calibration:
     responses: tuple = ()
     correction: np.ndarray | None = field(default=None, repr=False)
     correction_wavelength: float | None = None
+    models: tuple = ()
+    sensors: tuple = ()
 
     def __post_init__(self):
         if not 1 <= self.bits <= 16:
@@ -204,9 +213,42 @@ class Calibration:
             found.append(Levels(self.response(wavelength).phases(self.bits, wavelength), correction))
         return found
 
+    def display(self, wavelengths: Sequence[float]) -> list[DisplayModel] | None:
+        """Fitted models for `engine.encode`, one a wavelength in metres; None where none was fitted.
+
+        Raises
+        ------
+        InvalidInput
+            If a wavelength was not fitted.
+        """
+        return [self._fitted(each)[0] for each in wavelengths] if self.models else None
+
+    def sensor(self, wavelength: float) -> Sensor:
+        """The camera, as it was found with the model of a wavelength.
+
+        Raises
+        ------
+        InvalidInput
+            If there was none.
+        """
+        return self._fitted(wavelength)[1]
+
+    def _fitted(self, wavelength):
+        for fitted in zip(self.models, self.sensors, strict=True):
+            if abs(fitted[0].wavelength - wavelength) < FITTED:
+                return fitted
+        known = ", ".join(f"{model.wavelength * 1e9:g}" for model in self.models) or "none"
+        raise InvalidInput(
+            f"The display was not calibrated at {wavelength * 1e9:g} nm, only at {known}: run `holopath "
+            "calibrate` there."
+        )
+
     def table(self, wavelength: float) -> np.ndarray:
         """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle."""
-        phases = np.mod(self.response(wavelength).phases(self.bits, wavelength), 2 * math.pi)
+        phases = self.response(wavelength).phases(self.bits, wavelength)
+        if self.models:  # crosstalk blurs over what is more than a turn
+            phases = phases[phases < phases[0] + 2 * math.pi]
+        phases = np.mod(phases, 2 * math.pi)
         order = np.argsort(phases, kind="stable")
         ring = phases[order]
         edges = np.append((ring[1:] + ring[:-1]) / 2, (ring[0] + 2 * math.pi + ring[-1]) / 2)
@@ -346,6 +388,10 @@ class Calibration:
                 for r in self.responses
             ],
             "correction": correction,
+            "displays": [
+                {**model.to_dict(), "camera": sensor.to_dict()}
+                for model, sensor in zip(self.models, self.sensors, strict=True)
+            ],
         }
         part = path.with_name(f".part-{path.name}")
         part.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
@@ -382,6 +428,8 @@ class Calibration:
                 ),
                 correction,
                 at,
+                tuple(DisplayModel.from_dict(each) for each in said.get("displays", ())),
+                tuple(Sensor.from_dict(each["camera"]) for each in said.get("displays", ())),
             )
         return found
 
@@ -454,6 +502,18 @@ def _calibrates(path):
 
 def _map_file(path, said):
     return path.with_name(str(said["correction"]["file"]))
+
+
+def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[DisplayModel] | None:
+    """What a display does to light at each wavelength, metres, of a `Calibration` file; None where none was fitted.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if Path(path).suffix.lower() != ".json":
+        return None
+    return Calibration.load(path).display(wavelengths)
 
 
 def read_response(path: Path | str) -> tuple[float, ...]:

@@ -21,7 +21,8 @@ from ..waves.supervision import Frames
 from . import descent
 from .double_phase import clipping_level, double_phase, half_band
 from .phase_hologram import PhaseHologram
-from .phases import FINE, Phases
+from .phases import FINE, WHOLE, Phases
+from .shown_light import ShownLight
 from .targets import AmplitudeTarget, ComplexTarget
 from .views import STEP, Views
 
@@ -32,10 +33,12 @@ if TYPE_CHECKING:
 
     from ..progress import Progress
     from ..wavefield import WaveField
+    from ..waves.display_model import DisplayModel
 
 SUPERVISIONS = ("complex", "amplitude")
 STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
+MARGIN = 12  # pixels around a display's, into which its relay scatters light
 DARK = 1e-6  # of the brightest colour's amplitude
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # of a pixel of a frame
 MOST_STEPS = 1000
@@ -54,6 +57,7 @@ def encode(
     *,
     bits: int | None = None,
     levels: Sequence[ArrayLike | Levels] | None = None,
+    display: Sequence[DisplayModel] | None = None,
     supervision: str = "complex",
     planes: int = 1,
     aperture: bool = True,
@@ -84,6 +88,9 @@ def encode(
     levels : sequence of array_like or Levels, optional
         Instead, the phases in radians that the SLM really has at each wavelength, measured; in any order, of any turn.
         With a correction of its pixels: `Levels`.
+    display : sequence of DisplayModel, optional
+        What the display makes of phases at each wavelength: the descents make up for what is not ideal. Default: light
+        of phases alone.
     supervision : str
         Of `sgd`, one of `SUPERVISIONS`: the complex field, or amplitudes only as in prior work.
     planes : int
@@ -123,7 +130,7 @@ def encode(
     together = most_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if most_steps is None else most_steps, seed)
     asked = _Asked(
-        method, bits, levels, supervision, planes, aperture, start, many, seconds, effort, together
+        method, bits, levels, display, supervision, planes, aperture, start, many, seconds, effort, together
     )
     asked.check(field)
     with Frames() as threads:
@@ -156,6 +163,7 @@ class _Asked:
     method: str
     bits: int | None
     levels: Sequence[ArrayLike | Levels] | None
+    display: Sequence[DisplayModel] | None
     supervision: str
     planes: int
     aperture: bool
@@ -193,6 +201,14 @@ class _Asked:
             raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
         if self.bits is not None and self.levels is not None:
             raise InvalidInput("Levels that were measured have a number of their own: leave out the bits.")
+        if self.display is not None and len(self.display) != field.data.shape[1]:
+            raise InvalidInput(
+                f"There are display models of {len(self.display)} wavelengths for {field.data.shape[1]}: give as many."
+            )
+        if self.display is not None and self.method == "dpac":
+            raise InvalidInput(
+                "Double phase knows no display model: choose sgd or joint, or leave out the model."
+            )
         for each in self.levels or ():
             correction = each.correction if isinstance(each, Levels) else None
             if correction is not None and correction.shape != field.data.shape[-2:]:
@@ -261,7 +277,21 @@ class _Work:
         self._coarse = [
             ring if ring is not None and ring.widest_gap > FINE else None for ring in self._levels
         ]
-        self.report = {"bits": asked.bits, "measured_levels": asked.levels is not None, "stages": []}
+        hologram, shape = field.hologram, field.data.shape[-2:]
+        self._margin = 0 if asked.display is None else MARGIN
+        self._shape = tuple(n + 2 * self._margin for n in shape)  # of light
+        self._displays = [
+            None
+            if asked.display is None
+            else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN)
+            for colour in range(count)
+        ]
+        self.report = {
+            "bits": asked.bits,
+            "measured_levels": asked.levels is not None,
+            "display_model": asked.display is not None,
+            "stages": [],
+        }
 
     def hologram(self):
         """What has been done."""
@@ -300,8 +330,12 @@ class _Work:
         """Phases to start with."""
         data, start = self.field.data, self._asked.start
         for colour in self.colours:
+            display = self._displays[colour]
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
+            elif display is not None:
+                for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
+                    phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
                 waves = filtered(data[:, colour], half_band(data.shape[-2:]))
                 level = clipping_level(waves) or 1
@@ -371,7 +405,7 @@ class _Work:
                     if colour in wanted:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(fields[:, place] * scale)
+                        wanted[colour].add(self._wide(fields[:, place] * scale))
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
@@ -383,8 +417,8 @@ class _Work:
     def _views(self, colour):
         """What all frames together go towards in one wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        frames, _, *shape = self.field.data.shape
-        return Views(shape, hologram.pitch, hologram.wavelengths[colour], *self._volume(), frames, seed)
+        volume, frames = self._volume(), len(self.field.data)
+        return Views(self._shape, hologram.pitch, hologram.wavelengths[colour], *volume, frames, seed)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -437,7 +471,14 @@ class _Work:
 
     def _fields(self, which, colour):
         """Complex fields of some frames, of root mean square 1 over all; a copy."""
-        return self.field.data[which, colour] * np.float32(1 / self._scales[colour])
+        fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
+        return self._wide(fields)
+
+    def _wide(self, fields):
+        """With dark around them as wide as the display's margin."""
+        if not self._margin:
+            return fields
+        return np.pad(fields, [(0, 0)] * (fields.ndim - 2) + [(self._margin, self._margin)] * 2)
 
     def _volume(self):
         """Distances between which the scene lies."""
@@ -447,12 +488,13 @@ class _Work:
 
     def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
-        band = circular_band(self.field.data.shape[-2:])
+        band = circular_band(self._shape)
         wanted = shown = 0.0
         for frame, phase in enumerate(self.phases[:, colour]):
             wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())
             wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
-            light = np.exp(np.complex64(1j) * phase)
+            display = self._displays[colour]
+            light = np.exp(np.complex64(1j) * phase) if display is None else display.light(phase)
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
@@ -466,7 +508,9 @@ class _Work:
     @contextmanager
     def _phases(self, group, colour):
         """`Phases` of some frames in one wavelength, which are put back however the work ends."""
-        phases = Phases(self.phases[group, colour], self._threads)
+        levels = self._levels[colour]
+        ends = WHOLE if levels is None else (levels.phases[0], levels.phases[-1])
+        phases = Phases(self.phases[group, colour], self._threads, self._displays[colour], ends)
         try:
             yield phases
         finally:

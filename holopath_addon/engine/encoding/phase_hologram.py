@@ -16,11 +16,13 @@ from ..hologram import Hologram
 from ..scene import variants
 from ..wavefield import WaveField
 from ..waves.modulator import Modulator, grey_levels
+from .shown_light import ShownLight
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..progress import Progress
+    from ..waves.display_model import DisplayModel
 
 FORMAT_VERSION = 1
 
@@ -54,16 +56,27 @@ class PhaseHologram:
     gains: tuple
     report: dict = field(default_factory=dict, repr=False)
 
-    def field(self, modulator: Modulator | None = None) -> WaveField:
+    def field(
+        self, modulator: Modulator | None = None, display: Sequence[DisplayModel] | None = None
+    ) -> WaveField:
         """`WaveField` of the light that leaves the SLM, to be refocused.
 
         Parameters
         ----------
         modulator : Modulator, optional
             The display's limits. Default: none.
+        display : sequence of DisplayModel, optional
+            Instead, what it does to light at each wavelength, of the middle of its source.
         """
         gains = np.asarray(self.gains, np.float32)[:, None, None]
-        light = (modulator or Modulator()).light(self.data)
+        if display is None:
+            light = (modulator or Modulator()).light(self.data)
+        else:
+            light = np.empty(self.data.shape, np.complex64)
+            for colour, model in enumerate(display):
+                shown = ShownLight(model, self.data.shape[-2:], self.hologram.pitch)
+                for frame, phases in enumerate(self.data[:, colour]):
+                    light[frame, colour] = shown.light(phases)
         return WaveField(gains * light, self.hologram, self.camera, self.near, modulated=True)
 
     def save(self, folder: Path | str, progress: Progress | None = None) -> None:

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 
     from ..waves.modulator import Levels
     from ..waves.supervision import Frames
+    from .shown_light import ShownLight
 
 # Decays of Adam's means (Kingma and Ba, ICLR 2015): of slopes, where each step sees all and where it sees a view or a
 # few of many, and of their squares. Longer memories lose half a decibel in 40 steps, and a whole one in pictures.
 FULL, PARTLY, SQUARES = 0.9, 0.6, 0.9
 TINY = 1e-30  # for pixels whose slope is nothing
 FINE = 0.1  # radians between levels, for which it is enough to round phases in the end
+WHOLE = 0.0, 2 * math.pi * (1 - 1 / 256)  # radians, of a turn
 BLOCK = 1 << 16  # pixels: they stay near the processor, and threads seldom wait for Python
 
 
@@ -35,26 +37,44 @@ class Phases:
     start : numpy.ndarray, float32 or float64, shape (frame, y, x)
         Radians. The type is that of all that is computed.
     threads : Frames
+    display : ShownLight, optional
+        What makes light of phases. Default: an ideal display. Phases then stay between `ends`: neighbours blur, and
+        would over a jump from one turn to the next.
+    ends : (float, float)
+        Least and largest phase, radians, that it has.
 
     Attributes
     ----------
     light : numpy.ndarray, complex, shape (frame, y, x)
-        exp(i phase).
+        exp(i phase), or what the display makes of it.
     """
 
-    def __init__(self, start: np.ndarray, threads: Frames) -> None:
+    def __init__(
+        self,
+        start: np.ndarray,
+        threads: Frames,
+        display: ShownLight | None = None,
+        ends: tuple[float, float] = WHOLE,
+    ) -> None:
         self._angle = np.array(start, order="C").reshape(len(start), -1)
         self._threads, self._shape = threads, start.shape
         self._light = np.empty(self._angle.shape, np.result_type(start.dtype, np.complex64))
         self._means: np.ndarray | None = None
         self._free: np.ndarray | None = None
         self._count = 0
-        self._local = threading.local()
+        self._local, self._display, self._ends = threading.local(), display, ends
         self._each(self._show)
 
     @property
     def light(self) -> np.ndarray:
-        return self._light.reshape(self._shape)
+        display = self._display
+        if display is None:
+            return self._light.reshape(self._shape)
+        return np.array(self._threads.each(lambda frame: display.light(self._turns(frame)), len(self._angle)))
+
+    def _turns(self, frame):
+        """Phases of a frame."""
+        return self._angle[frame].reshape(self._shape[1:])
 
     def slope(self, back: np.ndarray, factors: Sequence[complex] | None = None) -> np.ndarray:
         """Gradient with respect to the phases.
@@ -72,9 +92,10 @@ class Phases:
             dL = sum of slope times change of phase: 2 Im(conj(u) G).
         """
         slope = np.empty_like(self._angle)
+        back, shares = self._at_pixels(back, factors)
 
         def fill(frame, block, rows):
-            factor = 1 if factors is None else factors[frame]
+            factor = 1 if shares is None else shares[frame]
             slope[frame, block] = self._slope(frame, block, back[frame, rows], factor)
 
         self._each(fill)
@@ -86,6 +107,7 @@ class Phases:
             self._means = np.zeros((2, *self._angle.shape), self._angle.dtype)
             self._means[1] = TINY
         means, free = self._means, self._free
+        back, shares = self._at_pixels(back, factors)
         self._count += 1
         first, second = memory, SQUARES
         real = self._angle.dtype.type
@@ -95,7 +117,7 @@ class Phases:
 
         def move(frame, block, rows):
             mean, square = means[0, frame, block], means[1, frame, block]
-            slope = self._slope(frame, block, back[frame, rows], factors[frame])
+            slope = self._slope(frame, block, back[frame, rows], shares[frame])
             mean *= real(first)
             mean += slope
             slope *= slope
@@ -147,6 +169,19 @@ class Phases:
         """Radians in [0, 2 pi), float32."""
         return wrapped(self._angle).reshape(self._shape)
 
+    def _at_pixels(self, back, factors):
+        """G and factors with respect to exp(i phase), of those with respect to the display's light."""
+        display = self._display
+        if display is None:
+            return back, factors
+        light = self._light.reshape(self._shape)
+
+        def each(frame):
+            factor = 1 if factors is None else factors[frame]
+            return 0.5j * light[frame] * display.slope(self._turns(frame), back[frame] * factor)
+
+        return np.array(self._threads.each(each, len(light)), light.dtype), [1.0] * len(light)
+
     def _slope(self, frame, block, back, factor):
         product, slope, _ = self._room(block)
         np.conjugate(self._light[frame, block], out=product)
@@ -161,6 +196,8 @@ class Phases:
     def _show(self, frame, block, rows):
         _, first, second = self._room(block)
         angle, light = self._angle[frame, block], self._light[frame, block]
+        if self._display is not None:
+            np.clip(angle, *self._ends, out=angle)
         light.real = np.cos(angle, out=first)
         light.imag = np.sin(angle, out=second)
 

@@ -43,7 +43,12 @@ def circular_band(shape: Sequence[int]) -> np.ndarray:
 
 
 def transfer_function(
-    shape: Sequence[int], pitch: float, wavelength: float, distance: float, band: str = "circular"
+    shape: Sequence[int],
+    pitch: float,
+    wavelength: float,
+    distance: float,
+    band: str = "circular",
+    tilt: Sequence[float] = (0.0, 0.0),
 ) -> np.ndarray:
     """Carrier-free transfer function exp(i z (kz - k)) of free space.
 
@@ -58,12 +63,16 @@ def transfer_function(
         Metres; the distance may be negative.
     band : {'circular', 'full'}
         Keep the recordable circle, or every wave that is not evanescent.
+    tilt : (float, float)
+        Sines to +x and +y of a plane wave, relative to which frequencies are those of the grid.
 
     Returns
     -------
     numpy.ndarray, complex64, `shape`, in FFT order
     """
-    fy, fx = (scipy.fft.fftfreq(n) for n in shape)
+    fy, fx = (
+        scipy.fft.fftfreq(n) + pitch / wavelength * sine for n, sine in zip(shape, tilt[::-1], strict=True)
+    )
     rows, columns = representable(shape, pitch, wavelength, distance)
     transfer = np.empty(shape, np.complex64)
     height = max(1, BLOCK // shape[1])

@@ -1,0 +1,68 @@
+"""Displays that are off in everything: how near each parameter is found, and what pictures gain by it.
+
+``python -m benchmarks display_model [SEED..]``: a row for each random mis-setting (default 1 to 20), minutes each.
+"""
+
+import time
+
+import numpy as np
+
+from holopath_addon import engine, slm
+from holopath_addon.engine.viewing import metrics
+from holopath_addon.slm.fitting import Setup, vector
+
+SIDE, PITCH, GREEN, FOCI, VIEW = 40, 8e-6, 520e-9, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)
+MIDDLE = 4.5e-3  # where pictures are compared
+FRAMES = 8
+
+
+def run(*seeds):
+    """Table of seeds; worst parameters in percent of their range, PSNR of pictures on the bench in dB."""
+    lines = [
+        "seed  seconds  worst parameters                                        uncalibrated  fitted  known"
+    ]
+    for seed in map(int, seeds or range(1, 21)):
+        lines.append(_row(seed))
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def _row(seed):
+    window = slm.PatternWindow(SIDE, PITCH, GREEN)
+    camera = round(1.4 * SIDE)
+    bench, truth = slm.mis_set(slm.nominal(window, FOCI, (camera, camera), VIEW), window, seed)
+    begun = time.perf_counter()
+    found = slm.calibrate(bench.look, window, FOCI, VIEW)
+    seconds = time.perf_counter() - begun
+    spans = np.array([row.high - row.low for row in found.parameters])
+    left = 100 * np.abs(found.values - vector(truth)) / spans
+    worst = ", ".join(f"{found.parameters[n].name} {left[n]:.2f}" for n in np.argsort(-left)[:3])
+    field = _field()
+    known = slm.calibration_of(_as_found(found, truth), window)
+    calibrations = slm.Calibration(), slm.calibration_of(found, window), known
+    decibels = "  ".join(f"{_decibels(bench, field, each):6.2f}" for each in calibrations)
+    return f"{seed:4}  {seconds:7.0f}  {worst:<60}  {decibels}"
+
+
+def _as_found(found, truth: Setup):
+    return slm.Fitted(truth, found.parameters, vector(truth), 0 * found.deviations, 0.0, 1.0)
+
+
+def _field():
+    """Frames of one even gradient, each with random phases."""
+    rng = np.random.default_rng(0)
+    rows, columns = np.indices((SIDE, SIDE)) / SIDE
+    amplitude = 0.4 + 0.5 * rows + 0.3 * np.sin(6 * columns)
+    light = amplitude * np.exp(2j * np.pi * rng.random((FRAMES, 1, SIDE, SIDE)))
+    volume = engine.Hologram(SIDE, SIDE, PITCH, (GREEN,), depth_far=FOCI[0], depth_near=FOCI[-1])
+    return engine.WaveField(light.astype(np.complex64), volume, engine.Camera(np.eye(4), 0.6), 0.5)
+
+
+def _decibels(bench, field, calibration):
+    """Of the picture on the bench, without its camera, against the field's own."""
+    levels = {"levels": calibration.levels_of(field.hologram)} if calibration.models else {}
+    phase = engine.encode(field, "joint", display=calibration.display([GREEN]), **levels)
+    shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
+    seen = np.mean([bench.picture(phases, MIDDLE) for phases in shown], axis=0)
+    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(MIDDLE))])[0]
+    return metrics.psnr(seen[..., None], wanted, border=4)

@@ -1,0 +1,383 @@
+"""What a real display makes of the phases of its pixels: source, pixels, relay, and the picture at a focus.
+
+Coordinates: x to the right, y down; (xi, eta) are those of the SLM in half its shorter side, from its middle; rho is a
+ray's sine in terms of the steepest that a pixel grid records, lambda / (2 pitch), of the model's own wavelength.
+
+    source    E(x)  = exp(-q |xi - xi_0|^2) exp(i k s.x)                        Gaussian beam, tilted by sines s
+    pixels    u(x)  = E(x) [sqrt(1 - |m|^2) exp(i (G * phi)(x)) + m]            within pixels, too
+    relay     a(x)  = inverse FT of  [ |rho| <= 1 ] exp(i W(rho; xi)) FT u      stop in its Fourier plane, aberrations
+    picture   I(x)  = sum_n w_n |P_z a_n|^2                                     source points and wavelengths n
+
+G is a Gaussian of `crosstalk` pixels, m light that leaves as it came, W = sum_j (a_j + b_j xi + c_j eta) Z_j(rho) with
+Noll's Zernike polynomials, P_z the engine's angular spectrum.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+import scipy.sparse
+from scipy.special import erf
+
+from ..errors import InvalidInput
+from .propagation import padded_shape, transfer_function
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+GRID = 2  # samples of a picture in a pixel's side: an intensity has twice the band of its field
+FINE = 4  # of the light that leaves a pixel, whose phase is blurred within it
+STRAYS = 24  # pixels around the SLM for the stop's diffraction, see `padded_shape`
+NODES = np.array([-1.0, 0.0, 1.0])  # of the field, between which aberrations are a parabola
+ALONG = 3  # of the aberrations, the first, change over the field
+SOFT = 1.0  # bins over which the stop's edge falls, so that it moves smoothly
+
+COUNTS = {"position": 2, "tilt": 2, "aberrations": 8, "across": ALONG, "down": ALONG}
+
+# Points (x, y, wavelength) and weights of a Gaussian of three dimensions, exact to the fifth degree: the middle and the
+# corners of an icosahedron (Stroud, Approximate Calculation of Multiple Integrals, 1971, section 8.8).
+RING = [(2 * math.cos(a), 2 * math.sin(a), 1.0) for a in np.arange(5) * (2 * math.pi / 5)]
+CORNERS = [(0.0, 0.0, math.sqrt(5)), *RING]
+POINTS = [(0.0, 0.0, 0.0, 2 / 5)]
+POINTS += [(sign * x, sign * y, sign * c, 1 / 20) for x, y, c in CORNERS for sign in (1, -1)]
+
+
+@dataclass(frozen=True)
+class DisplayModel:
+    """A display's light at one wavelength; the defaults are an ideal one's. The module has the formulas.
+
+    Parameters
+    ----------
+    wavelength : float
+        Metres, in the middle of the spectrum.
+    position : (float, float)
+        Middle of the beam on the SLM, xi and eta (half sides).
+    falloff : float
+        q: the beam's amplitude is exp(-q) at half a side from its middle; its radius at 1/e^2 of the intensity is
+        1 / sqrt(q) half sides.
+    tilt : (float, float)
+        Sines of the beam's direction, to +x and +y.
+    size : float
+        Of the source: standard deviation of the sines of its points' directions (partial spatial coherence: Goodman,
+        Statistical Optics, section 5.6).
+    bandwidth : float
+        Standard deviation of its spectrum, metres.
+    unmodulated : complex
+        m: amplitude and phase of the light that leaves as it came; its share is abs(m)^2.
+    crosstalk : float
+        Standard deviation, pixels, of the Gaussian that blurs phases (fringing fields: Moser et al., Opt. Express 27,
+        25046 (2019)).
+    aberrations : tuple of 8 floats
+        a_j, radians root mean square, of Noll's Zernike polynomials 4 to 11 (J. Opt. Soc. Am. 66, 207 (1976)): defocus,
+        two of astigmatism, two of coma, two of trefoil, spherical.
+    across, down : tuple of 3 floats
+        b_j and c_j: how much the first three of them grow over half a side, to the right and down. A misaligned
+        relay's defocus and astigmatism are linear in the field (Thompson, J. Opt. Soc. Am. A 22, 1389 (2005)). Beyond
+        half a side they stay as they are there.
+    half : float
+        What half a side is, metres; 0: half the shorter side of the SLM that is looked at.
+    """
+
+    wavelength: float
+    position: tuple = (0.0, 0.0)
+    falloff: float = 0.0
+    tilt: tuple = (0.0, 0.0)
+    size: float = 0.0
+    bandwidth: float = 0.0
+    unmodulated: complex = 0j
+    crosstalk: float = 0.0
+    aberrations: tuple = (0.0,) * 8
+    across: tuple = (0.0,) * ALONG
+    down: tuple = (0.0,) * ALONG
+    half: float = 0.0
+
+    def __post_init__(self):
+        for name, count in COUNTS.items():
+            values = tuple(map(float, getattr(self, name)))
+            if len(values) != count or not all(map(math.isfinite, values)):
+                raise InvalidInput(f"The {name} of a display model are {count} numbers.")
+            object.__setattr__(self, name, values)
+        if not 1e-7 < self.wavelength < 1e-4:
+            raise InvalidInput(f"A display model at {self.wavelength * 1e9:g} nm is out of reach.")
+        if not abs(self.unmodulated) < 1:
+            raise InvalidInput("The unmodulated light of a display model has an amplitude from 0 to below 1.")
+        if not 0 <= self.crosstalk < 10:
+            raise InvalidInput(f"The crosstalk is 0 to 10 pixels, not {self.crosstalk:g}.")
+        if not (self.falloff >= 0 and 0 <= self.size < 0.1 and 0 <= self.bandwidth < self.wavelength / 5):
+            raise InvalidInput("A display model's beam and source have sizes of 0 or more, in their units.")
+
+    def to_dict(self) -> dict:
+        """Form on disk: lengths in nanometres and millimetres, all else as here."""
+        said: dict = {name: list(getattr(self, name)) for name in COUNTS}
+        said |= {name: getattr(self, name) for name in ("falloff", "size", "crosstalk")}
+        said["unmodulated"] = [self.unmodulated.real, self.unmodulated.imag]
+        lengths = {"wavelength_nm": self.wavelength * 1e9, "bandwidth_nm": self.bandwidth * 1e9}
+        return {**lengths, "half_side_mm": self.half * 1e3, **said}
+
+    @classmethod
+    def from_dict(cls, said: dict) -> DisplayModel:
+        """Read what `to_dict` gave; all but the wavelength may be left out.
+
+        Raises
+        ------
+        InvalidInput, LookupError, TypeError, ValueError
+        """
+        named = {name: tuple(said[name]) for name in COUNTS if name in said}
+        named |= {name: float(said[name]) for name in ("falloff", "size", "crosstalk") if name in said}
+        real, imaginary = said.get("unmodulated", (0, 0))
+        return cls(
+            float(said["wavelength_nm"]) * 1e-9,
+            bandwidth=float(said.get("bandwidth_nm", 0)) * 1e-9,
+            unmodulated=complex(real, imaginary),
+            half=float(said.get("half_side_mm", 0)) * 1e-3,
+            **named,
+        )
+
+
+class DisplayLight:
+    """The light of a `DisplayModel` on grids, from phases to pictures.
+
+    Parameters
+    ----------
+    model : DisplayModel
+    shape : (int, int)
+        Rows and columns of the SLM.
+    pitch : float
+        Metres.
+    reach : float
+        Farthest distance from the SLM at which pictures are wanted, metres.
+    """
+
+    def __init__(self, model: DisplayModel, shape: Sequence[int], pitch: float, reach: float) -> None:
+        self.model, self.shape, self.pitch = model, tuple(shape), pitch
+        self._half = model.half / pitch or min(shape) / 2  # pixels
+        padded = padded_shape(shape, pitch, model.wavelength, reach, STRAYS)
+        self.padded = tuple(GRID * n for n in padded)
+        self._blurs = [_blurred_pixels(n, model.crosstalk) for n in shape]
+        self._boxes = [_unaliased(n, model.crosstalk) for n in self.padded]
+        self._bins = [np.r_[0 : n // 2, -(n // 2) : 0] for n in self.padded]
+        points = POINTS if model.size or model.bandwidth else [(0.0, 0.0, 0.0, 1.0)]
+        self._points = [
+            ((model.size * x, model.size * y), model.wavelength + model.bandwidth * c, weight)
+            for x, y, c, weight in points
+        ]
+        self._transfers: dict[float, list[np.ndarray]] = {}
+        self._illuminations = {
+            wavelength: self._illumination(wavelength) for _, wavelength, _ in self._points
+        }
+        self._relays = [
+            (_relay(self.padded, pitch, model, sines, wavelength), wavelength)
+            for sines, wavelength, _ in self._points
+        ]
+        self._places = []
+        if any(model.across) or any(model.down):
+            rows, columns = (_lagrange(self._half_sides(axis)) for axis in (0, 1))
+            for eta, row in zip(NODES, rows, strict=True):
+                for xi, column in zip(NODES, columns, strict=True):
+                    relay = _relay(self.padded, pitch, model, (0.0, 0.0), model.wavelength, (xi, eta))
+                    self._places.append((relay, row[:, None], column[None, :]))
+
+    def spectra(self, phases: np.ndarray) -> dict[float, np.ndarray]:
+        """Spectrum of the light that leaves the pixels, at each wavelength of the source.
+
+        Parameters
+        ----------
+        phases : numpy.ndarray, shape (y, x)
+            Radians, at the model's wavelength; the optical path is the same at others.
+        """
+        model, smooth = self.model, self.blurred(phases)
+        found = {}
+        for wavelength, beam in self._illuminations.items():
+            phase = smooth * np.float32(model.wavelength / wavelength)
+            light = np.empty(phase.shape, np.complex64)
+            light.real, light.imag = np.cos(phase), np.sin(phase)
+            light *= np.float32(math.sqrt(1 - abs(model.unmodulated) ** 2))
+            light += np.complex64(model.unmodulated)
+            light *= beam
+            for axis in (1, 0):  # what stays dark, and what is not wanted, is left out
+                light = scipy.fft.fft(light, FINE * self.padded[axis] // GRID, axis=axis)
+                light = light.take(self._bins[axis], axis=axis)
+            light *= self._boxes[0][:, None]
+            light *= self._boxes[1][None, :]
+            found[wavelength] = light
+        return found
+
+    def picture(self, spectra: dict[float, np.ndarray], distance: float) -> np.ndarray:
+        """Intensity at a distance from the SLM, `GRID` samples in a pixel's side, float32, on the padded grid."""
+        relayed = self.relayed(spectra[self.model.wavelength])
+        image = np.zeros(self.padded, np.float32)
+        transfers = self._transfers_to(distance)
+        first, own = self._relays[0][0], spectra[self.model.wavelength]
+        for (relay, wavelength), transfer, (_, _, weight) in zip(
+            self._relays, transfers, self._points, strict=True
+        ):
+            # aberrations of the field's middle change with the point; how they vary over the field does not
+            wave = relayed if relay is first else relayed + (relay * spectra[wavelength] - first * own)
+            wave = scipy.fft.ifft2(wave * transfer, overwrite_x=True)
+            image += np.float32(weight) * (wave.real**2 + wave.imag**2)
+        return image
+
+    def relayed(self, spectrum: np.ndarray) -> np.ndarray:
+        """Spectrum of the light behind the relay, at the SLM's image."""
+        if not self._places:
+            return self._relays[0][0] * spectrum
+        light = np.zeros(self.padded, np.complex64)
+        for relay, rows, columns in self._places:
+            wave = scipy.fft.ifft2(relay * spectrum, overwrite_x=True)
+            wave *= rows
+            wave *= columns
+            light += wave
+        return scipy.fft.fft2(light, overwrite_x=True)
+
+    def relayed_adjoint(self, spectrum: np.ndarray) -> np.ndarray:
+        """Adjoint of `relayed`."""
+        if not self._places:
+            return self._relays[0][0].conj() * spectrum
+        light = scipy.fft.ifft2(spectrum)
+        wave = np.zeros(self.padded, np.complex64)
+        for relay, rows, columns in self._places:
+            wave += relay.conj() * scipy.fft.fft2(light * rows * columns, overwrite_x=True)
+        return wave
+
+    def spectra_adjoint(self, spectrum: np.ndarray) -> np.ndarray:
+        """Adjoint of what makes a spectrum of the light of the pixels, beam and all, at the model's wavelength."""
+        light = spectrum * self._boxes[0].conj()[:, None]
+        light *= self._boxes[1].conj()[None, :]
+        for axis in (0, 1):
+            count = FINE * self.padded[axis] // GRID
+            shape = [*light.shape]
+            shape[axis] = count
+            wide = np.zeros(shape, np.complex64)
+            if axis == 0:
+                wide[self._bins[0]] = light
+            else:
+                wide[:, self._bins[1]] = light
+            wide = scipy.fft.ifft(wide, axis=axis, norm="forward", overwrite_x=True)
+            light = wide.take(np.arange(FINE * self.shape[axis]), axis=axis)
+        return light * self._illuminations[self.model.wavelength].conj()
+
+    def blurred(self, phases: np.ndarray) -> np.ndarray:
+        """Phases within the pixels, float32, `FINE` samples in a pixel's side."""
+        rows, columns = self._blurs
+        return rows @ (columns @ np.asarray(phases, np.float32).T).T
+
+    def at_pixels(self, fine: np.ndarray) -> np.ndarray:
+        """Adjoint of `blurred`."""
+        rows, columns = self._blurs
+        return rows.T @ (columns.T @ fine.T).T
+
+    def _transfers_to(self, distance):
+        if distance not in self._transfers:
+            pitch = self.pitch / GRID
+            self._transfers[distance] = [
+                transfer_function(self.padded, pitch, wavelength, distance, "full", sines)
+                for sines, wavelength, _ in self._points
+            ]
+        return self._transfers[distance]
+
+    def _half_sides(self, axis):
+        """xi or eta of the padded grid's samples; what is beyond the SLM on the left lies at the right end."""
+        count, size = self.padded[axis], self.shape[axis]
+        at = np.arange(count) / GRID
+        at = np.where(at > (count / GRID + size) / 2, at - count / GRID, at)
+        return np.clip((at - (size - 1) / 2) / self._half, -1, 1)
+
+    def _illumination(self, wavelength):
+        """Beam within the pixels, as they are sampled."""
+        model = self.model
+        eta, xi = ((_samples(n) - (n - 1) / 2) / self._half for n in self.shape)
+        half = self._half * self.pitch
+        turns = 2j * math.pi * half / wavelength
+        rows = np.exp(-model.falloff * (eta - model.position[1]) ** 2 + turns * model.tilt[1] * eta)
+        columns = np.exp(-model.falloff * (xi - model.position[0]) ** 2 + turns * model.tilt[0] * xi)
+        return (rows[:, None] * columns[None, :]).astype(np.complex64)
+
+
+def zernike(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+    """Noll's Zernike polynomials 4 to 11 at points of the unit disc, each of mean square 1 over it."""
+    square = x * x + y * y
+    return [
+        math.sqrt(3) * (2 * square - 1),
+        2 * math.sqrt(6) * x * y,
+        math.sqrt(6) * (x * x - y * y),
+        math.sqrt(8) * (3 * square - 2) * y,
+        math.sqrt(8) * (3 * square - 2) * x,
+        math.sqrt(8) * (3 * x * x - y * y) * y,
+        math.sqrt(8) * (x * x - 3 * y * y) * x,
+        math.sqrt(5) * (6 * square**2 - 6 * square + 1),
+    ]
+
+
+def _samples(count):
+    """Where samples within pixels lie, in pixels from the first one's middle."""
+    return (np.arange(count * FINE) + 0.5) / FINE - 0.5
+
+
+@lru_cache(16)
+def _blurred_pixels(count, sigma):
+    """Matrix from values of pixels to their samples, blurred by a Gaussian: boxes with edges of error functions."""
+    apart = _samples(count)[:, None] - np.arange(count)[None, :]
+    if sigma:
+        scale = 1 / (math.sqrt(2) * sigma)
+        shares = (erf((apart + 0.5) * scale) - erf((apart - 0.5) * scale)) / 2
+    else:
+        shares = (np.abs(apart) < 0.5).astype(float)
+    shares[shares < 1e-7] = 0
+    return scipy.sparse.csr_array((shares / shares.sum(axis=1, keepdims=True)).astype(np.float32))
+
+
+@lru_cache(16)
+def _unaliased(count, sigma):
+    """Factor that makes of the samples' spectrum that of the light itself, exact for small phases.
+
+    Samples add up the spectrum sinc(f) exp(-2 pi^2 sigma^2 f^2) of a blurred pixel at all f + n `FINE`. Also where the
+    first sample lies from the pixel's middle, and that the picture has fewer samples.
+    """
+    f = scipy.fft.fftfreq(count, 1 / GRID)  # of a pixel
+    aliases = f + FINE * np.arange(-400, 401)[:, None]
+    spectra = np.sinc(aliases) * np.exp(-2 * (math.pi * sigma * aliases) ** 2)
+    shift = np.exp(-2j * math.pi * f * _samples(1)[0])
+    ratio = spectra[400] / np.where(np.abs(f) < 1, spectra.sum(axis=0), 1)  # both are 0 at the ends
+    return (GRID / FINE * ratio * shift).astype(np.complex64)
+
+
+@lru_cache(8)
+def _zernike_on(shape, pitch, wavelength, sines, stop):
+    """Polynomials and the stop's mask where the rays of a grid's frequencies pass the relay's Fourier plane."""
+    y, x = (
+        (scipy.fft.fftfreq(n, pitch / GRID) * wavelength + s) / stop
+        for n, s in zip(shape, sines[::-1], strict=True)
+    )
+    y, x = y[:, None], x[None, :]
+    radius = np.hypot(x, y)
+    edge = SOFT * wavelength * GRID / (min(shape) * pitch) / stop
+    mask = np.clip((1 - radius) / edge + 0.5, 0, 1).astype(np.float32)
+    inside = mask > 0
+    terms = np.array([np.broadcast_to(each, shape)[inside] for each in zernike(x, y)], np.float32)
+    return inside, mask[inside], terms
+
+
+def _relay(shape, pitch, model, sines, wavelength, at=(0.0, 0.0)):
+    """Transfer function of stop and aberrations, seen from a point of the field, for a point of the source."""
+    stop = model.wavelength / (2 * pitch)
+    inside, mask, terms = _zernike_on(shape, pitch, wavelength, sines, stop)
+    amounts = np.array(model.aberrations)
+    amounts[:ALONG] += np.array(model.across) * at[0] + np.array(model.down) * at[1]
+    phase = (amounts * (model.wavelength / wavelength)).astype(np.float32) @ terms
+    relay = np.zeros(shape, np.complex64)
+    relay[inside] = mask * np.exp(1j * phase)
+    return relay
+
+
+def _lagrange(at):
+    """Weights of the `NODES`, float32."""
+    weights = []
+    for i, node in enumerate(NODES):
+        others = np.delete(NODES, i)
+        weights.append(np.prod([(at - o) / (node - o) for o in others], axis=0).astype(np.float32))
+    return weights

@@ -1,0 +1,188 @@
+"""A simulated bench that is not what it should be: a display and a camera with errors and noise, to be calibrated.
+
+It computes light in another way than the model that is fitted (`engine.waves.display_model`): six samples in a pixel's
+side, random points of the source and its spectrum together, a stop on a grid twice as fine, aberrations at four places
+of the field along each axis, double precision, and a camera that takes the mean over 25 points of a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+from scipy.stats import norm, qmc
+
+from ..engine.waves.display_model import DisplayModel, zernike
+from ..engine.waves.propagation import padded_shape
+from .fitting import KNOTS, Setup, parameters, setup_of
+from .sensor import Sensor
+
+if TYPE_CHECKING:
+    from .calibrating import PatternWindow
+
+FINE, GRID = 6, 2
+SPOTS = (-0.4, -0.2, 0.0, 0.2, 0.4)
+ROOM = 2.0  # of the padded grid
+PLACES = np.cos(math.pi * (np.arange(4) + 0.5) / 4)  # Chebyshev's
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Takes levels, gives the camera's pictures.
+
+    Parameters
+    ----------
+    model : DisplayModel
+    phases : numpy.ndarray
+        Radians of each level.
+    sensor : Sensor
+    shape : (int, int)
+        Rows and columns of the SLM.
+    pitch : float
+        Metres.
+    full_well : float
+        Electrons of the highest value; their number is random as Poisson has it.
+    read_noise : float
+        Electrons.
+    rays : int
+        Points of the source.
+    seed : int
+        Of the noise and the points.
+    """
+
+    model: DisplayModel
+    phases: np.ndarray
+    sensor: Sensor
+    shape: tuple
+    pitch: float
+    full_well: float = 10000.0
+    read_noise: float = 8.0
+    rays: int = 16
+    seed: int = 0
+    taken: list = field(default_factory=list, repr=False)
+
+    def capture(self, levels: np.ndarray, distance: float, number: int = 0) -> np.ndarray:
+        """Picture of 8 bits at a distance from the SLM, uint8; `number` says which noise."""
+        sensor, rng = self.sensor, np.random.default_rng([self.seed, number])
+        seen = self._seen(self.light(self.phases[levels], distance), distance)
+        electrons = rng.poisson(np.maximum(sensor.gain * seen, 0) * self.full_well)
+        electrons = electrons + rng.normal(0, self.read_noise, seen.shape)
+        bent = np.maximum(electrons / (self.full_well * sensor.gain), 0)
+        return np.round(255 * np.clip(sensor.value(bent), 0, 1)).astype(np.uint8)
+
+    def look(self, levels: np.ndarray, distance: float) -> np.ndarray:
+        """Values of 0 to 1 of a new capture; for `calibrate`."""
+        self.taken.append(distance)
+        return (self.capture(levels, distance, len(self.taken)) / 255).astype(np.float32)
+
+    def light(self, phases: np.ndarray, distance: float) -> np.ndarray:
+        """Intensity on a grid of `GRID` samples in a pixel's side, from the first pixel's middle on."""
+        model, padded = self.model, self._padded(distance)
+        x, y, c = self._points()
+        total = np.zeros([GRID * n for n in padded])
+        for sx, sy, wavelength in zip(
+            model.tilt[0] + model.size * x, model.tilt[1] + model.size * y,
+            model.wavelength + model.bandwidth * c, strict=True,
+        ):  # fmt: skip
+            wave = self._relayed(self._pixels(phases, padded, sx, sy, wavelength), padded, wavelength)
+            fy, fx = (scipy.fft.fftfreq(GRID * n, self.pitch / GRID) for n in padded)
+            root = np.sqrt(np.maximum(wavelength**-2 - fy[:, None] ** 2 - fx[None, :] ** 2, 0))
+            wave = scipy.fft.ifft2(wave * np.exp(2j * math.pi * distance * (root - 1 / wavelength)))
+            total += np.abs(wave) ** 2
+        return total / len(x)
+
+    def picture(self, phases: np.ndarray, distance: float) -> np.ndarray:
+        """Intensity without a camera or noise at the SLM's pixels, to judge by."""
+        light = self.light(phases, distance)
+        return light[: GRID * self.shape[0] : GRID, : GRID * self.shape[1] : GRID]
+
+    def _padded(self, distance):
+        needed = padded_shape(self.shape, self.pitch, self.model.wavelength, distance)
+        return [scipy.fft.next_fast_len(math.ceil(ROOM * n)) for n in needed]
+
+    def _points(self):
+        if not self.model.size and not self.model.bandwidth:
+            return np.zeros((3, 1))
+        points = norm.ppf(qmc.Sobol(3, rng=self.seed).random(self.rays)).T
+        points -= points.mean(axis=1, keepdims=True)
+        return points / points.std(axis=1, keepdims=True)
+
+    def _pixels(self, phases, padded, sx, sy, wavelength):
+        """Spectrum of the light of the pixels, on the grid of `GRID` samples."""
+        model, half = self.model, min(self.shape) / 2
+        fine = np.repeat(np.repeat(phases, FINE, 0), FINE, 1)
+        if model.crosstalk:
+            fine = scipy.ndimage.gaussian_filter(fine, FINE * model.crosstalk, mode="nearest")
+        y, x = ((np.arange(FINE * n) + 0.5) / FINE - n / 2 for n in self.shape)  # pixels, from the middle
+        beam = np.exp(
+            -model.falloff
+            * ((y[:, None] / half - model.position[1]) ** 2 + (x[None, :] / half - model.position[0]) ** 2)
+        )
+        ramp = np.exp(2j * math.pi / wavelength * self.pitch * (sy * y[:, None] + sx * x[None, :]))
+        light = math.sqrt(1 - abs(model.unmodulated) ** 2) * np.exp(
+            1j * fine * (model.wavelength / wavelength)
+        )
+        wave = (light + model.unmodulated) * beam * ramp * (GRID / FINE) ** 2
+        for axis, n in enumerate(padded):
+            keep = np.round(scipy.fft.fftfreq(GRID * n, 1 / (GRID * n))).astype(int)
+            wave = scipy.fft.fft(wave, FINE * n, axis=axis).take(keep, axis=axis)
+            f = scipy.fft.fftfreq(GRID * n, 1 / GRID)
+            factor = np.exp(-2j * math.pi * f * (0.5 / FINE - 0.5))
+            wave *= factor[:, None] if axis == 0 else factor[None, :]
+        return wave
+
+    def _relayed(self, wave, padded, wavelength):
+        """Spectrum behind the relay."""
+        model, stop = self.model, self.model.wavelength / (2 * self.pitch)
+        y, x = (scipy.fft.fftfreq(GRID * n, self.pitch / GRID) * wavelength / stop for n in padded)
+        y, x = y[:, None], x[None, :]
+        radius = np.sqrt(x * x + y * y)
+        edge = wavelength / (min(padded) * self.pitch) / stop  # as wide as a sample, so much of it is within
+        mask = np.clip((1 - radius) / edge + 0.5, 0, 1)
+        inside = mask > 0
+        terms = [np.broadcast_to(each, inside.shape)[inside] for each in zernike(x, y)]
+        weights = []
+        for n, size in zip(padded, self.shape, strict=True):
+            at = np.arange(GRID * n) / GRID
+            at = np.where(at > (n + size) / 2, at - n, at)
+            at = np.clip((at - (size - 1) / 2) / (min(self.shape) / 2), -1, 1)
+            weights.append([
+                np.prod([(at - o) / (p - o) for o in PLACES if o != p], axis=0) for p in PLACES
+            ])  # fmt: skip
+        light = np.zeros(wave.shape, complex)
+        for eta, rows in zip(PLACES, weights[0], strict=True):
+            for xi, columns in zip(PLACES, weights[1], strict=True):
+                amounts = np.array(model.aberrations)
+                amounts[:3] += xi * np.array(model.across) + eta * np.array(model.down)
+                relay = np.zeros(wave.shape, complex)
+                phase = sum(a * t for a, t in zip(amounts, terms, strict=True))
+                relay[inside] = mask[inside] * np.exp(1j * phase * (model.wavelength / wavelength))
+                light += rows[:, None] * columns[None, :] * scipy.fft.ifft2(relay * wave)
+        return scipy.fft.fft2(light)
+
+    def _seen(self, light, distance):
+        """Intensity at the camera's pixels."""
+        many = scipy.fft.fftshift(scipy.fft.fft2(light))
+        pads = [(n // 2, n - n // 2) for n in many.shape]
+        many = scipy.fft.ifft2(scipy.fft.ifftshift(np.pad(many, pads))).real * 4
+        xi, eta = self.sensor.points(distance, SPOTS)
+        half = min(self.shape) / 2
+        at = [(v * half + (n - 1) / 2) * 2 * GRID for v, n in zip((eta, xi), self.shape, strict=True)]
+        return scipy.ndimage.map_coordinates(many, at, order=3, mode="grid-wrap").mean(axis=(0, 1))
+
+
+def mis_set(start: Setup, window: PatternWindow, seed: int) -> tuple[Bench, Setup]:
+    """A bench that is off in every parameter, anywhere in its range, and what it really is."""
+    rng = np.random.default_rng(seed)
+    rows = parameters(start)
+    values = np.array([rng.uniform(row.low, row.high) for row in rows])
+    at = np.arange(1, KNOTS + 1) / KNOTS
+    span, bend, bow = rng.uniform(0.8, 1.1), *rng.uniform(-0.06, 0.06, 2)
+    curve = 2 * math.pi * (span * at + bend * np.sin(2 * math.pi * at) + bow * np.sin(math.pi * at))
+    values[[row.name.startswith("response") for row in rows]] = curve
+    truth, shape = setup_of(values, start), (window.side, window.side)
+    return Bench(truth.model, truth.phases(window.bits), truth.sensor, shape, window.pitch, seed=seed), truth

@@ -1,0 +1,156 @@
+"""The light of displays that are not ideal: by formulas, and by a bench that computes it in another way."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.ndimage
+
+from holopath_addon import engine, slm
+from holopath_addon.engine.encoding.shown_light import ShownLight
+from holopath_addon.engine.waves.display_model import GRID, DisplayLight, DisplayModel, zernike
+
+GREEN, PITCH, SIDE, Z = 520e-9, 8e-6, 32, 3e-3
+TURN = 2 * math.pi
+OFF = {
+    "position": (0.1, -0.2),
+    "falloff": 0.3,
+    "tilt": (3e-3, -1e-3),
+    "unmodulated": 0.1 + 0.2j,
+    "crosstalk": 0.4,
+    "aberrations": (0.3, -0.2, 0.1, 0.2, -0.3, 0.1, 0.2, -0.1),
+    "across": (0.1, 0.2, -0.1),
+    "down": (0.2, 0.0, 0.1),
+}
+
+
+def picture(model, phases, distance=Z):
+    """Intensity at the SLM's pixels."""
+    light = DisplayLight(model, phases.shape, PITCH, distance)
+    whole = light.picture(light.spectra(phases), distance)
+    return whole[: GRID * phases.shape[0] : GRID, : GRID * phases.shape[1] : GRID]
+
+
+def dot(side=48, distance=Z):
+    """Phases of light that runs to the middle."""
+    y, x = (np.indices((side, side)) - (side - 1) / 2) * PITCH
+    return -TURN / GREEN * (np.sqrt(x * x + y * y + distance**2) - distance)
+
+
+def middle(image):
+    """Of the brightness, x and y, metres from the first pixel."""
+    rows, columns = np.indices(image.shape) * PITCH
+    return np.array([(image * at).sum() / image.sum() for at in (columns, rows)])
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.0, 2.5])
+def test_unmodulated_light_on_a_flat_field(phase):
+    """|sqrt(1 - |m|^2) exp(i phase) + m|^2."""
+    stray = 0.2 - 0.1j
+    flat = np.full((SIDE, SIDE), phase)
+    seen = picture(DisplayModel(GREEN, unmodulated=stray), flat, 1e-4)[12:-12, 12:-12].mean()
+    plain = picture(DisplayModel(GREEN), flat, 1e-4)[12:-12, 12:-12].mean()
+    light = math.sqrt(1 - abs(stray) ** 2) * np.exp(1j * phase) + stray
+    assert seen / plain == pytest.approx(abs(light) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.3, 0.6])
+def test_crosstalk_on_a_weak_grating(sigma):
+    """Bars of four pixels and a small phase: their first order is sinc(f) exp(-2 pi^2 sigma^2 f^2) as strong."""
+    bars = np.where(np.arange(64) // 4 % 2, 0.02, -0.02) * np.ones((64, 1))
+    light = DisplayLight(DisplayModel(GREEN, crosstalk=sigma), bars.shape, PITCH, 0.0)
+    spectrum = light.spectra(bars)[GREEN][0]
+    f = np.fft.fftfreq(len(spectrum), 1 / GRID)
+    direct = np.exp(-1j * TURN * np.outer(f, np.arange(64))) @ np.sin(bars[0])
+    wanted = direct * np.sinc(f) * np.exp(-2 * (math.pi * sigma * f) ** 2) * 64 * GRID**2
+    near = (np.abs(f) > 0.1) & (np.abs(f) < 0.5)
+    flat = DisplayLight(DisplayModel(GREEN, crosstalk=sigma), bars.shape, PITCH, 0.0).spectra(0 * bars)[
+        GREEN
+    ][0]
+    error = np.abs(spectrum - flat * math.cos(0.02) - 1j * wanted)
+    assert error[near].max() < 0.03 * np.abs(wanted[near]).max()
+
+
+def test_tilt_moves_a_dot():
+    """By the sine times the distance."""
+    tilt = (2.5e-3, -1.5e-3)
+    still, moved = (picture(DisplayModel(GREEN, tilt=t), dot())[19:29, 19:29] for t in ((0, 0), tilt))
+    assert middle(moved) - middle(still) == pytest.approx(np.array(tilt) * Z, abs=0.1 * PITCH)
+
+
+def test_a_source_of_some_size_blurs_by_it():
+    """Pictures are those of a point, blurred by size times distance (van Cittert and Zernike)."""
+    size, rng = 0.8e-3, np.random.default_rng(1)
+    phases = scipy.ndimage.gaussian_filter(rng.uniform(0, 20, (SIDE, SIDE)), 1.5)  # nothing meets the stop
+    sharp, seen = (picture(DisplayModel(GREEN, size=s), phases) for s in (0.0, size))
+    f = np.fft.fftfreq(SIDE)
+    blur = np.exp(-2 * (math.pi * size * Z / PITCH) ** 2 * (f[:, None] ** 2 + f[None, :] ** 2))
+    blurred = np.fft.ifft2(np.fft.fft2(sharp) * blur).real
+    inner = slice(6, -6)
+    error = np.std((seen - blurred)[inner, inner])
+    assert error < 0.15 * np.std((sharp - blurred)[inner, inner])
+
+
+def test_zernike_polynomials_are_orthonormal():
+    y, x = (np.indices((401, 401)) - 200) / 200
+    inside = x * x + y * y <= 1
+    terms = np.array([each[inside] for each in zernike(x, y)])
+    assert terms @ terms.T / inside.sum() == pytest.approx(np.eye(8), abs=0.02)
+
+
+@pytest.mark.parametrize("shape", [(24, 30), (23, 31)])
+def test_gradient_of_the_light_with_respect_to_phases(shape):
+    rng = np.random.default_rng(0)
+    shown = ShownLight(DisplayModel(GREEN, **OFF), shape, PITCH, 4)
+    phases, way = rng.uniform(0, 6, shape), rng.normal(size=shape)
+    back = rng.normal(size=(2, *(n + 8 for n in shape)))
+    back = back[0] + 1j * back[1]
+    change = (shown.light(phases + 0.01 * way) - shown.light(phases - 0.01 * way)) / 0.02
+    assert (shown.slope(phases, back) * way).sum() == pytest.approx(2 * np.vdot(back, change).real, rel=1e-3)
+
+
+@pytest.mark.parametrize("source", [{}, {"size": 3e-4, "bandwidth": 6e-9}])
+def test_the_bench_agrees(source):
+    """Which has finer samples, a finer stop, other points of the source and other places of the field."""
+    model = DisplayModel(GREEN, **OFF, **source)
+    phases = np.random.default_rng(2).uniform(0, TURN, (SIDE, SIDE))
+    bench = slm.Bench(model, np.arange(256), slm.Sensor((8, 8)), phases.shape, PITCH, rays=32)
+    seen, other = picture(model, phases), bench.picture(phases, Z)
+    assert np.std(seen - other) < 0.04 * np.std(other)
+
+
+@pytest.mark.oracle
+def test_torchoptics_agrees():
+    """On the light behind an ideal display's stop, sent as far."""
+    torch, torchoptics = pytest.importorskip("torch"), pytest.importorskip("torchoptics")
+    phases = np.random.default_rng(3).uniform(0, TURN, (SIDE, SIDE))
+    light = DisplayLight(DisplayModel(GREEN), phases.shape, PITCH, Z)
+    spectrum = light.relayed(light.spectra(phases)[GREEN])
+    field = np.fft.ifft2(spectrum)
+    rolled = np.fft.fftshift(field)
+    torchoptics.set_default_spacing(PITCH / GRID)
+    torchoptics.set_default_wavelength(GREEN)
+    wave = torchoptics.Field(torch.tensor(rolled)).propagate_to_z(Z)
+    theirs = np.fft.ifftshift(np.abs(wave.data.numpy()) ** 2)[: GRID * SIDE : GRID, : GRID * SIDE : GRID]
+    assert np.std(picture(DisplayModel(GREEN), phases) - theirs) < 0.03 * np.std(theirs)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"unmodulated": 1.5},
+        {"crosstalk": -1},
+        {"tilt": (0.0,)},
+        {"size": -1e-3},
+        {"aberrations": (math.nan,) * 8},
+    ],
+)
+def test_no_display_is_so(wrong):
+    with pytest.raises(engine.InvalidInput, match="display model|crosstalk"):
+        DisplayModel(GREEN, **wrong)
+
+
+def test_form_on_disk():
+    model = DisplayModel(GREEN, **OFF, size=1e-4, bandwidth=2e-9, half=1e-3)
+    again = DisplayModel.from_dict(model.to_dict())
+    assert again.to_dict() == model.to_dict() and again.half == pytest.approx(1e-3)

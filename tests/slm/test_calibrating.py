@@ -1,0 +1,221 @@
+"""A display and a camera that are off in everything, found from captures of known patterns."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, slm
+from holopath_addon.engine.viewing import metrics
+from holopath_addon.slm.fitting import (
+    STAGES,
+    Capture,
+    Prediction,
+    descend,
+    drift,
+    parameters,
+    setup_of,
+    vector,
+)
+from holopath_addon.slm.patterns import patterns, references
+from tests.engine.encoding.test_descent import smooth
+
+GREEN, PITCH, FOCI = 520e-9, 8e-6, (2e-3, 4.5e-3, 7e-3)
+SMALL = slm.PatternWindow(24, PITCH, GREEN)
+
+
+def start_of(window, distances=FOCI):
+    camera = round(1.4 * window.side)
+    return slm.nominal(window, distances, (camera, camera), (0.95, 0.95))
+
+
+def off(found, truth):
+    """How far each parameter is from the truth, in shares of its range."""
+    spans = np.array([row.high - row.low for row in found.parameters])
+    return np.abs(found.values - vector(truth)) / spans
+
+
+def test_values_are_those_of_the_setup():
+    start = start_of(SMALL)
+    rows = parameters(start)
+    values = np.random.default_rng(0).uniform([r.low for r in rows], [r.high for r in rows])
+    assert vector(setup_of(values, start)) == pytest.approx(values, rel=1e-9, abs=1e-12)
+
+
+def test_what_is_off_a_little_is_found():
+    """What is no aberration and not the source's extent, a twentieth of its range off, from ten captures."""
+    distances, window = FOCI[:2], SMALL
+    start = start_of(window, distances)
+    bench, truth = slm.mis_set(start, window, 3)
+    model = replace(truth.model, across=(0, 0, 0), down=(0, 0, 0), size=0.0, bandwidth=0.0)
+    bench, truth = replace(bench, model=model), replace(truth, model=model)
+    shown = patterns((24, 24), 8, PITCH, GREEN, distances, 40)[20:32]
+    captures = [Capture(levels, distance, bench.look(levels, distance)) for levels, distance in shown]
+    rows = parameters(start)
+    spans = np.array([row.high - row.low for row in rows])
+    chosen = [n for n, row in enumerate(rows) if row.part != "source" and "Zernike" not in row.name]
+    values = vector(truth)
+    signs = np.random.default_rng(1).choice([-1, 1], len(chosen))
+    values[chosen] += 0.05 * signs * spans[chosen]
+    prediction = Prediction(captures, start, (24, 24), PITCH, 8)
+    found, _ = descend(prediction, values, chosen, 2, lambda done, error: None)
+    left = np.abs(found - vector(truth)) / spans
+    assert left.max() < 0.02, {rows[n].name: left[n] for n in np.argsort(-left)[:5]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_off_in_everything_is_found(seed):
+    """Each parameter within 2 % of its range, from 64 captures of 8 bits with noise; the bandwidth is known worse."""
+    window = slm.PatternWindow(40, PITCH, GREEN)
+    bench, truth = slm.mis_set(start_of(window), window, seed)
+    found = slm.calibrate(bench.look, window, FOCI, (0.95, 0.95))
+    left = off(found, truth)
+    names = [row.name for row in found.parameters]
+    assert found.setup.model.bandwidth == pytest.approx(truth.model.bandwidth, abs=1.5e-9)
+    left[names.index("bandwidth")] = 0
+    assert left.max() < 0.02, {names[n]: left[n] for n in np.argsort(-left)[:5]}
+
+
+def captures_of(benches, count=34):
+    """One bench for the captures before the middle, another for those after."""
+    shown = patterns((24, 24), 8, PITCH, GREEN, FOCI, count)
+    known = references(count)
+    return [
+        Capture(*shown[n], benches[2 * n > count].look(*shown[n]) if n in known else np.zeros((34, 34)))
+        for n in range(count)
+    ], known
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return replace(slm.mis_set(start_of(SMALL), SMALL, 5)[0], rays=2)
+
+
+def moved(bench, what):
+    sensor, model = bench.sensor, bench.model
+    if what == "camera":  # a tenth of its pixels
+        matrices = {z: (*m[:2], m[2] + 0.006, *m[3:]) for z, m in sensor.homographies.items()}
+        return replace(bench, sensor=replace(sensor, homographies=matrices))
+    if what == "brightness":
+        return replace(bench, sensor=replace(sensor, gain=1.03 * sensor.gain))
+    if what == "focus":
+        return replace(
+            bench, model=replace(model, aberrations=(model.aberrations[0] + 0.1, *model.aberrations[1:]))
+        )
+    return replace(bench, phases=1.03 * bench.phases)
+
+
+@pytest.mark.parametrize("what", ["camera", "brightness", "focus", "response"])
+def test_drift_is_noticed(what, bench):
+    captures, known = captures_of((bench, moved(bench, what)))
+    before, after, times = drift(captures, known)
+    assert (before, after) == (17, 33) and times > 1.25
+
+
+def test_no_drift_is_seen_where_there_is_none(bench):
+    assert drift(*captures_of((bench, bench))) is None
+
+
+def test_a_bench_that_moves_is_refused(bench):
+    benches = iter([bench] * 17 + [moved(bench, "camera")] * 3)
+    with pytest.raises(engine.InvalidInput, match="changed between captures 2 and 18"):
+        slm.calibrate(lambda levels, z: next(benches).look(levels, z), SMALL, FOCI)
+
+
+def test_what_the_model_gains():
+    """Phases for the display as it is, against phases for an ideal one: on the bench itself."""
+    window = slm.PatternWindow(40, PITCH, GREEN)
+    bench, truth = slm.mis_set(start_of(window), window, 1)
+    bench = replace(bench, rays=4)
+    volume = engine.Hologram(40, 40, PITCH, (GREEN,), depth_far=2e-3, depth_near=7e-3)
+    data = smooth(4, shape=(40, 40)).astype(np.complex64)
+    field = engine.WaveField(data, volume, engine.Camera(np.eye(4), 0.6), 0.5)
+    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(4.5e-3))])[0]
+    curve = tuple(enumerate(map(float, truth.phases(8))))
+    known = slm.Calibration(
+        responses=(slm.Response(GREEN, curve=curve),), models=(truth.model,), sensors=(truth.sensor,)
+    )
+
+    def decibels(calibration):
+        levels = {} if not calibration.models else {"levels": calibration.levels_of(volume)}
+        phase = engine.encode(field, "joint", display=calibration.display([GREEN]), **levels)
+        shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
+        seen = np.mean([bench.picture(phases, 4.5e-3) for phases in shown], axis=0)
+        return metrics.psnr(seen[..., None], wanted, border=4)
+
+    assert decibels(known) > decibels(slm.Calibration()) + 5
+
+
+def test_file(tmp_path):
+    start = start_of(SMALL)
+    _, truth = slm.mis_set(start, SMALL, 7)
+    curve = ((0, 0.0), (255, 6.0))
+    calibration = slm.Calibration(
+        responses=(slm.Response(GREEN, curve=curve),), models=(truth.model,), sensors=(truth.sensor,)
+    )
+    calibration.save(tmp_path / "my.json")
+    again = slm.Calibration.load(tmp_path / "my.json")
+    said = again.display([GREEN])[0].to_dict()
+    assert all(said[name] == pytest.approx(value) for name, value in truth.model.to_dict().items())
+    assert again.sensor(GREEN).to_dict() == truth.sensor.to_dict()
+    with pytest.raises(engine.InvalidInput, match="not calibrated at 640 nm, only at 520"):
+        again.display([GREEN, 640e-9])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"tilt": [0]}, {"camera": {}}, {"unmodulated": [1, 1]}, {"wavelength_nm": "green"}],
+)
+def test_files_that_say_what_cannot_be(change, tmp_path):
+    _, truth = slm.mis_set(start_of(SMALL), SMALL, 7)
+    slm.Calibration(models=(truth.model,), sensors=(truth.sensor,)).save(tmp_path / "my.json")
+    said = json.loads((tmp_path / "my.json").read_text())
+    said["displays"][0] |= change
+    (tmp_path / "my.json").write_text(json.dumps(said))
+    with pytest.raises(engine.InvalidInput, match="my.json"):
+        slm.Calibration.load(tmp_path / "my.json")
+
+
+WORDS = "calibrate --driver virtual --wavelength 520 --pitch 8 --distances 0.5,1 --window 16 --captures 20".split()
+
+
+def test_command(tmp_path, monkeypatch, capsys):
+    """On the virtual bench, as far as a stage that is short."""
+    monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
+    monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
+    assert cli.main([*WORDS, "--out", str(tmp_path / "my.json")]) == 0
+    assert "homography c at 0.5 mm" in capsys.readouterr().out
+    calibration = slm.Calibration.load(tmp_path / "my.json")
+    assert len(calibration.models) == 1 and calibration.display([520e-9])
+    again = [*WORDS, "--out", str(tmp_path / "my.json")]
+    again[again.index("520")] = "640"
+    assert cli.main([*again, "--quiet"]) == 0  # another wavelength beside it
+    assert len(slm.Calibration.load(tmp_path / "my.json").display([640e-9, 520e-9])) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--out", "my.txt"], "is a .json file"),
+        (["--window", "4"], "16 to 512"),
+        (["--captures", "10"], "ten captures at each"),
+        (["--distances", "0.5"], "two foci or more"),
+        (["--bits", "40"], "1 to 16 bits"),
+        (["--driver", "slmsuite"], "camera is missing"),
+    ],
+)
+def test_refusals(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([*WORDS, "--out", "my.json", *words]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_camera_that_sees_nothing_is_refused(monkeypatch):
+    monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
+    with pytest.raises(engine.InvalidInput, match="explains only"):
+        rng = np.random.default_rng(0)
+        first = rng.random((22, 22))
+        slm.calibrate(lambda levels, z: first, slm.PatternWindow(16, PITCH, GREEN), (1e-3, 2e-3), count=20)
