@@ -382,10 +382,10 @@ def cost(sizes=SIZES):
         fields = parts[0] + 1j * parts[1]
         views = Views(shape, PITCH, GREEN, -2e-3, 3e-3, frames, 0)
         with Frames() as threads:
-            views.add(fields, threads)
+            views.add(fields)
             phases = Phases(np.angle(fields), threads)
             target = ComplexTarget(fields, True, threads)
-            seen = descent.Seen(phases.light, views, 1.0, threads)
+            seen = descent.Seen(phases.light, views, 1.0)
             chosen = [
                 (number, kind.weight / kind.looks)
                 for kind, numbers in zip(KINDS, views.kinds, strict=True)

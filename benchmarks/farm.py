@@ -144,7 +144,8 @@ def measure(size=SMALL) -> dict:
     FOUND.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=FOUND.parent) as folder:
         found = measured(size, Path(folder).absolute())
-    files.write_whole(FOUND, json.dumps(found))
+    with files.whole_file(FOUND) as part:
+        part.write_text(json.dumps(found))
     return found
 
 

@@ -215,6 +215,8 @@ def _plan(args):
         print(encoding.decision)
         if encoding.advice:
             print(f"note: {encoding.advice} See --encode-seconds.")
+        for warning in encoding.warnings:
+            print(f"warning: {warning}")
     for note in loaded.notes:
         print(f"note: {render_command.note_text(note)}")
 

@@ -161,7 +161,9 @@ def driver_of(device, sequence):
             raise engine.InvalidInput("No folder is given: choose one for the pictures.")
         return slm.FilesDriver(bpy.path.abspath(device.folder))
     if device.driver == "virtual":
-        return slm.VirtualDriver(sequence.holograms[0], sequence.calibration, order=device.order)
+        return slm.VirtualDriver(
+            sequence.holograms[0], sequence.calibration, packing=device.packing, order=device.order
+        )
     return slm.SlmsuiteDriver(device.model, options_of(device.options, device.model, sequence.size))
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from .engine import InvalidInput, PhaseHologram, WaveField
-from .engine.files import whole_folder, write_whole
+from .engine.files import whole_file, whole_folder
 from .engine.scene import variants
 from .lengths import format_distance
 
@@ -33,6 +33,7 @@ _OWN = {
     "pictures",
     "rgbd",
     "light_field",
+    "quilt",
     "report.json",
     "report.html",
     "report.csv",
@@ -225,7 +226,8 @@ def replace_report(folder, report):
     OSError
     """
     folder = Path(folder)
-    write_whole(folder / "report.json", _report(report), folder)
+    with whole_file(folder / "report.json", folder) as part:
+        part.write_text(_report(report))
 
 
 def _report(report):

@@ -15,7 +15,7 @@ from . import engine, output, pipeline
 from .engine.progress import Clock, stage
 from .engine.settings import current
 from .engine.viewing.depth import image_depth_map
-from .engine.viewing.light_field import pinhole_pictures, pupil_points
+from .engine.viewing.light_field import pinhole_pictures, pupil_points, pupil_row, quilt
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -25,7 +25,7 @@ NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
 _PHASES = {"encoded", "encoding_bits", "encoding_levels", "encode_seconds"}
-_VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", *_PHASES}
+_VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", "quilt", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
     "focus_asked": "focus",
@@ -37,6 +37,7 @@ _NAMES = {
     "encode_seconds": "seconds of the encoding",
     "rgbd": "picture with depth",
     "light_field": "light field",
+    "quilt": "quilt",
     "settings": "setting",
 }
 
@@ -71,12 +72,14 @@ class Still:
         Whether to write a picture in which everything is sharp, with the depths in it.
     light_field : int or None
         Points of the pupil in a row and in a column to write such pictures through.
+    quilt : (int, int) or None
+        Columns and rows of such pictures, from the left of the pupil to its right, to write as one.
     method : str or None
         How light is found, where that was decided for all frames of an animation and the settings leave it open.
     encode_seconds : float or None
         That encoding may take, see `engine.plan_encoding`.
-    levels : list of tuple of float, or None
-        Phases that the SLM has at each wavelength, see `engine.encode`.
+    levels : list of engine.Levels, or None
+        That the SLM has at each wavelength.
     """
 
     name: str
@@ -97,6 +100,7 @@ class Still:
     method: str | None = None
     encode_seconds: float | None = None
     levels: list | None = None
+    quilt: tuple | None = None
 
     @cached_property
     def asked(self):
@@ -113,9 +117,10 @@ class Still:
             "compared": self.compare,
             "encoded": self.encode,
             "encoding_bits": self.bits,
-            "encoding_levels": self.levels and [list(phases) for phases in self.levels],
+            "encoding_levels": self.levels and [each.to_dict() for each in self.levels],
             "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
             "light_field": self.light_field,
+            "quilt": self.quilt and list(self.quilt),
             "encode_seconds": self.encode_seconds,
         }
 
@@ -171,7 +176,7 @@ def write(
     with clock("export"):
         asked = still.asked
     encodes = still.encode not in ("none", "dpac")
-    more = still.compare or still.rgbd or still.light_field
+    more = still.compare or still.rgbd or still.light_field or still.quilt
     rendered_at = 0.4 if encodes else 0.7 if more else 0.95
     end = 0.7 if more else 0.95
     result = still.compute(stage(progress, 0.0, rendered_at), rendered)
@@ -219,7 +224,10 @@ def write(
             _write_rgbd(folder / "rgbd", still, result, white, stage(progress, 0.9, 0.92))
     if still.light_field:
         with clock("light field"):
-            _write_light_field(folder / "light_field", still, result, stage(progress, 0.92, 0.98))
+            _write_light_field(folder / "light_field", still, result, stage(progress, 0.92, 0.96))
+    if still.quilt:
+        with clock("quilt"):
+            _write_quilt(folder / "quilt", still, result, stage(progress, 0.96, 0.98))
     report["seconds"] = {
         **result.seconds,
         **clock.seconds,
@@ -323,21 +331,30 @@ def _write_rgbd(folder, still, result, white, progress):
 
 def _write_light_field(folder, still, result, progress):
     """Pictures through a grid of points of the pupil, and where these are."""
-    hologram, count = still.hologram, still.light_field
-    points = pupil_points(count, hologram, result.field.mapping, still.pupil)
-    pictures = pinhole_pictures(
-        still.scene,
-        still.camera,
-        hologram,
-        points.reshape(-1, 2),
-        VIEW_PATHS,
-        max_depth=still.settings.max_depth,
-        progress=progress,
-    )
+    count = still.light_field
+    points = pupil_points(count, still.hologram, result.field.mapping, still.pupil)
+    rgb = _views(still, points.reshape(-1, 2), progress)
     folder.mkdir()
-    rgb = engine.to_rgb(pictures, hologram.wavelengths)
     np.save(folder / "views.npy", rgb.reshape(count, count, *rgb.shape[1:]))
     np.save(folder / "points.npy", points)
+
+
+def _write_quilt(folder, still, result, progress):
+    """Pictures through points along the pupil as one, which its name describes; the display lies at the first focus."""
+    hologram, (columns, rows) = still.hologram, still.quilt
+    points = pupil_row(columns * rows, hologram, result.field.mapping, still.pupil)
+    views = _views(still, points, progress, result.focus[0])
+    folder.mkdir()
+    name = f"quilt_qs{columns}x{rows}a{hologram.width / hologram.height:.5g}.png"
+    (folder / name).write_bytes(output.encode_png(quilt(views, columns), output.exposure(views)))
+
+
+def _views(still, points, progress, focus=None):
+    """RGB of pictures through points of the pupil, in which everything is sharp."""
+    hologram, depth = still.hologram, still.settings.max_depth
+    what = still.scene, still.camera, hologram, points, VIEW_PATHS
+    pictures = pinhole_pictures(*what, max_depth=depth, progress=progress, focus=focus)
+    return engine.to_rgb(pictures, hologram.wavelengths)
 
 
 def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Result | None, dict]:

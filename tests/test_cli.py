@@ -480,7 +480,10 @@ def test_seconds_of_encoding(xml, tmp_path, capfd):
         )
     assert not out.exists()
     assert cli.main(["plan", *words, "--encode", "auto", "--encode-seconds", "1000"]) == 0
-    assert "encoding: refine towards up to 192 more frames, about 1000 s (the best" in capfd.readouterr().out
+    told = capfd.readouterr().out
+    assert re.search(
+        r"encoding: refine towards up to 192 more frames, about 1000 s, [\d.]+ .B \(the best", told
+    ), told
     assert cli.main(["plan", *words, "--encode", "auto", "--json"]) == 0
     encoding = json.loads(capfd.readouterr().out)["encoding"]
     assert encoding["method"] == "refine" and encoding["seconds"] > 0 and encoding["reason"]

@@ -295,6 +295,8 @@ def desk(backend, tmp_path_factory):
     (folder / "my-slm.json").write_text(
         f'{{"format": "HoloPath SLM calibration", "responses": [{response}]}}'
     )
+    plm = re.search(r"(?s)```json\n(\{[^`]*\"PLM\".*?)```", (DOCS / "slm.md").read_text("utf-8"))[1]
+    (folder / "my-plm.json").write_text(plm)
     study = re.search(r"(?s)```toml\n(scenes.*?)```", (DOCS / "study.md").read_text("utf-8"))[1]
     (folder / "speckle.toml").write_text(study.replace("128x128", "32x32").replace("[0, 1]", "[0]"))
     return folder

@@ -106,7 +106,7 @@ def _phases(args, folder, start, progress):
         args.method,
         progress,
         bits=args.bits,
-        levels=render_command.levels_of(args, field.hologram.wavelengths),
+        levels=render_command.levels_of(args, field.hologram),
         supervision=args.supervision,
         planes=args.compared_planes,
         aperture=args.aperture,
@@ -138,8 +138,9 @@ def work_of(args, say) -> Work:
         )
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     versions = {name: text or "none" for name, text in output.versions().items() if name != "blender"}
-    files = {} if args.response is None else {"response": Path(args.response)}
-    work = Work(Path(args.folder), SharedJob("", words, digests(files), versions), {}, [])
+    work = Work(
+        Path(args.folder), SharedJob("", words, digests(render_command.response_of(args)), versions), {}, []
+    )
     for folder in output.frame_folders(args.folder):
         work.units[folder.name] = _frame(args, work, folder)
     return work

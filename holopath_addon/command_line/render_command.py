@@ -14,7 +14,7 @@ from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
 from ..farm.work import Work
-from ..slm.calibration import measured_levels
+from ..slm.calibration import measured_levels, response_files
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
@@ -23,6 +23,7 @@ from .frames import AnimationFrames
 from .options import argument
 
 # Words that leave results as they are; all others decide them.
+MOST_VIEWS = 256  # of a quilt
 _APART = {
     "run",
     "attended",
@@ -93,6 +94,13 @@ def add(command, store):
         type=argument(_views),
         metavar="N",
         help="also write such pictures through N x N points of the pupil into DIR/light_field",
+    )
+    render.add_argument(
+        "--quilt",
+        type=argument(_quilt),
+        metavar="CxR",
+        help="also write such pictures from the left of the pupil to its right, C x R in one as Looking Glass displays "
+        "read it, into DIR/quilt",
     )
     render.add_argument("--attended", action="store_true", help=argparse.SUPPRESS)  # by a window
 
@@ -198,6 +206,15 @@ def _views(text):
     return int(text)
 
 
+def _quilt(text):
+    columns, _, rows = text.partition("x")
+    if not (columns.isdigit() and rows.isdigit() and 2 <= int(columns) * int(rows) <= MOST_VIEWS):
+        raise engine.InvalidInput(
+            f"A quilt has columns and rows as 8x6, of 2 to {MOST_VIEWS} views, not {text}"
+        )
+    return int(columns), int(rows)
+
+
 def _one_frame(text):
     frames = ranges.frames(text)
     if len(frames) != 1:
@@ -231,9 +248,14 @@ def add_levels(parser):
     )
 
 
-def levels_of(args, wavelengths):
-    """Phases that the words say the SLM has at each wavelength; None if they say nothing."""
-    return None if args.response is None else measured_levels(args.response, wavelengths)
+def levels_of(args, hologram):
+    """`engine.Levels` that the words say the SLM has at each wavelength; None if they say nothing."""
+    return None if args.response is None else measured_levels(args.response, hologram)
+
+
+def response_of(args):
+    """Files that say it, by what they are."""
+    return {} if args.response is None else response_files(args.response)
 
 
 def add_focus(parser, default):
@@ -328,7 +350,8 @@ def still_of(args, source, job=None):
         args.rgbd,
         args.light_field,
         encode_seconds=seconds,
-        levels=levels_of(args, hologram.wavelengths),
+        levels=levels_of(args, hologram),
+        quilt=args.quilt,
     )
 
 
@@ -476,7 +499,7 @@ def _job(args, source):
     """What decides the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    files = source.files if args.response is None else {**source.files, "response": Path(args.response)}
+    files = {**source.files, **response_of(args)}
     return SharedJob(scene, output.plain(words), digests(files), versions())
 
 

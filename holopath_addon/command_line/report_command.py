@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from .. import engine, output
-from ..engine import files
 from ..engine.progress import parts
 from ..engine.viewing import assessment
 from ..engine.viewing.reconstruction import Refocuser
@@ -222,12 +221,14 @@ def _write(page, folder, field, sections, rows):
     name = html.escape(folder.resolve().name)
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows([("what", "where", "value"), *rows])
-    page.parent.mkdir(parents=True, exist_ok=True)
-    files.write_whole(page.with_suffix(".csv"), table.getvalue())
     text = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
         f"<title>{name}</title><style>{STYLE}</style></head><body><h1>{name}</h1><p>{facts}</p>{body}"
         f"<p><small>All figures: {html.escape(page.with_suffix('.csv').name)}</small></p></body></html>\n"
     )
-    files.write_whole(page, text.encode("ascii", "xmlcharrefreplace").decode())
+    files = {
+        page.with_suffix(".csv").name: table.getvalue().encode(),
+        page.name: text.encode("ascii", "xmlcharrefreplace"),
+    }
+    output.write_pictures(page.parent, files)

@@ -212,7 +212,9 @@ def _driver(args, sequence):
         return slm.FilesDriver(args.out or Path(args.folder) / "pictures", args.kind)
     if args.driver == "virtual":
         # an SLM that is what the calibration says it is
-        return slm.VirtualDriver(sequence.holograms[0], sequence.calibration, order=args.order)
+        return slm.VirtualDriver(
+            sequence.holograms[0], sequence.calibration, packing=args.packing, order=args.order
+        )
     return slm.SlmsuiteDriver(args.device, options_of(args.options, args.device, sequence.size))
 
 

@@ -23,7 +23,7 @@ from .viewing.preview import Preview
 from .viewing.reconstruction import Refocuser, reconstruct, to_rgb
 from .viewing.reference import diffracted, reference
 from .wavefield import WaveField
-from .waves.modulator import Modulator
+from .waves.modulator import Levels, Modulator
 
 __all__ = [
     "BackendUnavailable",
@@ -37,6 +37,7 @@ __all__ = [
     "FIXABLE",
     "Hologram",
     "InvalidInput",
+    "Levels",
     "Modulator",
     "PhaseHologram",
     "Plan",

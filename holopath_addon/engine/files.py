@@ -1,4 +1,4 @@
-"""Folders that appear only when they are complete."""
+"""Files and folders that appear only when they are complete."""
 
 from __future__ import annotations
 
@@ -90,30 +90,43 @@ def earlier(kind: str, *files) -> Callable[[Path], None]:
     return check
 
 
-def write_whole(file: Path, text: str, owner: Path | None = None) -> None:
-    """Write a file that appears whole or not at all.
+@contextmanager
+def whole_file(file: Path, owner: Path | None = None) -> Iterator[Path]:
+    """File to write; it takes the place of `file` when the block ends well, and vanishes otherwise.
 
     Parameters
     ----------
     file : path
-    text : str
     owner : path, optional
         Of what the unfinished file is taken to be a part, and lies beside, see `sweep`. Default: the file.
 
+    Yields
+    ------
+    pathlib.Path
+        An empty hidden file beside the owner.
+
     Raises
     ------
+    InvalidInput
+        At once if there can be no file.
     OSError
+        If it cannot be written.
     """
     owner = owner or file
-    handle, part = tempfile.mkstemp(prefix=f".{owner.name}.part-", dir=owner.parent)
     try:
-        with os.fdopen(handle, "w") as stream:
-            stream.write(text)
+        owner.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{owner.name}.part-", dir=owner.parent)
+    except OSError as error:
+        raise InvalidInput(f"{file} cannot be made ({error.strerror}): choose another place.") from error
+    os.close(handle)
+    part = Path(name)
+    try:
+        yield part
         os.chmod(part, 0o644)
         os.replace(part, file)
     except BaseException:
         with suppress(OSError):
-            os.unlink(part)
+            part.unlink()
         raise
 
 

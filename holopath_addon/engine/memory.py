@@ -8,6 +8,7 @@ from pathlib import Path
 
 from .errors import InvalidInput
 
+AT_ONCE = 1 << 28  # bytes of fields of many frames that are traced together
 LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
 

@@ -149,6 +149,8 @@ class Plan:
         Estimated seconds of each stage on this machine; empty for baselines, of which nothing is foretold.
     phases : dict of str to float
         Those of what its encodings are made of, see `planning.costs.phases`; empty for baselines.
+    phases_memory : dict of str to float
+        Estimated bytes that each encoding takes, with the field; empty for baselines.
     error : float
         Estimated error of the wave field by the radiance's noise, relative to the field.
     memory_bytes : int
@@ -189,6 +191,7 @@ class Plan:
     chunk: int
     stages: dict
     phases: dict
+    phases_memory: dict
     error: float
     memory_bytes: int
     decisions: tuple = field(repr=False)

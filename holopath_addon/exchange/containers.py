@@ -10,8 +10,8 @@ import os
 import subprocess
 import sys
 import tempfile
+import zipfile
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..engine import BackendUnavailable, Cancelled, InvalidInput
+from ..engine.files import whole_file
 from ..engine.scene import variants
 
 Attributes = dict[str, Any]
@@ -76,27 +77,16 @@ def write(path: Path | str, container: Container) -> None:
     Raises
     ------
     InvalidInput
-        If its name does not end on one of `SUFFIXES`, or the container do not suit that kind of file.
+        If its name does not end on one of `SUFFIXES`, the container does not suit that kind of file, or there can be
+        no file.
     BackendUnavailable
         If the library for it is not installed.
     OSError
     """
     path = Path(path)
     _, writer = _kind(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(prefix=f".{path.name}.part-", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise InvalidInput(f"{path} cannot be made ({error.strerror}): choose another place.") from error
-    os.close(handle)
-    try:
-        writer(Path(part), container)
-        os.chmod(part, 0o644)
-        os.replace(part, path)
-    except BaseException:
-        with suppress(OSError):
-            os.unlink(part)
-        raise
+    with whole_file(path) as part:
+        writer(part, container)
 
 
 def _kind(path):
@@ -244,8 +234,11 @@ def _object(text):
 
 
 def _write_npz(path, container):
-    with open(path, "wb") as file:
-        np.savez(file, **container.arrays, **{NOTES: np.array(json.dumps(container.attributes))})
+    arrays = {**container.arrays, NOTES: np.array(json.dumps(container.attributes))}
+    with zipfile.ZipFile(path, "w") as file:  # numpy.savez leaves it open where it is interrupted
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, array, allow_pickle=False)
 
 
 def _read_npy(path):

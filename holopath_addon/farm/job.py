@@ -136,7 +136,8 @@ class SharedJob:
     def _write(self, folder, unfinished):
         told = {"format": FORMAT, "format_version": FORMAT_VERSION, "digest": self.digest, **asdict(self)}
         told["unfinished"] = sorted(unfinished)
-        files.write_whole(folder / NAME, json.dumps(told, indent=1) + "\n")
+        with files.whole_file(folder / NAME) as part:
+            part.write_text(json.dumps(told, indent=1) + "\n")
 
 
 @contextmanager

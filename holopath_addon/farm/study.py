@@ -41,6 +41,7 @@ NAMES = (
         "encode_seconds",
         "bits",
         "light_field",
+        "quilt",
     ),
     *FLAGS,
 )

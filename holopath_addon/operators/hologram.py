@@ -39,7 +39,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         method, calibration = props.encoding, calibration_of(props.device)
         levels = {"bits": props.bits if props.bits < ENOUGH_BITS else None}
         if calibration is not None:
-            levels = {"levels": calibration.phases(field.hologram.wavelengths)}
+            levels = {"levels": calibration.levels_of(field.hologram)}
         wanted, seconds = preferences.wanted(), properties.encode_seconds_of(props)
 
         def encode(job, progress):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,14 +14,18 @@ import numpy as np
 
 from ..engine.errors import InvalidInput
 from ..engine.scene import variants
-from ..engine.waves.modulator import grey_levels
+from ..engine.waves.modulator import Levels, grey_levels
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator
+
+    from ..engine.hologram import Hologram
 
 FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
 STEPS = 1 << 16  # of a turn, in the table from phase to level
 LARGEST = 1 << 15  # pixels of a side
+MOST_TURNS = 20  # of a response
+MOST_CORRECTION = float(1 << 20)  # radians, that float32 holds to a hundredth of a turn
 SAME = 0.5e-9  # metres within which a wavelength is the one that was measured
 
 
@@ -62,7 +67,7 @@ class Response:
 
     def __post_init__(self):
         _check_wavelength(self.wavelength)
-        if not 0.05 <= self.range <= 20:
+        if not 0.05 <= self.range <= MOST_TURNS:
             raise InvalidInput(f"A range of {self.range:g} turns is no SLM's: give a number near 1.")
         if self.curve is not None:
             try:
@@ -75,6 +80,10 @@ class Response:
                 )
             if (np.diff(curve[:, 0]) <= 0).any():
                 raise InvalidInput("The levels of a measured curve must rise.")
+            if np.abs(curve[:, 1]).max() > MOST_TURNS * 2 * math.pi:
+                raise InvalidInput(
+                    f"A measured curve of more than {MOST_TURNS} turns is no SLM's: give its phases in radians."
+                )
             object.__setattr__(self, "curve", tuple(map(tuple, curve.tolist())))
 
     def phases(self, bits: int, wavelength: float | None = None) -> np.ndarray:
@@ -148,10 +157,19 @@ class Calibration:
             raise InvalidInput(
                 f"A device of {self.size[0]} x {self.size[1]} pixels cannot be: give its size."
             )
+        if max(map(abs, self.shift)) > LARGEST:
+            raise InvalidInput(f"A shift has {LARGEST} pixels at most: give one that stays on the device.")
+        for response in self.responses:
+            response.phases(self.bits)  # its curve spans the levels
         if self.correction is not None:
-            correction = np.ascontiguousarray(self.correction, np.float32)
-            if correction.ndim != 2 or not np.isfinite(correction).all():
-                raise InvalidInput("The correction is no map of finite phases, one a pixel.")
+            correction = np.asarray(self.correction)
+            if correction.ndim != 2 or not correction.size or correction.dtype.kind not in "fiu":
+                raise InvalidInput("The correction is no map of phases, one a pixel: give its radians.")
+            if not np.abs(correction, dtype=float).max() <= MOST_CORRECTION:  # NaN is no less
+                raise InvalidInput(
+                    f"The correction is not finite, or goes beyond {MOST_CORRECTION:.0f}: give its radians."
+                )
+            correction = np.ascontiguousarray(correction, np.float32)
             if self.size is not None and correction.shape != tuple(self.size)[::-1]:
                 raise InvalidInput(
                     f"The correction has {correction.shape[1]} x {correction.shape[0]} pixels, the device "
@@ -168,9 +186,23 @@ class Calibration:
             return Response(wavelength)
         return min(self.responses, key=lambda r: abs(r.wavelength - wavelength))
 
-    def phases(self, wavelengths: Sequence[float]) -> list[tuple[float, ...]]:
-        """Phases of all levels at each wavelength, radians, for `engine.encode`."""
-        return [tuple(self.response(each).phases(self.bits, each).tolist()) for each in wavelengths]
+    def levels_of(self, hologram: Hologram) -> list[Levels]:
+        """What the device can show of a hologram at each wavelength, for `engine.encode`.
+
+        Raises
+        ------
+        InvalidInput
+            If the correction does not fit the device, or the hologram lies beside it.
+        """
+        shape = hologram.height, hologram.width
+        device = shape if self.size is None else self.size[::-1]
+        found = []
+        for wavelength in hologram.wavelengths:
+            correction = self._scaled_correction(wavelength, device)
+            if correction is not None:
+                correction = self._under(correction, shape)
+            found.append(Levels(self.response(wavelength).phases(self.bits, wavelength), correction))
+        return found
 
     def table(self, wavelength: float) -> np.ndarray:
         """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle."""
@@ -275,10 +307,14 @@ class Calibration:
         correction = self._scaled_correction(wavelength, phases.shape)
         if correction is not None:
             phases = phases - correction
-        there, here = self._windows(shape, phases.shape)
-        seen = np.zeros(shape, np.float32)
-        seen[here] = np.mod(phases[there], np.float32(2 * math.pi))
-        return seen[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
+        return self._under(np.mod(phases, np.float32(2 * math.pi)), shape)
+
+    def _under(self, values, shape):
+        """Of the device's pixels, those under a hologram of such a shape; 0 where it lies beside the device."""
+        there, here = self._windows(shape, values.shape)
+        under = np.zeros(shape, np.float32)
+        under[here] = values[there]
+        return under[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
 
     def save(self, path: Path | str) -> None:
         """Write a JSON file, and beside it ``.npy`` for the correction.
@@ -327,18 +363,15 @@ class Calibration:
             If the file cannot be read or says what no device has.
         """
         path = Path(path)
-        try:
-            said = json.loads(path.read_text(encoding="utf-8"))
-            if said["format"] != FORMAT or said.get("format_version", 1) != FORMAT_VERSION:
-                raise ValueError("another format, or a newer one")
+        with _calibration(path) as said:
             correction, at = None, None
             if said.get("correction"):
                 at = float(said["correction"]["wavelength_nm"]) * 1e-9
-                correction = _read_map(path.with_name(str(said["correction"]["file"])))
+                correction = _read_map(_map_file(path, said))
             size = said.get("size")
-            return cls(
+            found = cls(
                 str(said.get("device", "")),
-                int(said.get("bits", 8)),
+                _whole(said.get("bits", 8)),
                 _pair(size) if size else None,
                 _truth(said.get("flip_x", False)),
                 _truth(said.get("flip_y", False)),
@@ -350,38 +383,77 @@ class Calibration:
                 correction,
                 at,
             )
-        except InvalidInput as error:
-            raise InvalidInput(f"The calibration {path}: {error}") from None
-        except Exception as error:  # there is no end to what a file may hold
-            reason = f"it lacks {error}" if isinstance(error, KeyError) else error
-            raise InvalidInput(
-                f"The calibration {path} cannot be read ({reason}): see docs/slm.md."
-            ) from None
+        return found
 
 
-def measured_levels(path: Path | str, wavelengths: Sequence[float]) -> list[tuple[float, ...]]:
-    """Phases that a device's levels show, for `engine.encode`.
+@contextmanager
+def _calibration(path: Path) -> Iterator[dict]:
+    """What a file says; errors of the block name it."""
+    try:
+        said = json.loads(path.read_text(encoding="utf-8-sig"))  # editors on Windows begin with a mark
+        if not isinstance(said, dict):
+            raise ValueError("it is no JSON object")
+        if said["format"] != FORMAT or said.get("format_version", 1) != FORMAT_VERSION:
+            raise ValueError("another format, or a newer one")
+        yield said
+    except InvalidInput as error:
+        raise InvalidInput(f"The calibration {path}: {error}") from None
+    except Exception as error:  # there is no end to what a file may hold
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else _reason(error)
+        raise InvalidInput(
+            f"The calibration {path} cannot be read ({reason}): write it as docs/slm.md says."
+        ) from None
+
+
+def measured_levels(path: Path | str, hologram: Hologram) -> list[Levels]:
+    """What a device can show, for `engine.encode`.
 
     Parameters
     ----------
     path : path
         A `Calibration`, ending on .json, or a text file of the phases in radians, which are those of every wavelength.
-    wavelengths : sequence of float
-        Metres.
+    hologram : engine.Hologram
 
     Returns
     -------
-    list of tuple of float
-        Radians, for each wavelength.
+    list of engine.Levels
+        For each wavelength.
 
     Raises
     ------
     InvalidInput
     """
-    if Path(path).suffix.lower() != ".json":
-        return [read_response(path)] * len(wavelengths)
-    calibration = Calibration.load(path)
-    return [tuple(calibration.response(each).phases(calibration.bits, each).tolist()) for each in wavelengths]
+    path = Path(path)
+    given = Calibration.load(path) if _calibrates(path) else read_response(path)
+    try:
+        if isinstance(given, Calibration):
+            return given.levels_of(hologram)
+        return [Levels(np.array(given))] * len(hologram.wavelengths)
+    except InvalidInput as error:
+        raise InvalidInput(f"The file {path}: {error}") from None
+
+
+def response_files(path: Path | str) -> dict[str, Path]:
+    """Files of which `measured_levels` is made, by what they are.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    files = {"response": Path(path)}
+    if _calibrates(files["response"]):
+        with _calibration(files["response"]) as said:
+            if said.get("correction"):
+                files["correction"] = _map_file(files["response"], said)
+    return files
+
+
+def _calibrates(path):
+    return path.suffix.lower() == ".json"
+
+
+def _map_file(path, said):
+    return path.with_name(str(said["correction"]["file"]))
 
 
 def read_response(path: Path | str) -> tuple[float, ...]:
@@ -392,11 +464,16 @@ def read_response(path: Path | str) -> tuple[float, ...]:
     InvalidInput
     """
     try:
-        return tuple(float(word) for word in Path(path).read_text().split())
+        phases = [float(word) for word in Path(path).read_text(encoding="utf-8-sig").split()]
     except (OSError, ValueError) as error:
         raise InvalidInput(
-            f"The response {path} cannot be read ({error}): give a text file of numbers."
+            f"The response {path} cannot be read ({_reason(error)}): give a text file of numbers."
         ) from error
+    if len(phases) < 2 or not all(abs(phase) <= MOST_TURNS * 2 * math.pi for phase in phases):
+        raise InvalidInput(
+            f"The response {path} holds no phases of levels: give two or more in radians, of up to {MOST_TURNS} turns."
+        )
+    return tuple(phases)
 
 
 def _truth(value):
@@ -407,7 +484,18 @@ def _truth(value):
 
 def _pair(values):
     first, second = values
-    return int(first), int(second)
+    return _whole(first), _whole(second)
+
+
+def _whole(value):
+    if isinstance(value, bool) or value != int(value) or abs(value) > LARGEST:
+        raise ValueError(f"{value!r} is no whole number up to {LARGEST}")
+    return int(value)
+
+
+def _reason(error):
+    """What an error says, in a line."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def _read_map(path):

@@ -23,12 +23,52 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Packing(Choice):
-    """How holograms share a picture: `each` of them, of `most_bits` at most."""
+    """How holograms share a picture.
+
+    Attributes
+    ----------
+    each, most_bits : int
+        So many of them, and most bits of their levels.
+    memory : tuple of int
+        Where the bits of a level are apart: what the electrodes of a pixel are given for each level.
+    cells : tuple of tuple of int
+        And which bit of that each of them takes, row by row from the top.
+    mirrored : bool
+        Whether a picture of electrodes is mirrored left and right.
+    """
 
     each: int
     most_bits: int
+    memory: tuple = ()
+    cells: tuple = ((0,),)
+    mirrored: bool = False
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Columns and rows of the picture that a hologram's pixel takes."""
+        return len(self.cells[0]), len(self.cells)
+
+    def spread(self, levels: np.ndarray) -> np.ndarray:
+        """Zeros and ones of all electrodes, shape (rows y, columns x)."""
+        memory, (columns, rows) = np.array(self.memory, np.uint8)[levels], self.grid
+        plane = np.empty((levels.shape[0] * rows, levels.shape[1] * columns), np.uint8)
+        for y, x in np.ndindex(rows, columns):
+            plane[y::rows, x::columns] = memory >> np.uint8(self.cells[y][x]) & np.uint8(1)
+        return plane[:, ::-1] if self.mirrored else plane
+
+    def gathered(self, plane: np.ndarray) -> np.ndarray:
+        """The levels of electrodes; the reverse of `spread`."""
+        plane, (columns, rows) = plane[:, ::-1] if self.mirrored else plane, self.grid
+        memory = sum(
+            plane[y::rows, x::columns] << np.uint8(self.cells[y][x]) for y, x in np.ndindex(rows, columns)
+        )
+        return np.argsort(self.memory).astype(np.uint8)[memory]
 
 
+# For the heights of a mirror of Texas Instruments' phase light modulators from the lowest on, and where its four
+# electrodes lie: the devices p67 and p47 of their package ti_plm 1.1.0.
+HEIGHTS = (3, 2, 1, 7, 0, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12)
+PLM_067, PLM_047 = ((1, 3), (0, 2)), ((2, 3), (0, 1))
 PACKINGS = {
     packing.name: packing
     for packing in (
@@ -48,6 +88,29 @@ PACKINGS = {
             2,
             24,
             1,
+            (0, 1),
+        ),
+        Packing(
+            "plm-067",
+            '24 for 0.67" PLMs',
+            "24 holograms of 16 levels for Texas Instruments' phase light modulator of 0.67 inches, whose mirrors have "
+            "two by two electrodes",
+            3,
+            24,
+            4,
+            HEIGHTS,
+            PLM_067,
+            True,
+        ),
+        Packing(
+            "plm-047",
+            '24 for 0.47" PLMs',
+            "The same for that of 0.47 inches",
+            4,
+            24,
+            4,
+            HEIGHTS,
+            PLM_047,
         ),
     )
 }
@@ -60,7 +123,7 @@ def pack(levels: list[np.ndarray], packing: str, order: str = "RGB") -> np.ndarr
     Parameters
     ----------
     levels : sequence of numpy.ndarray, uint8, shape (y, x)
-        One, three, or 24 of zeros and ones.
+        As many as the packing takes.
     packing : str
         Of `PACKINGS`.
     order : str
@@ -68,14 +131,17 @@ def pack(levels: list[np.ndarray], packing: str, order: str = "RGB") -> np.ndarr
 
     Returns
     -------
-    numpy.ndarray, uint8, shape (y, x) or (y, x, 3)
+    numpy.ndarray, uint8, shape (y, x) or (y, x, 3), times the packing's `grid`
     """
     if packing == "time":
         return levels[0]
-    picture = np.zeros((*levels[0].shape, 3), np.uint8)
-    for place, level in enumerate(levels):
-        channel = "RGB".index(order[place if packing == "colour" else place // 8])
-        picture[..., channel] |= level if packing == "colour" else level << np.uint8(place % 8)
+    kind = PACKINGS[packing]
+    planes = (
+        [kind.spread(level) << np.uint8(n % 8) for n, level in enumerate(levels)] if kind.memory else levels
+    )
+    picture = np.zeros((*planes[0].shape, 3), np.uint8)
+    for place, plane in enumerate(planes):
+        picture[..., "RGB".index(order[3 * place // kind.each])] |= plane
     return picture
 
 
@@ -83,10 +149,10 @@ def unpack(picture: np.ndarray, packing: str, order: str = "RGB") -> list[np.nda
     """The holograms in a picture, in the order in which they are shown; the reverse of `pack`."""
     if packing == "time":
         return [picture]
-    channels = [picture[..., "RGB".index(c)] for c in order]
-    if packing == "colour":
+    channels, kind = [picture[..., "RGB".index(c)] for c in order], PACKINGS[packing]
+    if not kind.memory:
         return channels
-    return [(channel >> np.uint8(bit)) & np.uint8(1) for channel in channels for bit in range(8)]
+    return [kind.gathered(channel >> np.uint8(bit) & np.uint8(1)) for channel in channels for bit in range(8)]
 
 
 class Sequence:
@@ -100,7 +166,7 @@ class Sequence:
     holograms : sequence of engine.PhaseHologram
         More than one: an animation. All of one size and with the same wavelengths.
     calibration : Calibration, optional
-        Default: even steps of one turn, of as many bits and pixels as the device has.
+        Default: even steps of one turn, of as many bits and pixels as the device has. Packings for PLMs have none.
     packing : str
         Of `PACKINGS`.
     order : str
@@ -123,14 +189,11 @@ class Sequence:
         repeats: int = 1,
     ) -> None:
         self.holograms = list(holograms)
-        self._any_bits = calibration is None and packing != "bits"
-        self.calibration = calibration or Calibration(bits=1 if packing == "bits" else 8)
-        self._free = self.calibration.size is None
-        self.packing, self.order = packing, order
         if not self.holograms:
             raise InvalidInput("There is no hologram to show: encode one first.")
         if packing not in PACKINGS:
             raise InvalidInput(f"There is no packing {packing}: choose one of {', '.join(PACKINGS)}.")
+        self.packing, self.order, self._packing = packing, order, PACKINGS[packing]
         if sorted(order) != sorted("RGB"):
             raise InvalidInput(f"The order of channels is RGB in some order, not {order}.")
         if repeats < 1:
@@ -144,7 +207,14 @@ class Sequence:
                 raise InvalidInput(
                     f"Hologram {number} has another size or wavelengths than the first: render it alike."
                 )
-        most = PACKINGS[packing].most_bits
+        most = self._packing.most_bits
+        if calibration is None and self._packing.grid != (1, 1):
+            raise InvalidInput(
+                f"The levels of a device for the packing {packing} are not even: give its calibration, see docs/slm.md."
+            )
+        self._any_bits = calibration is None and not self._packing.memory
+        self.calibration = calibration or Calibration(bits=min(most, 8))
+        self._free = self.calibration.size is None
         if self.calibration.bits > most:
             raise InvalidInput(
                 f"The packing {packing} takes levels of {most} bit{'s' if most > 1 else ''} at most, the calibration "
@@ -152,7 +222,7 @@ class Sequence:
             )
         frames, wavelengths = first.data.shape[:2]
         self._shown = [(m, k) for m in range(frames) for k in range(wavelengths)]
-        self.each = PACKINGS[packing].each
+        self.each = self._packing.each
         self._of_one = math.lcm(len(self._shown), self.each) // self.each
         self._repeats = repeats
         self._tables, self._kept, self._bytes, self._lock = {}, OrderedDict(), 0, Lock()
@@ -163,7 +233,13 @@ class Sequence:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pictures, the calibration's or the hologram's."""
+        """Width and height of the pictures."""
+        (width, height), (columns, rows) = self._pixels, self._packing.grid
+        return width * columns, height * rows
+
+    @property
+    def _pixels(self):
+        """Of the device, the calibration's or the hologram's."""
         hologram = self.holograms[0].hologram
         return tuple(self.calibration.size or (hologram.width, hologram.height))
 
@@ -173,6 +249,7 @@ class Sequence:
         Parameters
         ----------
         width, height : int
+            Of a picture.
         bits : int
             Of the device's levels; 0: any.
         name : str
@@ -186,25 +263,33 @@ class Sequence:
         if bits and self._any_bits and self.each == 1 and bits != self.calibration.bits:
             self.calibration = replace(self.calibration, bits=bits)
             self._forget()
-        if bits and self.packing != "bits" and bits != self.calibration.bits:
+        if bits and not self._packing.memory and bits != self.calibration.bits:
             raise InvalidInput(
                 f"The levels have {self.calibration.bits} bits, {name} takes {bits}: give the calibration, or bits, "
                 "that belong to it."
             )
         if not width:
             return
+        columns, rows = self._packing.grid
+        if width % columns or height % rows:
+            raise InvalidInput(
+                f"The packing {self.packing} takes {columns} x {rows} pixels of a picture for each of the device: "
+                f"{width} x {height} are no multiple of it, choose another packing or monitor."
+            )
+        width, height = width // columns, height // rows
         hologram = self.holograms[0].hologram
         if self._free and (hologram.width > width or hologram.height > height):
             raise InvalidInput(
                 f"The hologram has {hologram.width} x {hologram.height} pixels, the device only {width} x {height}: "
                 "render it for this device, or choose another."
             )
-        if self._free and self.size != (width, height):
+        if self._free and self._pixels != (width, height):
             self.calibration = replace(self.calibration, size=(width, height))
             self._forget()
-        if self.size != (width, height):
+        if self._pixels != (width, height):
+            own = self._pixels
             raise InvalidInput(
-                f"The calibration is of a device of {self.size[0]} x {self.size[1]} pixels, this one has {width} x "
+                f"The calibration is of a device of {own[0]} x {own[1]} pixels, this one has {width} x "
                 f"{height}: give the calibration that belongs to it."
             )
 

@@ -334,12 +334,17 @@ def _encoding(layout, context, props):
     try:
         settings, seconds = properties.settings_of(props), properties.encode_seconds_of(props)
         chosen = engine.plan_encoding(plan, settings, props.encoding, seconds)
+        warnings = chosen.warnings
     except engine.InvalidInput as error:
         alert(layout, context, str(error))
         return
     column = layout.column(align=True)
     label = ENCODINGS[chosen.method].label
     wrapped(column, context, f"{label}: About {duration(chosen.seconds)}" if chosen.seconds else label)
+    if chosen.memory_bytes:
+        wrapped(column, context, f"Memory: {chosen.memory_bytes / 1e6:.0f} MB")
+    for warning in warnings:
+        wrapped(column, context, warning, icon="ERROR")
     reason = column.column(align=True)
     reason.active = False
     wrapped(reason, context, chosen.reason)

@@ -132,7 +132,7 @@ NUMBERS = {
 DEVICE_NUMBERS = {
     "driver": "display serial slmsuite files virtual",
     "model": "holoeye meadowlark santec hamamatsu ti-plm mirrored remote simulated",
-    "packing": "time colour bits",
+    "packing": "time colour bits plm-067 plm-047",
     "order": "RGB GRB BRG RBG GBR BGR",
 }
 

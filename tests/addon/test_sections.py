@@ -88,19 +88,20 @@ def test_a_draft_is_called_one(scene):
 
 
 PHASES = {"sgd": 1.0, "joint": 8.0, "views": 0.1, "light": 2.0, "set": 1.0, "step": 0.1}
+MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 
 
 @pytest.mark.parametrize(
     ("settings", "says", "names"),
     [
-        ({}, ("Many Frames: About 17 s", "51 s of encoding would gain up to 2 dB"), True),
+        ({}, ("Many Frames: About 17 s Memory: 200 MB", "51 s of encoding would gain up to 2 dB"), True),
         ({"limit_encoding": True}, ("Many Frames: About 30 s", "so many seconds"), True),
         (
             {"limit_encoding": True, "encode_seconds": 3.0},
             ("All Frames: About 3 s", "7.0 s to be worth it"),
             True,
         ),
-        ({"encoding": "joint"}, ("All Frames: About 8 s as asked",), True),
+        ({"encoding": "joint"}, ("All Frames: About 8 s Memory: 90 MB as asked",), True),
         ({"encoding": "dpac", "limit_encoding": True}, ("Double Phase as asked",), False),
         ({"encoding": "refine", "method": "point"}, ("Point", "choose joint"), True),
     ],
@@ -108,7 +109,10 @@ PHASES = {"sgd": 1.0, "joint": 8.0, "views": 0.1, "light": 2.0, "set": 1.0, "ste
 def test_what_encoding_will_do(scene, settings, says, names):
     """Once there is a plan: the method, its seconds and why, and what more seconds would bring."""
     assert "About" not in drawn(sections.hologram, scene)[1]
-    session.current.plan, session.current.scene = SimpleNamespace(phases=PHASES, traversals=1), scene.name
+    session.current.plan, session.current.scene = (
+        SimpleNamespace(phases=PHASES, phases_memory=MEMORY, traversals=1),
+        scene.name,
+    )
     for name, value in settings.items():
         setattr(scene.holopath, name, value)
     there, words = drawn(sections.hologram, scene)

@@ -10,7 +10,7 @@ from holopath_addon.engine.rendering import many
 @pytest.mark.parametrize(("most_bytes", "at_once"), [(1, None), (1 << 28, None), (1 << 28, 24)])
 def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes, at_once):
     """However many are traced at once; none is one of the field's own."""
-    monkeypatch.setattr(many, "MOST_BYTES", most_bytes)
+    monkeypatch.setattr(many, "AT_ONCE", most_bytes)
     hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
     settings = engine.Settings(frames=24, quality="preview")
     view = build.two_planes(build.emissive), camera, hologram, settings

@@ -1,11 +1,15 @@
 """`holopath export` and `holopath import`, as they are typed."""
 
+import gc
 import json
+import signal
 
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, exchange
+from holopath_addon import cli, engine, exchange, output
+from holopath_addon.engine.viewing import assessment
+from holopath_addon.exchange import containers
 from tests.exchange import fields
 
 
@@ -93,3 +97,50 @@ def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
     assert "end its name on .html" in capsys.readouterr().err
     assert cli.main(["report", str(tmp_path / "none")]) == 2
     assert "does not exist" in capsys.readouterr().err
+
+
+def ctrl_c(*_args, **_options):
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".mat", ".npz", ".npy", ".safetensors"])
+def test_an_export_that_is_interrupted_leaves_what_was_there(suffix, rendered, tmp_path, capsys, monkeypatch):
+    folder, words = (
+        tmp_path / "files",
+        ["export", str(rendered), str(tmp_path / "files" / f"a{suffix}"), "--quiet"],
+    )
+    reader, writer = containers._KINDS[suffix]
+
+    def half(path, container):
+        writer(path, container)
+        path.write_bytes(path.read_bytes()[:300])
+        ctrl_c()
+
+    monkeypatch.setitem(containers._KINDS, suffix, (reader, half))
+    interrupted(words, folder, [], capsys)
+    (folder / f"a{suffix}").write_text("before")
+    interrupted(words, folder, [f"a{suffix}"], capsys)
+    assert (folder / f"a{suffix}").read_text() == "before"
+
+
+@pytest.mark.parametrize(("where", "what"), [(assessment, "brightness"), (output.os, "replace")])
+def test_a_report_that_is_interrupted_leaves_nothing(where, what, rendered, tmp_path, capsys, monkeypatch):
+    """While it computes, and when the page and its table are to be put in their places."""
+    folder = tmp_path / "pages"
+    folder.mkdir()
+    monkeypatch.setattr(where, what, ctrl_c)
+    interrupted(["report", str(rendered), "--out", str(folder / "a.html"), "--quiet"], folder, [], capsys)
+
+
+def interrupted(words, folder, left, capsys):
+    assert cli.main(words) == 1
+    assert capsys.readouterr().err == "holopath: Cancelled: nothing was written.\n"
+    assert [path.name for path in folder.iterdir()] == left
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_archive_that_is_interrupted_says_no_more(rendered, tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "files"
+    monkeypatch.setattr(np.lib.format, "write_array", ctrl_c)
+    interrupted(["export", str(rendered), str(folder / "a.npz"), "--quiet"], folder, [], capsys)
+    gc.collect()

@@ -113,6 +113,42 @@ def test_light_field_views_shift_by_the_disparity(made):
         np.testing.assert_allclose(line - line[1, 1], shift[..., 1], atol=0.05)
 
 
+def test_a_quilt_of_views(tmp_path, capsys):
+    """From the left at the lower left to the right at the upper right; what lies at the first focus stays."""
+    import mitsuba as mi
+
+    (tmp_path / "mirror.xml").write_text(SCENE)
+    words = [
+        "render",
+        str(tmp_path / "mirror.xml"),
+        "--out",
+        str(tmp_path / "out"),
+        "--quiet",
+        "--method",
+        "direct",
+    ]
+    words += ["--resolution", "48x32", "--depth-range", "0.5,1.5", "--wavelengths", "516.5", "--frames", "1"]
+    words += ["--quality", "draft", "--quilt"]
+    for focus, still in (("0.5m", True), ("2m", False)):
+        assert cli.main([*words, "3x2", "--focus", focus]) == 0
+        (file,) = (tmp_path / "out" / "quilt").iterdir()
+        assert file.name == "quilt_qs3x2a1.5.png"
+        found = np.array(mi.Bitmap(str(file)))[..., 1].astype(int)
+        assert found.shape == (64, 144)
+        tiles = [
+            found[32 * row : 32 * row + 32, 48 * column : 48 * column + 48]
+            for row in (1, 0)
+            for column in range(3)
+        ]
+        discs = [np.where(tile > 200, 1, 0) for tile in tiles]
+        columns = [(disc.sum(0) * np.arange(48)).sum() / disc.sum() for disc in discs]
+        if still:
+            assert np.ptp(columns) < 0.2
+        else:  # seen from farther right, what is nearer than the focus lies farther left
+            assert (np.diff(columns) < 0).all() and columns[0] - columns[-1] > 0.5, columns
+    assert cli.main([*words, "3"]) == 2 and "columns and rows as 8x6" in capsys.readouterr().err
+
+
 @pytest.fixture
 def moving(empty_scene, tmp_path):
     """A .blend in frame 3 of 1 to 5, in which a wall goes from 1 to 2 m."""

@@ -52,8 +52,9 @@ def test_what_was_swept_away_and_made_again_is_not_put_in_place(tmp_path):
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     file = tmp_path / "file"
-    files.write_whole(file, "before")
+    with files.whole_file(file) as part:
+        part.write_text("before")
     monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
-    with pytest.raises(OSError, match="full"):
-        files.write_whole(file, "after")
+    with pytest.raises(OSError, match="full"), files.whole_file(file) as part:
+        part.write_text("after")
     assert file.read_text() == "before" and os.listdir(tmp_path) == ["file"]

@@ -260,6 +260,7 @@ def test_curve_that_does_not_span_the_levels(curve, bits):
         ({"curve": ((0, 0), (255, math.nan))}, "pairs"),
         ({"curve": ((0, 0), (128, 1), (128, 2), (255, 6))}, "must rise"),
         ({"curve": ((255, 0), (0, 6))}, "must rise"),
+        ({"curve": ((0, 0), (255, 360))}, "in radians"),
     ],
 )
 def test_responses_that_are_none(values, says):
@@ -277,6 +278,9 @@ def test_responses_that_are_none(values, says):
         ({"correction": np.zeros((4, 4))}, "lacks the wavelength"),
         ({"correction": np.full((4, 4), np.nan), "correction_wavelength": RED}, "finite"),
         ({"correction": np.zeros(4), "correction_wavelength": RED}, "map"),
+        ({"correction": np.zeros((4, 4), complex), "correction_wavelength": RED}, "map"),
+        ({"correction": np.full((4, 4), 1e30), "correction_wavelength": RED}, "give its radians"),
+        ({"shift": (1 << 20, 0)}, "stays on the device"),
         ({"correction": np.ones((4, 4)), "correction_wavelength": 0.0}, "wavelength"),
         ({"correction": np.ones((4, 4)), "correction_wavelength": math.nan}, "wavelength"),
         ({"correction": np.ones((4, 4)), "correction_wavelength": 633.0}, "wavelength"),
@@ -303,8 +307,8 @@ wavelengths = st.floats(200e-9, 2000e-9)
 def responses(draw):
     curve = None
     if draw(st.booleans()):
-        at = draw(st.lists(finite, min_size=2, max_size=6, unique=True))
-        curve = tuple((level, draw(finite)) for level in sorted(at))
+        at = {0, 65535, *draw(st.lists(finite, max_size=4))}  # all levels, whatever the bits
+        curve = tuple((level, draw(st.floats(-125, 125))) for level in sorted(at))
     return Response(draw(wavelengths), draw(st.floats(0.05, 20)), curve)
 
 

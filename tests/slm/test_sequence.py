@@ -19,8 +19,8 @@ from tests.slm.refusals import refused
 
 ORDERS = ["".join(order) for order in itertools.permutations("RGB")]
 WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
-EACH = {"time": 1, "colour": 3, "bits": 24}
-BITS = {"time": 8, "colour": 8, "bits": 1}
+EACH = {"time": 1, "colour": 3, "bits": 24, "plm-067": 24, "plm-047": 24}
+BITS = {"time": 8, "colour": 8, "bits": 1, "plm-067": 4, "plm-047": 4}
 
 quick = settings(max_examples=60, deadline=None, database=None)
 
@@ -75,7 +75,7 @@ def test_twenty_four_in_bits(order):
 @pytest.mark.parametrize("packing", PACKINGS)
 @pytest.mark.parametrize("order", ORDERS)
 def test_unpack_is_the_reverse(packing, order):
-    most = 2 if packing == "bits" else 256
+    most = 2 ** BITS[packing]
     levels = list(np.random.default_rng(3).integers(0, most, (EACH[packing], 4, 5), np.uint8))
     found = unpack(pack(levels, packing, order), packing, order)
     np.testing.assert_array_equal(found, levels)
@@ -90,6 +90,58 @@ def test_unpacks_any_picture():
         channel = [2, 0, 1][n // 8]
         expected = [[(int(pixel[channel]) // 2 ** (n % 8)) % 2 for pixel in row] for row in picture]
         np.testing.assert_array_equal(level, expected)
+
+
+def memory_of(height):
+    """M3 to M0 of a mirror's height 0 to 15, as the software of those who use DLP6750Q1EVM computes them."""
+    odd = height == 3
+    rest = height != 4
+    return (
+        int(height >= 8),
+        int(odd or (rest and height % 8 >= 4)),
+        int(odd or (rest and height % 4 < 2)),
+        int(odd or (rest and height % 2 == 0)),
+    )
+
+
+@pytest.mark.parametrize("order", ["RGB", "GBR"])
+def test_twenty_four_for_micromirrors(order):
+    """Two by two electrodes a mirror: M1 M3 over M0 M2, then left and right change places; by another's formula."""
+    levels = list(np.random.default_rng(5).integers(0, 16, (24, 3, 5), np.uint8))
+    levels[7][:] = np.arange(15).reshape(3, 5) + 1  # all heights are among them
+    picture = pack(levels, "plm-067", order)
+    assert picture.shape == (6, 10, 3) and picture.dtype == np.uint8
+    for n, level in enumerate(levels):
+        plane = picture[..., "RGB".index(order[n // 8])] >> (n % 8) & 1
+        for y, x in np.ndindex(3, 5):
+            m3, m2, m1, m0 = memory_of(int(level[y, x]))
+            right = 10 - 2 * x  # the mirror's last column in the picture, and one more
+            assert plane[2 * y : 2 * y + 2, right - 2 : right].tolist() == [[m3, m1], [m2, m0]]
+
+
+def test_micromirrors_of_the_smaller_device():
+    """M2 M3 over M0 M1, nothing changes places."""
+    levels = [np.arange(16, dtype=np.uint8).reshape(4, 4)] * 24
+    picture = pack(levels, "plm-047")
+    assert set(np.unique(picture)) == {0, 255}
+    for y, x in np.ndindex(4, 4):
+        m3, m2, m1, m0 = memory_of(4 * y + x)
+        assert (picture[2 * y : 2 * y + 2, 2 * x : 2 * x + 2, 1] // 255).tolist() == [[m2, m3], [m0, m1]]
+
+
+def test_micromirrors_on_a_monitor():
+    """Of twice as many pixels; their levels are no even steps, so they need a calibration."""
+    coded = hologram(2, 3, value=lambda *_: 16)
+    with refused("not even: give its calibration"):
+        Sequence([coded], None, "plm-067")
+    sequence = Sequence([coded], Calibration(bits=4), "plm-067")
+    assert sequence.size == (8, 6)
+    sequence.fit(12, 10, 8, "the monitor")
+    assert sequence.picture(0).pixels.shape == (10, 12, 3) and sequence.calibration.size == (6, 5)
+    with refused("12 x 9 are no multiple"):
+        sequence.fit(12, 9)
+    with refused("of a device of 6 x 5 pixels, this one has 5 x 5"):
+        Sequence([coded], Calibration(bits=4, size=(6, 5)), "plm-067").fit(10, 10)
 
 
 def test_what_is_packed_is_not_changed():

@@ -18,7 +18,16 @@ pytest.importorskip("termios", reason="There are ptys on Unix alone.")
 
 from holopath_addon import cli, engine, output
 from holopath_addon.engine.scene import variants
-from holopath_addon.slm import Calibration, FocusPlanes, Plane, Sequence, SerialDriver, stream, streaming
+from holopath_addon.slm import (
+    Calibration,
+    FocusPlanes,
+    Plane,
+    Response,
+    Sequence,
+    SerialDriver,
+    stream,
+    streaming,
+)
 from holopath_addon.slm.drivers import link as link_module
 from tests.slm.device import Board, Firmware
 
@@ -555,3 +564,14 @@ def test_slmsuite_is_absent(folder, capfd, monkeypatch):
 def test_quiet(folder, tmp_path, capfd):
     assert run(folder, "--driver", "files", "--out", tmp_path / "o", "--quiet") == 0
     assert capfd.readouterr() == ("", "")
+
+
+def test_files_for_micromirrors(folder, tmp_path):
+    """Four holograms in 24 planes of twice as many pixels; without the mirrors' heights they are refused."""
+    words = ["--driver", "files", "--packing", "plm-047", "--out", tmp_path / "o", "--quiet"]
+    assert run(folder, *words) == 2 and not (tmp_path / "o").exists()
+    heights = tuple((n, 0.35 * n) for n in range(16))
+    Calibration(bits=4, responses=(Response(640e-9, curve=heights),)).save(tmp_path / "plm.json")
+    assert run(folder, *words, "--calibration", tmp_path / "plm.json") == 0
+    found = read(tmp_path / "o" / "picture_000000.png")
+    assert found.shape == (2 * HEIGHT, 2 * WIDTH, 3) and len(list((tmp_path / "o").iterdir())) == 2

@@ -1,6 +1,7 @@
 """Phases for levels as they were measured, shown by a virtual bench whose SLM has those levels."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,9 +48,9 @@ def decibels(field, phase, calibration, sent=None):
 @pytest.mark.parametrize("name", RESPONSES)
 @pytest.mark.parametrize("method", ["dpac", "sgd", "joint"])
 def test_phases_are_levels(name, method, field):
-    levels = calibration(name).phases([GREEN])
+    levels = calibration(name).levels_of(field.hologram)
     phase = engine.encode(field, method, levels=levels)
-    apart = np.abs(phase.data[..., None] - np.float32(np.mod(levels[0], TURN)))
+    apart = np.abs(phase.data[..., None] - levels[0].phases.astype(np.float32))
     assert apart.min(axis=-1).max() < 1e-5
 
 
@@ -60,7 +61,7 @@ def test_what_measured_levels_gain(field):
         device, even = calibration(name), slm.Calibration(bits=RESPONSES[name][0])
         free = engine.encode(field, "joint")
         ideal = engine.encode(field, "joint", bits=device.bits)
-        measured = engine.encode(field, "joint", levels=device.phases([GREEN]))
+        measured = engine.encode(field, "joint", levels=device.levels_of(field.hologram))
         shown = decibels(field, measured, device)
         gains[name] = shown - decibels(field, ideal, device, even), shown - decibels(field, free, device)
     assert all(gains[name][0] > 1.5 for name in ("plm", "bent", "short")), gains
@@ -88,9 +89,10 @@ def test_by_command_line(field, tmp_path, capsys):
 
 def test_levels_scale_with_the_wavelength(tmp_path):
     calibration("plm").save(tmp_path / "plm.json")
-    green, red = measured_levels(tmp_path / "plm.json", [GREEN, 2 * GREEN])
-    np.testing.assert_allclose(green, RESPONSES["plm"][1])
-    np.testing.assert_allclose(red, RESPONSES["plm"][1] / 2)
+    hologram = engine.Hologram(8, 8, 8e-6, (GREEN, 2 * GREEN))
+    green, red = measured_levels(tmp_path / "plm.json", hologram)
+    np.testing.assert_allclose(green.phases, RESPONSES["plm"][1])
+    np.testing.assert_allclose(red.phases, RESPONSES["plm"][1] / 2)
 
 
 @pytest.mark.parametrize(
@@ -104,3 +106,49 @@ def test_levels_scale_with_the_wavelength(tmp_path):
 def test_levels_that_cannot_be(levels, says, field):
     with pytest.raises(engine.InvalidInput, match=says):
         engine.encode(field, "sgd", levels=levels)
+
+
+def bowl(height, width, seed=0):
+    """A panel that is bent by some turns and rough besides, radians."""
+    y, x = np.mgrid[:height, :width] / max(height, width)
+    return 30 * ((x - 0.4) ** 2 + 2 * (y - 0.6) ** 2) + np.random.default_rng(seed).uniform(
+        0, 3, (height, width)
+    )
+
+
+def test_what_a_correction_costs(field):
+    """Nothing, where phases are found for levels that it has turned; all that was gained where it is added later."""
+    plain = calibration("plm")
+    shape = field.hologram.height, field.hologram.width
+    bent = replace(plain, correction=bowl(*shape), correction_wavelength=1.1 * GREEN)
+    flat = engine.encode(field, "sgd", levels=plain.levels_of(field.hologram))
+    known = engine.encode(field, "sgd", levels=bent.levels_of(field.hologram))
+    found = [decibels(field, flat, plain), decibels(field, known, bent), decibels(field, flat, bent)]
+    assert abs(found[1] - found[0]) < 0.3, found
+    assert found[1] > found[2] + 0.3, found
+
+
+def test_the_device_shows_exactly_what_was_encoded(field):
+    """On a larger panel that is mirrored, moved and bent."""
+    height, width = field.hologram.height, field.hologram.width
+    device = replace(
+        calibration("plm"),
+        size=(width + 9, height + 6),
+        flip_x=True,
+        shift=(3, -2),
+        correction=bowl(height + 6, width + 9),
+        correction_wavelength=1.2 * GREEN,
+    )
+    phase = engine.encode(field, "dpac", levels=device.levels_of(field.hologram))
+    levels = slm.Sequence([phase], device).picture(0).pixels
+    seen = device.seen(levels, GREEN, (height, width))
+    assert np.abs(np.exp(1j * seen) - np.exp(1j * phase.data[0, 0])).max() < 1e-5
+    assert len(np.unique(phase.data)) > 1000 and len(np.unique(levels)) == 16
+
+
+def test_a_correction_of_another_size(field):
+    with pytest.raises(engine.InvalidInput, match="has 3 x 2 pixels, the field"):
+        engine.encode(field, "sgd", levels=[engine.Levels((0, 1), np.zeros((2, 3)))])
+    small = slm.Calibration(correction=np.zeros((2, 3)), correction_wavelength=GREEN)
+    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, what is shown"):
+        small.levels_of(field.hologram)

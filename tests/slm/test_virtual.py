@@ -74,7 +74,7 @@ def seen(bench, distances=DISTANCES):
 
 def shown(hologram, calibration=None, bench=None, packing="time", order="RGB", **options):
     """A bench on which a hologram was shown."""
-    bench = bench or VirtualDriver(hologram, order=order, **options)
+    bench = bench or VirtualDriver(hologram, packing=packing, order=order, **options)
     stream(Sequence([hologram], calibration, packing, order), bench)
     return bench
 
@@ -84,7 +84,15 @@ def shown(hologram, calibration=None, bench=None, packing="time", order="RGB", *
 
 @pytest.mark.parametrize(
     ("packing", "order", "bits"),
-    [("time", "RGB", 8), ("colour", "RGB", 8), ("colour", "BRG", 8), ("bits", "RGB", 1), ("bits", "GBR", 1)],
+    [
+        ("time", "RGB", 8),
+        ("colour", "RGB", 8),
+        ("colour", "BRG", 8),
+        ("bits", "RGB", 1),
+        ("bits", "GBR", 1),
+        ("plm-067", "RGB", 4),
+        ("plm-047", "BGR", 4),
+    ],
 )
 def test_sees_what_the_engine_reconstructs(packing, order, bits, hologram):
     """Two frames in two colours at three distances, whatever the pictures are packed in."""
@@ -109,7 +117,7 @@ def test_other_bits(bits, hologram):
 
 
 def test_order_of_channels_matters(hologram):
-    bench = VirtualDriver(hologram, order="RGB")
+    bench = VirtualDriver(hologram, packing="colour", order="RGB")
     stream(Sequence([hologram], None, "colour", "GBR"), bench)
     assert decibels(seen(bench), ideal_of(hologram)) < 30
 
@@ -356,5 +364,9 @@ def test_pictures_of_another_size(hologram):
         bench.show(0, Picture(np.zeros((4, 5), np.uint8), 0, ((0, 0),)))
     with pytest.raises(engine.InvalidInput, match="70 x 70 pixels, this one has 64 x 64"):
         stream(Sequence([hologram], Calibration(size=(70, 70))), bench)
+    with pytest.raises(
+        engine.InvalidInput, match="holds 3 holograms, the virtual SLM is one for the packing time"
+    ):
+        stream(Sequence([hologram], None, "colour"), bench)
     with pytest.raises(engine.InvalidInput, match="10 bits, virtual takes 8"):
         stream(Sequence([hologram], Calibration(bits=10)), bench)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..encoding.phases import Phases
+from ..encoding.phases import PARTLY, Phases
 from ..waves.supervision import Frames
 from .frame_mean import FrameMean
 
@@ -61,7 +61,9 @@ def phases_for(job: BaselineInput, pictures_of: Callable[[int], Pictures], progr
                 brightness.seen(number, phases.light, back, loss)
                 if not numbers:
                     brightness.adjust()
-                phases.descend(back, np.ones(frames, np.complex64), RATE * math.sqrt(1 - step / steps))
+                phases.descend(
+                    back, np.ones(frames, np.complex64), RATE * math.sqrt(1 - step / steps), PARTLY
+                )
                 progress((k + (step + 1) / steps) / colours, "Phases")
             out[:, k] = mean.gain * phases.light
     return out

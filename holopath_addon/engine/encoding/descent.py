@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..scene.variants import threads
+from .phases import PARTLY
 from .views import KINDS, intensity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..waves.supervision import Frames
+    from ..waves.modulator import Levels
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
     from .views import Views
@@ -55,7 +57,7 @@ def adam(
     phases: Phases,
     target: ComplexTarget | AmplitudeTarget,
     rate: float,
-    levels: np.ndarray | None,
+    levels: Levels | None,
     effort: Effort,
     told: Callable[[float, float], object],
     stage: dict,
@@ -68,8 +70,8 @@ def adam(
     target : ComplexTarget or AmplitudeTarget
     rate : float
         Longest step, radians.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising.
+    levels : Levels or None
+        That phases are to have.
     effort : Effort
     told : callable
         ``told(done, loss)`` gives the PSNR; may raise.
@@ -100,10 +102,9 @@ def together(
     phases: Phases,
     views: Views,
     gain: float,
-    levels: np.ndarray | None,
+    levels: Levels | None,
     effort: Effort,
     seconds: float | None,
-    threads: Frames,
     told: Callable[[float, float], object],
     stage: dict,
 ) -> float:
@@ -119,12 +120,11 @@ def together(
     views : Views
     gain : float
         Amplitude of the light sent in, to begin with.
-    levels : numpy.ndarray or None
-        That phases are to have, radians in [0, 2 pi), rising. Ever more pixels come to their levels in the second half.
+    levels : Levels or None
+        That phases are to have. Ever more pixels come to their levels in the second half.
     effort : Effort
     seconds : float or None
         That it takes; None for as many steps as the effort's.
-    threads : Frames
     told : callable
         ``told(done, psnr)``, the PSNR by the whole pupil, may raise.
     stage : dict
@@ -136,7 +136,7 @@ def together(
         The gain that makes all views as bright as they should be.
     """
     begun = time.perf_counter()
-    seen = Seen(phases.light, views, gain, threads)
+    seen = Seen(phases.light, views, gain)
     if seconds is not None:  # views are looked at once more at the end
         seconds = max(1e-3, seconds - (time.perf_counter() - begun))
     rng = np.random.default_rng(effort.seed)
@@ -157,7 +157,7 @@ def together(
                     chosen.append((queue.pop(), kind.weight / kind.looks))
             back = seen.gradient(phases.light, chosen)
             rate = LONGEST * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
-            phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)))
+            phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)), PARTLY)
             steps += 1
             done = steps / effort.most_steps
             if seconds is not None:
@@ -191,7 +191,6 @@ class Seen:
     views : Views
     gain : float
         Amplitude of the light sent in, where views are black.
-    threads : Frames
 
     Attributes
     ----------
@@ -201,10 +200,8 @@ class Seen:
         Of each view, as it was when last looked at.
     """
 
-    def __init__(self, light: np.ndarray, views: Views, gain: float, threads: Frames) -> None:
-        self.gain = gain
-        self._views, self._threads = views, threads
-        self._spectra, self._gradient = np.empty((2, len(light), *views.padded), light.dtype)
+    def __init__(self, light: np.ndarray, views: Views, gain: float) -> None:
+        self.gain, self._views = gain, views
         self.losses, self._shown, self._wanted, self._weights = np.zeros((4, len(views)))
         for number, wanted in enumerate(views.wanted):
             self._wanted[number] = self._brightness(number, wanted)
@@ -225,8 +222,8 @@ class Seen:
 
     def look(self, light: np.ndarray) -> None:
         """Look at all views."""
-        self._transform(light)
-        images = [self._image(number)[1] for number in range(len(self._views))]
+        spectra = self._transform(light)
+        images = [self._image(spectra, number)[1] for number in range(len(self._views))]
         for number, image in enumerate(images):
             self._shown[number] = self._brightness(number, image)
         self.adjust()
@@ -245,51 +242,35 @@ class Seen:
         Returns
         -------
         numpy.ndarray
-            In memory that the next call overwrites: G with dL = 2 Re sum conj(G) du.
+            G with dL = 2 Re sum conj(G) du.
         """
-        views, frames = self._views, len(self._spectra)
-        scale = np.float32(self.gain**2)
-        self._transform(light)
-        self._gradient[:] = 0
+        views, frames = self._views, len(light)
+        scale, (rows, columns) = np.float32(self.gain**2), views.shape
+        spectra = self._transform(light)
+        gradient = np.zeros_like(spectra)
         for number, share in chosen:
             wanted, weight = views.wanted[number], views.weight(number)
-            waves, image = self._image(number)
+            waves, image = self._image(spectra, number)
             self._shown[number] = self._brightness(number, image)
             error = scale * image - wanted
             slope = error * weight
             self.losses[number] = float((error * slope).sum(dtype=float))
-            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves[0].dtype)
-
-            def back(frame, number=number, waves=waves, slope=slope):
-                wave, (rows, columns) = waves[frame], slope.shape
-                wave[:rows, :columns] *= slope
-                wave[rows:], wave[:rows, columns:] = 0, 0
-                views.back(wave, number, self._gradient[frame])
-
-            self._threads.each(back, frames)
-        rows, columns = views.shape
-
-        def finish(frame):
-            self._gradient[frame] = scipy.fft.ifft2(self._gradient[frame], overwrite_x=True)
-
-        self._threads.each(finish, frames)
-        return self._gradient[:, :rows, :columns]
+            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves.dtype)
+            height, width = slope.shape
+            waves[:, :height, :width] *= slope
+            waves[:, height:], waves[:, :height, width:] = 0, 0
+            views.back(waves, number, gradient)
+        return scipy.fft.ifft2(gradient, overwrite_x=True, workers=threads())[:, :rows, :columns]
 
     def _transform(self, light):
-        def each(frame):
-            self._spectra[frame] = scipy.fft.fft2(light[frame], self._views.padded)
+        return scipy.fft.fft2(light, self._views.padded, workers=threads())
 
-        self._threads.each(each, len(light))
-
-    def _image(self, number):
+    def _image(self, spectra, number):
         """Each frame's wave in a view, and the mean of their intensities."""
-        views = self._views
-        waves = self._threads.each(lambda frame: views.wave(self._spectra[frame], number), len(self._spectra))
-        shape = views.wanted[number].shape
-        image = np.zeros(shape, waves[0].real.dtype)
-        for wave in waves:
-            image += intensity(wave, shape)
-        return waves, image / np.float32(len(waves))
+        waves = self._views.waves(spectra, number)
+        image = intensity(waves, self._views.wanted[number].shape)
+        image *= np.float32(1 / len(waves))
+        return waves, image
 
     def _brightness(self, number, image):
         views = self._views

@@ -15,7 +15,7 @@ from ..errors import Cancelled, InvalidInput, cancelled
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
-from ..waves.modulator import even_levels, nearest, widest_gap
+from ..waves.modulator import Levels, wrapped
 from ..waves.propagation import circular_band, filtered
 from ..waves.supervision import Frames
 from . import descent
@@ -53,7 +53,7 @@ def encode(
     progress: Progress | None = None,
     *,
     bits: int | None = None,
-    levels: Sequence[ArrayLike] | None = None,
+    levels: Sequence[ArrayLike | Levels] | None = None,
     supervision: str = "complex",
     planes: int = 1,
     aperture: bool = True,
@@ -81,8 +81,9 @@ def encode(
         attribute `kept` of the `Cancelled` that this raises.
     bits : int, optional
         Of an SLM so coarse that it matters: phases are the best of its 2^bits levels. Default: not rounded.
-    levels : sequence of array_like, optional
+    levels : sequence of array_like or Levels, optional
         Instead, the phases in radians that the SLM really has at each wavelength, measured; in any order, of any turn.
+        With a correction of its pixels: `Levels`.
     supervision : str
         Of `sgd`, one of `SUPERVISIONS`: the complex field, or amplitudes only as in prior work.
     planes : int
@@ -154,7 +155,7 @@ class _Asked:
 
     method: str
     bits: int | None
-    levels: Sequence[ArrayLike] | None
+    levels: Sequence[ArrayLike | Levels] | None
     supervision: str
     planes: int
     aperture: bool
@@ -164,24 +165,20 @@ class _Asked:
     effort: descent.Effort  # of `sgd`
     together: int  # steps of all frames together, most
 
-    def rings(self, count):
-        """Levels of each wavelength, in [0, 2 pi) and rising; None where any phase is one.
+    def levels_of(self, count):
+        """`Levels` of each wavelength; None where any phase is one.
 
         Raises
         ------
         InvalidInput
         """
         if self.levels is None:
-            return [None if self.bits is None else even_levels(self.bits)] * count
+            return [None if self.bits is None else Levels.even(self.bits)] * count
         if len(self.levels) != count:
             raise InvalidInput(
                 f"There are levels of {len(self.levels)} wavelengths for {count}: give as many."
             )
-        rings = [np.unique(np.mod(np.asarray(phases, float).ravel(), 2 * math.pi)) for phases in self.levels]
-        for ring in rings:
-            if len(ring) < 2 or not np.isfinite(ring).all():
-                raise InvalidInput("Levels of an SLM are two or more different phases in radians.")
-        return rings
+        return [each if isinstance(each, Levels) else Levels(each) for each in self.levels]
 
     def check(self, field):
         """Whether options are known, and fit each other and the field."""
@@ -196,6 +193,13 @@ class _Asked:
             raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
         if self.bits is not None and self.levels is not None:
             raise InvalidInput("Levels that were measured have a number of their own: leave out the bits.")
+        for each in self.levels or ():
+            correction = each.correction if isinstance(each, Levels) else None
+            if correction is not None and correction.shape != field.data.shape[-2:]:
+                raise InvalidInput(
+                    f"The correction of the levels has {_pixels(correction)}, the field {_pixels(field.data)}: give "
+                    "one of its size."
+                )
         if not 1 <= self.planes <= 64:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:
@@ -227,8 +231,13 @@ class _Asked:
 
 
 def _size(data):
-    frames, colours, rows, columns = data.shape
-    return f"{frames} frames and {colours} wavelengths of {columns} x {rows} pixels"
+    frames, colours = data.shape[:2]
+    return f"{frames} frames and {colours} wavelengths of {_pixels(data)}"
+
+
+def _pixels(data):
+    rows, columns = data.shape[-2:]
+    return f"{columns} x {rows} pixels"
 
 
 class _TimeUp(Exception):
@@ -247,10 +256,10 @@ class _Work:
         self._scales = [_root_mean_square(field.data[:, colour]) for colour in range(count)]
         self.colours = [colour for colour in range(count) if self._scales[colour] > DARK * max(self._scales)]
         self.gains = [0.0] * count
-        self._rings = asked.rings(count)
+        self._levels = asked.levels_of(count)
         # those for which the descents have to care
         self._coarse = [
-            ring if ring is not None and widest_gap(ring) > FINE else None for ring in self._rings
+            ring if ring is not None and ring.widest_gap > FINE else None for ring in self._levels
         ]
         self.report = {"bits": asked.bits, "measured_levels": asked.levels is not None, "stages": []}
 
@@ -362,7 +371,7 @@ class _Work:
                     if colour in wanted:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(fields[:, place] * scale, self._threads)
+                        wanted[colour].add(fields[:, place] * scale)
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
@@ -391,7 +400,7 @@ class _Work:
     def _add_own(self, views, colour):
         """Count the field's own frames."""
         for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
-            views.add(self._fields(group, colour), self._threads)
+            views.add(self._fields(group, colour))
 
     def _towards(self, views, colour, begun, number):
         """Bring phases of one wavelength, by its number, to views; wavelengths share what is left of the time."""
@@ -410,7 +419,7 @@ class _Work:
             with self._stage(method, colour) as stage, self._phases(group, colour) as phases:
                 seconds = None if self._asked.seconds is None else self._left(1) / (left - place)
                 what = phases, views, self.gains[colour], self._coarse[colour], effort, seconds
-                gains.append(descent.together(*what, self._threads, told, stage))
+                gains.append(descent.together(*what, told, stage))
         self.gains[colour] = float(np.mean(gains))
 
     def _at(self, begun, number):
@@ -449,10 +458,10 @@ class _Work:
 
     def round(self):
         """Bring phases to the display's levels."""
-        for colour, levels in enumerate(self._rings):
+        for colour, levels in enumerate(self._levels):
             if levels is not None:
                 for frame in self.phases[:, colour]:
-                    frame[:] = np.mod(nearest(frame, levels)[0], 2 * math.pi)
+                    frame[:] = wrapped(levels.nearest(frame)[0])
 
     @contextmanager
     def _phases(self, group, colour):

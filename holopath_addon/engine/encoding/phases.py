@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.modulator import nearest
+from ..waves.modulator import wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..waves.modulator import Levels
     from ..waves.supervision import Frames
 
-# Decays of the means, Kingma and Ba, ICLR 2015; alike, as views differ from step to step: a long memory of squares
-# loses a decibel of pictures where few are looked at a step.
-ADAM = (0.9, 0.9)
+# Decays of Adam's means (Kingma and Ba, ICLR 2015): of slopes, where each step sees all and where it sees a view or a
+# few of many, and of their squares. Longer memories lose half a decibel in 40 steps, and a whole one in pictures.
+FULL, PARTLY, SQUARES = 0.9, 0.6, 0.9
 TINY = 1e-30  # for pixels whose slope is nothing
 FINE = 0.1  # radians between levels, for which it is enough to round phases in the end
 BLOCK = 1 << 16  # pixels: they stay near the processor, and threads seldom wait for Python
@@ -79,14 +80,14 @@ class Phases:
         self._each(fill)
         return slope
 
-    def descend(self, back: np.ndarray, factors: np.ndarray, rate: float) -> None:
-        """A step of Adam, `rate` radians long at most or so; parameters as of `slope`."""
+    def descend(self, back: np.ndarray, factors: np.ndarray, rate: float, memory: float = FULL) -> None:
+        """A step of Adam, `rate` radians long at most or so, with `memory` of earlier slopes; others as of `slope`."""
         if self._means is None:
             self._means = np.zeros((2, *self._angle.shape), self._angle.dtype)
             self._means[1] = TINY
         means, free = self._means, self._free
         self._count += 1
-        first, second = ADAM
+        first, second = memory, SQUARES
         real = self._angle.dtype.type
         # sums of slopes and of their squares, not yet means
         scale = (1 - first) / (1 - first**self._count), (1 - second) / (1 - second**self._count)
@@ -110,7 +111,7 @@ class Phases:
 
         self._each(move)
 
-    def fix(self, share: float, levels: np.ndarray) -> None:
+    def fix(self, share: float, levels: Levels) -> None:
         """Bring a share of each frame's pixels to one of the levels for good: those that are nearest to theirs.
 
         The others make up for the error in the steps that follow. Rounding in each step while the phases move on
@@ -123,7 +124,7 @@ class Phases:
 
         def each(frame):
             angle, free = self._angle[frame], self._free[frame]
-            target, gaps = nearest(angle, levels)
+            target, gaps = levels.nearest(angle)
             wanting = free & (gaps > FINE)
             fixed = len(angle) - np.count_nonzero(free)
             count = min(round(share * len(angle)) - fixed, np.count_nonzero(wanting))
@@ -144,9 +145,7 @@ class Phases:
 
     def values(self) -> np.ndarray:
         """Radians in [0, 2 pi), float32."""
-        turn = np.float32(2 * math.pi)
-        angle = np.mod(self._angle, 2 * math.pi).astype(np.float32).reshape(self._shape)
-        return np.where(angle < turn, angle, 0)  # the largest float below a turn is rounded to it
+        return wrapped(self._angle).reshape(self._shape)
 
     def _slope(self, frame, block, back, factor):
         product, slope, _ = self._room(block)

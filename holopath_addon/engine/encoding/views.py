@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..scene.variants import threads
 from ..waves.pictures import STRAYS, Vantage
 from ..waves.propagation import FreeSpace, padded_shape
 from ..waves.supervision import relative
@@ -16,11 +17,10 @@ from ..waves.supervision import relative
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..waves.supervision import Frames
-
 MOST_DEPTHS = 20
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
 MOST_BYTES = 1 << 30  # of transfer functions that are kept
+TOGETHER = 1 << 25  # bytes of spectra that are looked at together
 LEAST_MET = 0.25  # of a cone of light, as in a corner: what would have to be brighter still stays dark
 FEW_FRAMES, MORE_PARTS = (
     8,
@@ -150,19 +150,18 @@ class Views:
     def __len__(self) -> int:
         return len(self._views)
 
-    def add(self, fields: np.ndarray, threads: Frames) -> None:
+    def add(self, fields: np.ndarray) -> None:
         """Count frames towards the wanted means; fields of shape (frames, y, x)."""
-        spectra = threads.each(lambda n: scipy.fft.fft2(fields[n], self.padded), len(fields))
         before, self._frames = self._frames, self._frames + len(fields)
-
-        def count(number):
-            wanted = self.wanted[number]
+        for wanted in self.wanted:
             wanted *= np.float32(before)
-            for spectrum in spectra:
-                wanted += intensity(self.wave(spectrum, number), wanted.shape)
+        together = max(1, TOGETHER // (8 * math.prod(self.padded)))
+        for first in range(0, len(fields), together):
+            spectra = scipy.fft.fft2(fields[first : first + together], self.padded, workers=threads())
+            for number, wanted in enumerate(self.wanted):
+                wanted += intensity(self.waves(spectra, number), wanted.shape)
+        for wanted in self.wanted:
             wanted *= np.float32(1 / self._frames)
-
-        threads.each(count, len(self))
 
     def unvignette(self) -> None:
         """Want views as bright near their edges as if the fields had none; once, when all frames are counted.
@@ -181,19 +180,23 @@ class Views:
         """Of the squared error of each pixel of a view."""
         return relative(self.wanted[number])
 
-    def wave(self, spectrum: np.ndarray, number: int) -> np.ndarray:
-        """The wave in a view, on its own padded grid, of the padded spectrum of a field."""
+    def waves(self, spectra: np.ndarray, number: int) -> np.ndarray:
+        """The waves in a view, on its own padded grid, of padded spectra; both of shape (frame, y, x)."""
         view = self._views[number]
-        part = spectrum[view.bins] * self._transfer(view)
-        part *= np.float32(1 / view.apart**2)
-        return scipy.fft.ifft2(part, overwrite_x=True)
+        transfer = self._transfer(view)
+        if view.passes is None:
+            part = spectra * transfer
+        else:
+            part = view.cut(spectra)
+            part *= transfer
+        return scipy.fft.ifft2(part, overwrite_x=True, workers=threads())
 
-    def back(self, wave: np.ndarray, number: int, gradient: np.ndarray) -> None:
-        """The adjoint of `wave` times the spectrum's number of bins, added to `gradient`; overwrites the wave."""
+    def back(self, waves: np.ndarray, number: int, gradient: np.ndarray) -> None:
+        """The adjoint of `waves` times the spectrum's number of bins, added to `gradient`; overwrites the waves."""
         view = self._views[number]
-        part = scipy.fft.fft2(wave, overwrite_x=True)
-        part *= np.conj(self._transfer(view))
-        gradient[view.bins] += part
+        part = scipy.fft.fft2(waves, overwrite_x=True, workers=threads())
+        part *= np.conj(self._transfer(view)) * np.float32(view.apart**2)
+        view.put(part, gradient)
 
     def _transfer(self, view):
         """From the spectrum's bins that a view has to its own spectrum; zero beyond its part of the pupil."""
@@ -203,14 +206,18 @@ class Views:
             whole = self._space(distance)
             if (len(self._transfers) + 1) * whole.nbytes <= MOST_BYTES:
                 self._transfers[distance] = whole
-        part = whole[view.bins]
-        return part if view.passes is None else part * view.passes
+        if view.passes is None:
+            return whole
+        return view.cut(whole[None])[0] * view.passes
 
 
-def intensity(wave: np.ndarray, shape: Sequence[int]) -> np.ndarray:
-    """Of the part of a wave that is not padding."""
-    seen = wave[: shape[0], : shape[1]]
-    return seen.real**2 + seen.imag**2
+def intensity(waves: np.ndarray, shape: Sequence[int]) -> np.ndarray:
+    """Sum over frames, of the part of waves that is not padding."""
+    seen = waves[:, : shape[0], : shape[1]]
+    # real and imaginary parts side by side
+    parts = seen.view(seen.real.dtype)
+    total = np.einsum("fyx,fyx->yx", parts, parts)
+    return total[:, ::2] + total[:, 1::2]
 
 
 class _View:
@@ -220,24 +227,47 @@ class _View:
     ----------
     apart : int
         Pixels between samples.
-    bins : tuple
-        Index of its bins of the padded spectrum, in FFT order around the middle of the part.
     passes : numpy.ndarray or None
-        Those of them that the part lets through.
+        What the part lets through of its bins of the padded spectrum, over `apart` squared, as samples are that far
+        apart; in FFT order around the middle of the part. None for the whole pupil.
     """
 
     def __init__(self, vantage, apart, padded):
-        self.vantage, self.apart = vantage, apart
-        self.bins, self.passes = (slice(None), slice(None)), vantage.passes(padded)
-        if self.passes is not None:
+        self.vantage, self.apart, self.passes = vantage, apart, None
+        passes = vantage.passes(padded)
+        if passes is not None:
             x, y, _ = vantage.part
             rows, columns = (
-                (round(middle * n) + scipy.fft.fftfreq(n // self.apart, self.apart / n).round().astype(int))
-                % n
+                (round(middle * n) + scipy.fft.fftfreq(n // apart, apart / n).round().astype(int)) % n
                 for middle, n in zip((y, x), padded, strict=True)
             )
-            self.bins = np.ix_(rows, columns)
-            self.passes = self.passes[self.bins]
+            self._shape = len(rows), len(columns)
+            self._blocks = [(a, b) for a in _runs(rows) for b in _runs(columns)]
+            self.passes = passes[np.ix_(rows, columns)] * np.float32(1 / apart**2)
+
+    def cut(self, spectra):
+        """Its part's bins of spectra, shape (frame, y, x). Blocks are copied much faster than by index."""
+        part = np.empty((len(spectra), *self._shape), spectra.dtype)
+        for (rows, to_rows), (columns, to_columns) in self._blocks:
+            part[:, to_rows, to_columns] = spectra[:, rows, columns]
+        return part
+
+    def put(self, part, spectra):
+        """Add its bins to those of spectra."""
+        if self.passes is None:
+            spectra += part
+            return
+        for (rows, to_rows), (columns, to_columns) in self._blocks:
+            spectra[:, rows, columns] += part[:, to_rows, to_columns]
+
+
+def _runs(numbers):
+    """Where consecutive numbers begin and end, as slices of what they count and of themselves."""
+    ends = [0, *(np.flatnonzero(np.diff(numbers) != 1) + 1).tolist(), len(numbers)]
+    return [
+        (slice(int(numbers[a]), int(numbers[b - 1]) + 1), slice(a, b))
+        for a, b in zip(ends, ends[1:], strict=False)
+    ]
 
 
 def _met(shape, padded, radius):

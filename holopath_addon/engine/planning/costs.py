@@ -6,11 +6,13 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..encoding.encoder import STEPS
+from ..encoding import encoder, views
 from ..encoding.views import MOST_DEPTHS, STEP, transforms
+from ..memory import AT_ONCE
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
+from ..waves.pictures import STRAYS
 from ..waves.propagation import grid_bytes, padded_shape
 from .noise import likely
 from .planes import columns_of, mean_rays
@@ -50,8 +52,8 @@ LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
 # Of encodings, a pixel of each frame and wavelength: `sgd` to its end, and transforms of the padded grid with what is
-# around them, and those of a step of all frames together.
-SGD, TRANSFORM = 0.7e-6, 8e-9
+# around them, those of a step of all frames together and of looks at all views.
+SGD, TRANSFORM, LOOKED = 0.7e-6, 8e-9, 5e-9
 
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
@@ -164,30 +166,55 @@ def phases(
     `sgd` and `joint` to their ends; a look at all `views`; for `refine` the `light` that is found again, each `set` of
     more frames; and each `step` of all frames together.
     """
-    hologram, seen, slowness = survey.hologram, survey.seen, survey.slowness
+    seen, slowness = survey.seen, survey.slowness
     pixels, frames, colours = _numbers(survey)
     plain, chained = mean_rays(planes, survey.chains.branches)
-    size, pitch, volume = (hologram.height, hologram.width), hologram.pitch, survey.z_high - survey.z_low
-    farthest = max(abs(survey.z_low), abs(survey.z_high))
-    padded = looks = 0.0
-    for wavelength in hologram.wavelengths:
-        grid = math.prod(padded_shape(size, pitch, wavelength, farthest))
-        depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
-        padded += grid
-        looks += grid * (1 + transforms(frames) * min(MOST_DEPTHS, max(2, depths)))
+    grids = _grids(survey)
+    padded = sum(grid for grid, _ in grids)
+    looks = sum(grid * (1 + transforms(frames) * depths) for grid, depths in grids)
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
     sums = pixels * colours * ((plain + chained) * SUM[1] + MOVE * len(planes))
     sgd = slowness * pixels * frames * colours * SGD
-    views = slowness * frames * TRANSFORM * looks
+    look = slowness * frames * LOOKED * looks
     step = slowness * frames * STEP * TRANSFORM * padded
     return {
         "sgd": sgd,
-        "joint": sgd + views + STEPS["joint"] * step,
-        "views": views,
+        "joint": sgd + look + encoder.STEPS["joint"] * step,
+        "views": look,
         "light": sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance")),
-        "set": traversals * rays + slowness * SETS[-1] * (sums + TRANSFORM * looks),
+        "set": traversals * rays + slowness * SETS[-1] * (sums + LOOKED * looks),
         "step": step,
     }
+
+
+def phases_memory(survey: Survey) -> dict[str, float]:
+    """Bytes that encodings of a field take at most, with it, by name; see `phases`."""
+    pixels, frames, colours = _numbers(survey)
+    most, grids = encoder.MOST_BYTES, _grids(survey)
+    own = (8 + 4) * frames * pixels * colours
+    targets = [4 * grid * transforms(frames) * depths for grid, depths in grids]
+    transfers = [min(views.MOST_BYTES, 8 * grid * depths) for grid, depths in grids]
+    kept = [sum(each) for each in zip(targets, transfers, strict=True)]
+    grid = max(grid for grid, _ in grids)
+    steps = min(most, encoder.BYTES["together"] * frames * grid)
+    traced = CHUNK_BYTES + 2 * max(AT_ONCE, SETS[-1] * 8 * pixels * colours)
+    return {
+        "dpac": own + 8 * frames * pixels,
+        "sgd": own + min(most, encoder.BYTES["sgd"] * frames * pixels),
+        "joint": own + max(kept) + steps,
+        "refine": own + sum(kept) + max(steps, traced),
+    }
+
+
+def _grids(survey):
+    """Pixels of the padded grid on which phases are found, and depths at which they are looked at, by wavelength."""
+    hologram, farthest = survey.hologram, max(abs(survey.z_low), abs(survey.z_high))
+    size, volume, grids = (hologram.height, hologram.width), survey.z_high - survey.z_low, []
+    for wavelength in hologram.wavelengths:
+        depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
+        padded = padded_shape(size, hologram.pitch, wavelength, farthest, STRAYS)
+        grids.append((math.prod(padded), min(MOST_DEPTHS, max(2, depths))))
+    return grids
 
 
 def memory(

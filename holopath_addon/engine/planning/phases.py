@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..encoding.encoder import LEAST_STEPS as WORTH
 from ..encoding.encoder import TRACED
 from ..errors import InvalidInput
+from ..memory import shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
 from ..waves.phase_fields import SETS
@@ -41,6 +42,8 @@ class EncodingPlan:
     reason : str
     better : float or None
         Seconds that would show more; None where they hardly would.
+    memory_bytes : float
+        That it takes at most, with the field; 0 where nothing is foretold.
     """
 
     method: str
@@ -49,6 +52,7 @@ class EncodingPlan:
     seconds: float
     reason: str
     better: float | None = None
+    memory_bytes: float = 0.0
 
     @property
     def advice(self) -> str:
@@ -59,12 +63,18 @@ class EncodingPlan:
         return f"{_seconds(self.better)} of encoding would gain {gain}, as on the scenes measured."
 
     @property
+    def warnings(self) -> list[str]:
+        """What to know before it begins; see `memory.shortage`, which may raise."""
+        return shortage(self.memory_bytes, "This encoding")
+
+    @property
     def decision(self) -> Decision:
         """In words."""
         most = "" if self.steps else "up to "
         frames = f" towards {most}{self.frames} more frames" if self.frames else ""
         seconds = f", about {_seconds(self.seconds)}" if self.seconds else ""
-        return Decision("encoding", f"{self.method}{frames}{seconds}", self.reason)
+        memory = f", {self.memory_bytes / 1e6:.0f} MB" if self.memory_bytes else ""
+        return Decision("encoding", f"{self.method}{frames}{seconds}{memory}", self.reason)
 
     def to_dict(self) -> dict:
         """JSON-able form."""
@@ -98,6 +108,12 @@ def plan_encoding(
     """
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(ENCODINGS)}.")
+    chosen = _chosen(plan, settings, method, seconds)
+    return replace(chosen, memory_bytes=plan.phases_memory.get(chosen.method, 0.0))
+
+
+def _chosen(plan, settings, method, seconds):
+    """`plan_encoding` without the memory."""
     costs, own = plan.phases, settings.method not in BASELINES
     if method == "refine" and not own:
         raise InvalidInput(

@@ -133,6 +133,7 @@ def plan(
         chunk=chunk.value,
         stages=stages,
         phases=costs.phases(survey, planes.value, traversals, stages),
+        phases_memory=costs.phases_memory(survey),
         error=error,
         memory_bytes=memory,
         decisions=tuple(decision for choice in choices for decision in choice.decisions),
@@ -199,7 +200,9 @@ def _of_baseline(plan, settings, warnings):
     own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
     frames = Decision("frames", str(settings.frames), "as asked")
     decisions = plan.decisions[0], own, frames
-    return replace(plan, decisions=decisions, stages={}, phases={}, error=0.0, warnings=tuple(warnings))
+    return replace(
+        plan, decisions=decisions, stages={}, phases={}, phases_memory={}, error=0.0, warnings=tuple(warnings)
+    )
 
 
 def _depth(survey: Survey) -> Decided[None]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
+from ..memory import AT_ONCE
 from ..planning import planner
 from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from ..settings import Settings
 
 FRAMES = 8 * SETS[-1]  # of which a hologram's own are none
-MOST_BYTES = 1 << 28  # of fields that are traced at once, if that is no less than a set
 BAKED = 0.2  # of the work is done when light is baked
 LIT = {"radiance": 0.3, "waves": 1.0}
 
@@ -83,7 +83,7 @@ def many_frames(
     planned.bake(store, stage(progress, 0.0, BAKED))
     phasors = designed_phasors(count, seed=1)  # seed 0 has the hologram's own
     pixel_bytes = 8 * len(hologram.wavelengths)
-    batch = max(SETS[-1], MOST_BYTES // (hologram.height * hologram.width * pixel_bytes))
+    batch = max(SETS[-1], AT_ONCE // (hologram.height * hologram.width * pixel_bytes))
     batch = min(batch, at_once or batch)
     starts = range(0, count, math.ceil(count / math.ceil(count / batch)))
     groups = planned.groups

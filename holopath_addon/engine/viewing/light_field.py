@@ -42,12 +42,52 @@ def pupil_points(
     numpy.ndarray, shape (v, u, 2)
         Metres to the right and up of the axis; v runs down, as the rows of a picture do.
     """
-    radius = min(mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths)
-    centre = (0.0, 0.0) if pupil is None else (pupil.x, pupil.y)
-    half = (radius if pupil is None else min(radius, pupil.diameter / 2)) / np.sqrt(2)
+    centre, radius = _disc(hologram, mapping, pupil)
+    half = radius / np.sqrt(2)
     steps = np.linspace(-half, half, count) if count > 1 else np.zeros(1)
     u, v = np.meshgrid(centre[0] + steps, centre[1] - steps)
     return np.stack([u, v], axis=-1)
+
+
+def pupil_row(
+    count: int, hologram: Hologram, mapping: DepthMapping, pupil: Pupil | None = None
+) -> np.ndarray:
+    """Points from the left of the pupil to its right, in the middle of even parts; parameters as of `pupil_points`.
+
+    Returns
+    -------
+    numpy.ndarray, shape (count, 2)
+    """
+    (x, y), radius = _disc(hologram, mapping, pupil)
+    steps = radius * ((2 * np.arange(count) + 1) / count - 1)
+    return np.stack([x + steps, np.full(count, y)], axis=-1)
+
+
+def _disc(hologram, mapping, pupil):
+    """Middle and radius of what is looked through."""
+    radius = min(mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths)
+    if pupil is None:
+        return (0.0, 0.0), radius
+    return (pupil.x, pupil.y), min(radius, pupil.diameter / 2)
+
+
+def quilt(views: np.ndarray, columns: int) -> np.ndarray:
+    """All views in one picture, as Looking Glass displays read it: in rows from the lower left one, upwards.
+
+    Parameters
+    ----------
+    views : numpy.ndarray, shape (view, y, x, ...)
+        From the leftmost to the rightmost, as many as fill the rows.
+    columns : int
+        Views in a row.
+
+    Returns
+    -------
+    numpy.ndarray, shape (rows * y, columns * x, ...)
+    """
+    _, height, width, *channels = views.shape
+    rows = views.reshape(-1, columns, height, width, *channels)[::-1]
+    return rows.swapaxes(1, 2).reshape(-1, columns * width, *channels)
 
 
 def pinhole_pictures(
@@ -59,10 +99,11 @@ def pinhole_pictures(
     max_depth: int = 8,
     seed: int = 0,
     progress: Progress | None = None,
+    focus: float | None = None,
 ) -> np.ndarray:
     """Pictures through points of the pupil, by Mitsuba's path tracer.
 
-    All look in the same direction: seen from X metres to the right, a thing at depth D lies
+    Without a focus all look in the same direction: seen from X metres to the right, a thing at depth D lies
     X width / (2 D tan(fov_x / 2)) pixels to the left of where the camera sees it.
 
     Parameters
@@ -77,6 +118,8 @@ def pinhole_pictures(
         As of `Settings`.
     progress : callable, optional
         ``progress(done, message)``, may raise `Cancelled`.
+    focus : float, optional
+        World depth in metres at which all see the same. Default: infinity.
 
     Returns
     -------
@@ -93,7 +136,7 @@ def pinhole_pictures(
     pictures = np.empty((len(points), *reversed(size), len(channels)), np.float32)
     steps = -(-spp // AT_ONCE)
     for k, point in enumerate(points):
-        preview.look(camera, *size, centre=tuple(point))
+        preview.look(camera, *size, focus, centre=tuple(point))
         for step in range(steps):
             done = (k * steps + step) / (len(points) * steps)
             light = preview.refine(AT_ONCE, lambda part, message, done=done: progress(done, "Views"))

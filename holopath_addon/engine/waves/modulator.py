@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass
 
@@ -99,40 +100,87 @@ class Modulator:
         return light
 
 
-def even_levels(bits: int) -> np.ndarray:
-    """Phases of 2^bits even steps of a whole turn, radians."""
-    return np.arange(2**bits) * (2 * math.pi / 2**bits)
-
-
-def nearest(phases: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest of some levels, around the circle.
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Phases that the pixels of an SLM can have, where they are few.
 
     Parameters
     ----------
-    phases : numpy.ndarray, float
-        Radians, of any turn.
-    levels : numpy.ndarray, shape (n,)
-        Radians in [0, 2 pi), rising.
+    phases : array_like
+        Radians, two or more different ones, in any order and of any turn; kept in [0, 2 pi), rising.
+    correction : array_like, shape (y, x), optional
+        Radians that are added at each pixel before its level is found, as for a panel that is not flat: what a pixel
+        shows is one of `phases` less its correction.
 
-    Returns
-    -------
-    levels, gaps : numpy.ndarray
-        Radians, as `phases` by shape and type: the level, in the turn of the phase; and how far the levels on both
-        sides of the phase are from each other.
+    Raises
+    ------
+    InvalidInput
     """
-    turn = 2 * math.pi
-    ring = np.concatenate([[levels[-1] - turn], levels, [levels[0] + turn]])
-    begun = np.floor(phases / turn) * turn
-    within = phases - begun
-    above = np.clip(np.searchsorted(ring, within), 1, len(ring) - 1)
-    low, high = ring[above - 1], ring[above]
-    level = np.where(within - low <= high - within, low, high) + begun
-    return level.astype(phases.dtype), (high - low).astype(phases.dtype)
+
+    phases: np.ndarray
+    correction: np.ndarray | None = None
+
+    def __post_init__(self):
+        phases = np.unique(np.mod(np.asarray(self.phases, float).ravel(), 2 * math.pi))
+        if len(phases) < 2 or not np.isfinite(phases).all():
+            raise InvalidInput("Levels of an SLM are two or more different phases in radians.")
+        object.__setattr__(self, "phases", phases)
+        if self.correction is not None:
+            correction = np.mod(np.asarray(self.correction, float), 2 * math.pi)
+            object.__setattr__(self, "correction", correction.astype(np.float32))
+
+    @classmethod
+    def even(cls, bits: int) -> Levels:
+        """Even steps of a whole turn, 2^bits of them."""
+        return cls(np.arange(2**bits) * (2 * math.pi / 2**bits))
+
+    def __len__(self) -> int:
+        return len(self.phases)
+
+    def nearest(self, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What pixels can show that is nearest to phases, around the circle.
+
+        Parameters
+        ----------
+        phases : numpy.ndarray, float
+            Radians, of any turn; where there is a correction, of as many pixels.
+
+        Returns
+        -------
+        shown, gaps : numpy.ndarray
+            Radians, as `phases` by shape and type: what is shown, in the turn of the phase; and how far the levels on
+            both sides of it are from each other.
+        """
+        turn, correction = 2 * math.pi, 0
+        if self.correction is not None:
+            correction = self.correction.reshape(phases.shape)
+        ring = np.concatenate([[self.phases[-1] - turn], self.phases, [self.phases[0] + turn]])
+        wanted = phases + correction
+        begun = np.floor(wanted / turn) * turn
+        within = wanted - begun
+        above = np.clip(np.searchsorted(ring, within), 1, len(ring) - 1)
+        low, high = ring[above - 1], ring[above]
+        level = np.where(within - low <= high - within, low, high) + begun - correction
+        return level.astype(phases.dtype), (high - low).astype(phases.dtype)
+
+    def to_dict(self) -> dict:
+        """JSON-able form; of the correction its SHA-256."""
+        correction = (
+            None if self.correction is None else hashlib.sha256(self.correction.tobytes()).hexdigest()
+        )
+        return {"phases": self.phases.tolist(), "correction": correction}
+
+    @property
+    def widest_gap(self) -> float:
+        """Radians between those neighbors that are farthest apart, around the circle."""
+        return float(np.diff(self.phases, append=self.phases[0] + 2 * math.pi).max())
 
 
-def widest_gap(levels: np.ndarray) -> float:
-    """Radians between those neighbors that are farthest apart, around the circle; levels as of `nearest`."""
-    return float(np.diff(levels, append=levels[0] + 2 * math.pi).max())
+def wrapped(phases: np.ndarray) -> np.ndarray:
+    """Phases in [0, 2 pi), float32."""
+    turn = np.float32(2 * math.pi)
+    phases = np.mod(phases, 2 * math.pi).astype(np.float32)
+    return np.where(phases < turn, phases, np.float32(0))  # the largest float below a turn is rounded to it
 
 
 def grey_levels(phases: np.ndarray, bits: int = 8) -> np.ndarray:

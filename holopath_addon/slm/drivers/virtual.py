@@ -35,6 +35,8 @@ class VirtualDriver:
         panel what `Calibration.correction` would make flat. Default: even steps of one turn on the hologram's pixels.
     modulator : engine.Modulator, optional
         Fill factor, unmodulated light and crosstalk. Default: none.
+    packing : str
+        Of the pictures that it is sent.
     order : str
         Of the channels, see `sequence.pack`.
 
@@ -49,10 +51,11 @@ class VirtualDriver:
         hologram: PhaseHologram,
         truth: Calibration | None = None,
         modulator: Modulator | None = None,
+        packing: str = "time",
         order: str = "RGB",
     ) -> None:
         self._hologram, self._truth = hologram, truth or Calibration()
-        self._modulator, self._order = modulator or Modulator(), order
+        self._modulator, self._packing, self._order = modulator or Modulator(), packing, order
         if self._modulator.bits is not None or self._modulator.response is not None:
             raise InvalidInput("The bits and the response of a virtual SLM are its calibration's.")
         self._levels = {}  # by frame and wavelength
@@ -60,20 +63,29 @@ class VirtualDriver:
         volume = hologram.hologram
         self.focus_at((volume.depth_far + volume.depth_near) / 2)
         width, height = self._truth.size or (volume.width, volume.height)
-        self.info = Info("virtual", width, height, self._truth.bits, channels=3, note="a simulated bench")
+        columns, rows = PACKINGS[packing].grid
+        bits = self._truth.bits
+        self.info = Info(
+            "virtual", width * columns, height * rows, bits, channels=3, note="a simulated bench"
+        )
 
     def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Nothing is to be opened; see `Driver`."""
 
     def show(self, number: int, picture: Picture) -> None:
         """Show a picture: the camera sees it until its parts are shown anew, and averages what it sees."""
-        (packing,) = (name for name, each in PACKINGS.items() if each.each == len(picture.parts))
-        levels = unpack(picture.pixels, packing, self._order)
-        if levels[0].shape != (self.info.height, self.info.width):
+        shape = picture.pixels.shape
+        if shape[:2] != (self.info.height, self.info.width):
             raise InvalidInput(
-                f"The picture has {levels[0].shape[1]} x {levels[0].shape[0]} pixels, the virtual SLM "
+                f"The picture has {shape[1]} x {shape[0]} pixels, the virtual SLM "
                 f"{self.info.width} x {self.info.height}."
             )
+        if len(picture.parts) != PACKINGS[self._packing].each:
+            raise InvalidInput(
+                f"The picture holds {len(picture.parts)} holograms, the virtual SLM is one for the packing "
+                f"{self._packing}: give it that of the pictures."
+            )
+        levels = unpack(picture.pixels, self._packing, self._order)
         for part, level in zip(picture.parts, levels, strict=True):
             self._levels[part] = level.copy()
 

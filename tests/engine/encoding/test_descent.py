@@ -85,10 +85,10 @@ def test_gradient_against_finite_differences(kind, threads):
     elif kind == "views":
         views = Views(fields.shape[-2:], PITCH, GREEN, -1e-3, 2e-3, 3, 0)
         chosen = [(numbers[-1], share) for numbers, share in zip(views.kinds, (0.5, 0.3, 0.2), strict=True)]
-        views.add(fields, threads)
+        views.add(fields)
 
         def gradient(light):
-            seen = descent.Seen(light, views, 1.0, threads)
+            seen = descent.Seen(light, views, 1.0)
             seen.gain = 1.3
             back = seen.gradient(light, chosen)
             return sum(share * seen.losses[n] for n, share in chosen), back, np.ones(len(light))
@@ -528,9 +528,9 @@ def test_views_are_those_of_a_field(monkeypatch):
     shape = 47, 63  # whose padded ones are alike
     field = wave_field(band_limited(shape, frames=3))
     views = Views(shape, PITCH, GREEN, 1e-3, 2e-3, frames=3, seed=3)
-    with Frames() as threads:
+    with Frames():
         for m in range(3):
-            views.add(field.data[m : m + 1, 0], threads)
+            views.add(field.data[m : m + 1, 0])
     seen = engine.reconstruct(field, [math.inf])[0, ..., 0]
     np.testing.assert_allclose(views.wanted[views.kinds[0][0]], seen, atol=3e-3 * seen.max())
     for numbers, apart in zip(views.kinds[1:], (2, 4), strict=True):

@@ -7,10 +7,11 @@ import pytest
 from holopath_addon import engine
 
 COSTS = {"sgd": 1.0, "joint": 8.0, "views": 0.1, "light": 2.0, "set": 1.0, "step": 0.1}
+MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 
 
 def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, **settings):
-    plan = SimpleNamespace(phases=costs, traversals=traversals)
+    plan = SimpleNamespace(phases=costs, phases_memory=MEMORY, traversals=traversals)
     return engine.plan_encoding(plan, engine.Settings(**settings), encoding, seconds)
 
 
@@ -57,11 +58,11 @@ def test_without_a_limit():
     assert (
         chosen("refine").steps == 400 and chosen("refine", seconds=0.1).frames == 24
     )  # as asked, however short
-    assert str(chosen("joint").decision) == "encoding: joint, about 8.0 s (as asked)"
+    assert str(chosen("joint").decision) == "encoding: joint, about 8.0 s, 90 MB (as asked)"
 
 
 def test_methods_without_more_frames():
-    baseline = SimpleNamespace(phases={}), engine.Settings(method="rgbd")
+    baseline = SimpleNamespace(phases={}, phases_memory={}), engine.Settings(method="rgbd")
     for seconds in (None, 100):
         found = engine.plan_encoding(*baseline, "auto", seconds)
         assert found.method == "joint" and not found.frames
@@ -71,12 +72,26 @@ def test_methods_without_more_frames():
         chosen("best")
 
 
+def test_memory_that_is_short_is_told(monkeypatch):
+    from holopath_addon.engine import memory
+
+    found = chosen("refine")
+    assert found.memory_bytes == MEMORY["refine"] and not found.warnings and not chosen("dpac").memory_bytes
+    monkeypatch.setattr(memory, "available", lambda: 100e6)
+    assert "This encoding needs about" in found.warnings[0] and not chosen("joint").warnings
+    monkeypatch.setattr(memory, "installed", lambda: 100e6)
+    with pytest.raises(engine.InvalidInput, match="This encoding needs about .* this machine has"):
+        _ = found.warnings
+
+
 def test_costs_of_a_real_plan(build, camera, small):
     """More frames and colors take as many times longer, and each part has its share."""
-    one, many = (
-        engine.plan(build.two_planes(build.diffuse), camera, small, engine.Settings(frames=n)).phases
-        for n in (2, 8)
-    )
+    plans = [
+        engine.plan(build.two_planes(build.diffuse), camera, small, engine.Settings(frames=n)) for n in (2, 8)
+    ]
+    one, many = (plan.phases for plan in plans)
+    bytes_of = [plan.phases_memory for plan in plans]
+    assert all(0 < few <= more for few, more in zip(*(each.values() for each in bytes_of), strict=True))
     assert set(one) == set(COSTS) and min(one.values()) > 0
     for name in ("sgd", "joint", "step"):
         assert many[name] == pytest.approx(4 * one[name])
