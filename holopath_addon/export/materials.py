@@ -579,7 +579,7 @@ class _ShaderReader:
                 self._emission_pressing = True
                 colour = self._textures.mean_colour(colour)
             return replace(strength, grey=True).scaled(colour)
-        strength = self._grey(strength)
+        strength = float(np.dot(strength, LUMINANCE) if np.ndim(strength) else strength)
         if strength == 0:
             return None
         if strength < 0:
