@@ -189,6 +189,11 @@ class Calibration:
             _check_wavelength(self.correction_wavelength)
             object.__setattr__(self, "correction", correction)
 
+    @property
+    def plain(self) -> bool:
+        """Whether levels are shown where and as they are found: not mirrored, moved or corrected."""
+        return not (self.flip_x or self.flip_y or any(self.shift)) and self.correction is None
+
     def response(self, wavelength: float) -> Response:
         """The `Response` that was measured nearest to a wavelength."""
         if not self.responses:

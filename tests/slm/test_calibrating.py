@@ -213,6 +213,15 @@ def test_refusals(words, sentence, tmp_path, monkeypatch, capsys):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_device_that_turns_its_pictures_is_refused(tmp_path, capsys):
+    """Its file stays as it is."""
+    slm.Calibration(flip_x=True).save(tmp_path / "my.json")
+    before = (tmp_path / "my.json").read_bytes()
+    assert cli.main([*WORDS, "--out", str(tmp_path / "my.json")]) == 2
+    assert "name another file" in capsys.readouterr().err
+    assert (tmp_path / "my.json").read_bytes() == before
+
+
 def test_a_camera_that_sees_nothing_is_refused(monkeypatch):
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
     with pytest.raises(engine.InvalidInput, match="explains only"):
