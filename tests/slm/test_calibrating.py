@@ -64,7 +64,7 @@ def test_what_is_off_a_little_is_found():
     assert left.max() < 0.02, {rows[n].name: left[n] for n in np.argsort(-left)[:5]}
 
 
-@pytest.mark.slow
+@pytest.mark.dense  # minutes for each
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_off_in_everything_is_found(seed):
     """Each parameter within 2 % of its range, from 64 captures of 8 bits with noise; the bandwidth is known worse."""
