@@ -383,11 +383,7 @@ class _Work:
     def joint(self):
         """All frames together, towards their own mean."""
         for number, colour in enumerate(self.colours):
-            views = self._views(colour)
-            if self._worth(views, number):
-                self._progress(self._at(SHARE["joint"], number), "Views of the field")
-                self._add_own(views, colour)
-                self._towards(views, colour, SHARE["joint"], number)
+            self._towards(self._views(colour), colour, SHARE["joint"], number)
 
     def refine(self):
         """All frames together, towards the mean of them and many more."""
@@ -409,10 +405,7 @@ class _Work:
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
-            views = wanted.pop(colour)
-            self._add_own(views, colour)
-            views.unvignette()
-            self._towards(views, colour, TRACED, number)
+            self._towards(wanted.pop(colour), colour, TRACED, number)
 
     def _views(self, colour):
         """What all frames together go towards in one wavelength, before frames are counted."""
@@ -431,16 +424,19 @@ class _Work:
         least = (3 * views.transforms + LEAST_STEPS * STEP) * transform
         return least < self._left(1) / (len(self.colours) - number)
 
-    def _add_own(self, views, colour):
-        """Count the field's own frames."""
+    def _towards(self, views, colour, begun, number):
+        """Bring phases of one wavelength to views, of which its own frames are some; wavelengths share the time left.
+
+        Nothing is done where nothing of it can be seen, or the time is too short.
+        """
+        if not self.gains[colour] or not self._worth(views, number):
+            return
+        self._progress(self._at(begun, number), "Views of the field")
         for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
             views.add(self._fields(group, colour))
-
-    def _towards(self, views, colour, begun, number):
-        """Bring phases of one wavelength, by its number, to views; wavelengths share what is left of the time."""
-        if not self.gains[colour]:  # nothing of it can be seen
-            return
         method, gains = self._asked.method, []
+        if method == "refine":
+            views.unvignette()
         effort = replace(self._asked.effort, most_steps=self._asked.together)
         groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["together"])
         left = len(groups) * (len(self.colours) - number)
