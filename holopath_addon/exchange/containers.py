@@ -24,6 +24,7 @@ from ..engine.scene import variants
 
 Attributes = dict[str, Any]
 NOTES = "attributes"  # name of what holds them where a kind of file has arrays alone
+PATIENCE, SLOWEST = 30.0, 1e6  # seconds, and bytes a second, after which HDF5's library goes round in circles
 USER_BLOCK = 512  # bytes before the HDF5 of a MATLAB file
 _MATLAB = {"f4": "single", "f8": "double", "c8": "single", "u1": "uint8", "u2": "uint16"}
 PICKLED = (".pt", ".pth", ".pkl", ".pickle")
@@ -121,15 +122,19 @@ def _hdf5(path):
     _needed("h5py", "exchange")
     reader = Path(__file__).with_name("hdf5_reader.py")
     with tempfile.TemporaryDirectory(prefix="holopath-") as folder:
-        process = subprocess.run(
-            [sys.executable, str(reader), str(path), folder],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
-        )
+        try:
+            process = subprocess.run(
+                [sys.executable, str(reader), str(path), folder],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                check=False,
+                timeout=PATIENCE + path.stat().st_size / SLOWEST,
+            )
+        except subprocess.TimeoutExpired:
+            raise ValueError("it is damaged: reading it does not end") from None
         if process.returncode:
             said = process.stderr.splitlines()[-1:] if process.returncode > 0 else []
             raise ValueError(*said or ("it is damaged",))

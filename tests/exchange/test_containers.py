@@ -98,9 +98,22 @@ def test_damaged_files_are_refused_in_a_sentence(suffix, tmp_path):
     damage(suffix, DAMAGED[suffix], 0, tmp_path)
 
 
+def test_a_file_that_is_never_read_to_its_end(tmp_path, monkeypatch):
+    """As some damaged ones: the library goes round in circles."""
+    from holopath_addon.exchange import containers
+
+    (tmp_path / "hdf5_reader.py").write_text("while True: pass")
+    monkeypatch.setattr(containers, "__file__", str(tmp_path / "containers.py"))
+    monkeypatch.setattr(containers, "PATIENCE", 0.5)
+    exchange.write(tmp_path / "a.h5", exchange.container_of(fields.field()))
+    with pytest.raises(InvalidInput, match="a.h5.*does not end"):
+        exchange.read(tmp_path / "a.h5")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".h5", ".mat"])
-def test_many_damaged_files(suffix, tmp_path):
+def test_many_damaged_files(suffix, tmp_path, monkeypatch):
+    monkeypatch.setattr("holopath_addon.exchange.containers.PATIENCE", 5.0)
     damage(suffix, 500, 1, tmp_path)
 
 
