@@ -255,16 +255,16 @@ def test_an_even_field_needs_no_step():
     assert np.isfinite(phase.data).all()
 
 
-@pytest.mark.parametrize(("method", "steps", "darker"), [("sgd", 60, 100), ("joint", 300, 50)])
-def test_a_single_bright_pixel(method, steps, darker):
-    """A point of light is where it was, and the rest is dark beside it; all views are dark together less easily."""
+@pytest.mark.parametrize(("method", "steps"), [("sgd", 60), ("joint", 300)])
+def test_a_single_bright_pixel(method, steps):
+    """A point of light is where it was, and the rest is dark beside it; all views take more steps."""
     data = np.zeros((2, 1, 48, 48), complex)
     data[:, 0, 20, 30] = 1
     field = wave_field(data, depth_far=-1e-6, depth_near=1e-6)
     phase = engine.encode(field, method, most_steps=steps)
     image = engine.reconstruct(phase.field(), [1.0])[0, ..., 0]
     assert np.unravel_index(image.argmax(), image.shape) == (20, 30)
-    assert image[20, 30] > darker * np.median(image)
+    assert image[20, 30] > 100 * np.median(image)
 
 
 def test_what_does_not_fit():
