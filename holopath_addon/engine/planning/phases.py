@@ -127,6 +127,9 @@ def _chosen(plan, settings, method, seconds):
     if not own:
         reason = "other people's methods have no more frames to go towards"
         return EncodingPlan(plain, 0, 0, seconds or 0.0, reason)
+    if not several and method == "auto":
+        reason = "one frame keeps its speckle, whatever it goes towards"
+        return EncodingPlan("sgd", 0, 0, _limited(costs["sgd"], seconds), reason)
     if seconds is not None:
         sets = _sets(costs, seconds)
         if sets or method == "refine":
@@ -139,10 +142,6 @@ def _chosen(plan, settings, method, seconds):
         better = _upwards(_refining(costs, *ENOUGH))
         return EncodingPlan(plain, 0, 0, _limited(costs[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
-    if not several and not most:
-        return EncodingPlan(
-            "sgd", 0, 0, costs["sgd"], "one frame keeps its speckle, whatever it goes towards"
-        )
     sets, steps = ALL if most else ENOUGH
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most else _upwards(_refining(costs, *ALL))
