@@ -28,6 +28,7 @@ NAMED = {
     "farm": ("farm.run", False),
     "foretold": ("foretold.run", False),
     "full_hd": ("full_hd.run", False),
+    "hsplat": ("hsplat.run", False),
     "refinement": ("refinement.run", False),
     "slm": ("slm.run", False),
     "stability": ("stability.report.run", True),

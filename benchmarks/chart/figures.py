@@ -3,12 +3,9 @@
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.viewing.metrics import squared_error
+from holopath_addon.engine.viewing.metrics import speckle_contrast, squared_error
 
 from .looks import HEADLINE, PUPILS, border_of
-
-LIT = 0.05  # of the bright parts: less is not compared for speckle
-PATCH = 16  # pixels along the side of speckle's patches
 
 
 def figures(pictures, truth, hologram):
@@ -41,7 +38,7 @@ def figures(pictures, truth, hologram):
         "ssim_worst": min(ssim),
         "pictures": each,
         "psnr_defocus": _defocus(pictures, truth, border),
-        "speckle": speckle(pictures[middle], truth["pictures"][middle].mean(0), border),
+        "speckle": speckle_contrast(pictures[middle], truth["pictures"][middle].mean(0), border),
     }
 
 
@@ -55,25 +52,3 @@ def _defocus(pictures, truth, border):
         squares.append(errors[blurred[inner, inner]].ravel())
     squares = np.concatenate(squares)
     return float(-10 * np.log10(max(squares.mean(), 1e-12))) if squares.size else None
-
-
-def speckle(picture, truth, border):
-    """Speckle contrast: deviation over mean of picture / truth in patches, lit pixels only; their median.
-
-    Patches that are mostly dark do not count; None where all are.
-    """
-    inner = slice(border, -border or None)
-    picture, truth = (np.asarray(p[inner, inner], np.float64) for p in (picture, truth))
-    rows, columns = (n // PATCH * PATCH for n in truth.shape[:2])
-
-    def patches(values):
-        parts = values[:rows, :columns].reshape(rows // PATCH, PATCH, columns // PATCH, PATCH, -1)
-        return parts.transpose(0, 2, 4, 1, 3).reshape(-1, PATCH * PATCH)
-
-    picture, truth = patches(picture), patches(truth)
-    lit = truth > LIT * np.percentile(truth, 95) if truth.size else np.zeros(truth.shape, bool)
-    mostly = lit.mean(1) > 0.5 if len(lit) else np.zeros(0, bool)
-    if not mostly.any():
-        return None
-    ratio = np.where(lit, picture / np.where(lit, truth, 1), np.nan)[mostly]
-    return float(np.median(np.nanstd(ratio, 1) / np.nanmean(ratio, 1)))

@@ -153,12 +153,25 @@ def add_scene(parser, store):
         metavar="LEFT,UP",
         help="then turn it, degrees",
     )
-    add(
+    add_at_frame(parser)
+
+
+def add_at_frame(parser):
+    parser.add_argument(
         "--at-frame",
         type=argument(_one_frame),
         metavar="N",
         help="frame of a Blender scene (default: the file's current one)",
     )
+
+
+def to_frame(args, source):
+    """Make the frame that the words ask for the current one."""
+    if args.at_frame is None:
+        return
+    if not isinstance(source, sources.BlenderSource):
+        raise engine.InvalidInput(f"{args.scene} has no frames: leave out --at-frame.")
+    source.go_to(args.at_frame)
 
 
 def add_encoding(parser):
@@ -320,10 +333,7 @@ def pupil_of(args):
 
 def load(args, source):
     """Scene in its current frame, hologram and settings that the words ask for."""
-    if args.at_frame is not None:
-        if not isinstance(source, sources.BlenderSource):
-            raise engine.InvalidInput(f"{args.scene} has no frames: leave out --at-frame.")
-        source.go_to(args.at_frame)
+    to_frame(args, source)
     hologram, settings = (
         hologram_of(args, source.hologram),
         options.asked(args, source.settings),

@@ -1,28 +1,24 @@
 """`holopath report`: what a viewer gets of a stored hologram, as one page and a table."""
 
-import base64
-import csv
 import html
-import io
 import math
 from pathlib import Path
 
 import numpy as np
 
 from .. import engine, output
-from ..engine.progress import parts
+from ..engine.progress import parts, stage
 from ..engine.viewing import assessment
+from ..engine.viewing.metrics import speckle_contrast
 from ..engine.viewing.reconstruction import Refocuser
+from . import options, render_command, sources
 from .console import Progress
+from .report_page import focus_curves, named, picture, table, value_map, write
 
 FOCI, POSITIONS, SHARE, VIEWS, SLICE = 13, 5, 0.5, 9, 0.25
-STYLE = """
-body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}
-h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.5rem}figure{margin:1rem 0;overflow-x:auto}
-figcaption,small{color:#555}img{image-rendering:pixelated;max-width:100%}
-table{border-collapse:collapse}td,th{padding:.3rem .6rem;text-align:right;font-variant-numeric:tabular-nums}
-.pictures{display:flex;flex-wrap:wrap;gap:.5rem}.pictures figure{flex:1 1 14rem;margin:0}.pictures img{width:100%}
-"""
+COMPARED = slice(None, None, 2)  # of the foci, beside path tracing
+SIZES = (1.0, 0.5, 0.25, 0.125)  # of the pupil's diameter
+PATHS = 64  # a pixel and color, of a path-traced picture
 
 
 def add(command):
@@ -34,6 +30,25 @@ def add(command):
     report.add_argument(
         "--out", metavar="FILE", help="page (default DIR/report.html); its table lies beside it, as .csv"
     )
+    report.add_argument(
+        "--scene",
+        metavar="SCENE",
+        help="that it is of: also compare with path-traced pictures, over focus and over the pupil",
+    )
+    render_command.add_at_frame(report)
+    report.add_argument(
+        "--paths",
+        type=options.argument(_paths),
+        default=PATHS,
+        metavar="N",
+        help=f"a pixel and color of these pictures (default {PATHS})",
+    )
+
+
+def _paths(text):
+    if not text.isdigit() or not 2 <= int(text) <= 1 << 16:
+        raise engine.InvalidInput(f"A path-traced picture has 2 to 65536 paths a pixel, not {text}")
+    return int(text)
 
 
 def _report(args):
@@ -44,16 +59,22 @@ def _report(args):
     phase = output.stored_hologram(folder) if (folder / "hologram").is_dir() else None
     lone = phase is not None and not (folder / "wavefield").is_dir()
     field = phase.field() if lone else output.stored_field(folder)
+    truth = _truth(args, field)
+    stored = stage(progress, 0.0, 0.2) if truth else progress
+    focusing, looking, moving, encoding = parts(stored, 4)
     rows, sections, depths = [], [], _depths(field)
     refocus, middle = Refocuser(field), depths[FOCI // 2]
-    focusing, looking, moving, comparing = parts(progress, 4)
     images = refocus(depths, progress=focusing)
     rows += _focus(sections, field, depths, images)
     rows += _eyebox(sections, refocus, middle, images[FOCI // 2], looking)
-    _parallax(sections, refocus, middle, moving)
+    seen, lines = _parallax(sections, refocus, middle, moving)
     if phase is not None:
-        rows += _phases(sections, phase, None if lone else refocus, middle, comparing)
-    _write(page, folder, field, sections, rows)
+        rows += _phases(sections, phase, None if lone else refocus, middle, encoding)
+    if truth:
+        rows += _beside_paths(
+            sections, truth, refocus, depths, images, seen, lines, stage(progress, 0.2, 1.0)
+        )
+    write(page, folder, field, sections, rows)
     progress(1.0, f"Done: {page}")
 
 
@@ -69,16 +90,16 @@ def _focus(sections, field, depths, images):
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
     white = output.exposure(rgb)
     chosen = (0, FOCI // 2, FOCI - 1)
-    pictures = "".join(_picture(rgb[n], white, f"Focus at {_named(depths[n])}") for n in chosen)
+    pictures = "".join(picture(rgb[n], white, f"Focus at {named(depths[n])}") for n in chosen)
     curves = assessment.sharpness(images)
     sections.append(("Pictures", f'<div class="pictures">{pictures}</div>'))
     text = (
         "<p>Sharpness of nine parts of the picture over the distance of focus. Each has its peak where its surfaces "
         "lie.</p>"
     )
-    sections.append(("Focus", text + _curves(depths, curves.reshape(len(depths), -1))))
+    sections.append(("Focus", text + focus_curves(depths, curves.reshape(len(depths), -1))))
     return [
-        ("sharpness", f"focus {_named(depth)}, row {row + 1}, column {column + 1}", curves[n, row, column])
+        ("sharpness", f"focus {named(depth)}, row {row + 1}, column {column + 1}", curves[n, row, column])
         for n, depth in enumerate(depths)
         for row in range(assessment.PATCHES)
         for column in range(assessment.PATCHES)
@@ -98,13 +119,14 @@ def _eyebox(sections, refocus, focus, whole, progress):
     radius = assessment.pupil_radius(field)
     text = (
         f"<p>The pupil that all colors fill is {2e3 * radius:.3g} mm wide. How bright is the picture for an eye whose "
-        f"pupil has half of that, wherever it is? 1 is an even eyebox.</p>{_map(found, '{:.2f}')}"
+        f"pupil has half of that, wherever it is? 1 is an even eyebox.</p>{value_map(found, '{:.2f}')}"
     )
     sections.append(("Eyebox", text))
     return _of_map("eyebox brightness", grid, found)
 
 
 def _parallax(sections, refocus, focus, progress):
+    """The pupils of the slice, too, and the slice."""
     field = refocus.field
     reach = assessment.pupil_radius(field) * (1 - SLICE)
     seen = [
@@ -113,13 +135,18 @@ def _parallax(sections, refocus, focus, progress):
     ]
     progress(0.0, "Parallax")
     lines = assessment.slices(refocus, focus, seen, field.hologram.height // 2)
-    picture = np.repeat(lines, 12, axis=0)
     text = (
         f"The middle row of the picture, through a quarter of the pupil that goes from left to right, over "
-        f"{2e3 * reach:.3g} mm; focus at {_named(focus)}. What stands still lies at the focus; what leans lies before "
+        f"{2e3 * reach:.3g} mm; focus at {named(focus)}. What stands still lies at the focus; what leans lies before "
         "it or behind it."
     )
-    sections.append(("Parallax", _picture(picture, output.exposure(lines), text)))
+    sections.append(("Parallax", picture(_tall(lines), output.exposure(lines), text)))
+    return seen, lines
+
+
+def _tall(lines):
+    """A slice high enough to look at."""
+    return np.repeat(lines, 12, axis=0)
 
 
 def _phases(sections, phase, refocus, focus, progress):
@@ -146,11 +173,95 @@ def _phases(sections, phase, refocus, focus, progress):
         (middle,) = assessment.loss(shown([focus]), refocus([focus]))
         text += (
             "<p>How near do pictures of the phases come to those of the complex field? "
-            f"{middle:.1f} dB through the whole pupil; through half of it, wherever it is:</p>{_map(found, '{:.1f}')}"
+            f"{middle:.1f} dB through the whole pupil; through half of it, wherever it is:</p>"
+            + value_map(found, "{:.1f}")
         )
         rows += [("phases, dB", "whole pupil", middle), *_of_map("phases, dB", grid, found)]
     sections.append((f"Phases ({html.escape(phase.method)})", text))
     return rows
+
+
+def _truth(args, field):
+    """`assessment.PathTraced` of the scene that the words name; None if they name none."""
+    if args.scene is None:
+        if args.at_frame is not None:
+            raise engine.InvalidInput("--at-frame is of the scene to compare with: name it with --scene.")
+        return None
+    source = sources.open_source(args.scene)
+    render_command.to_frame(args, source)
+    with sources.native_output_to_stderr():
+        scene = source.load(field.hologram.width, field.hologram.height).scene
+    return assessment.PathTraced(scene, field, args.paths, source.settings.max_depth)
+
+
+def _beside_paths(sections, truth, refocus, depths, images, seen, lines, progress):
+    """How near pictures come to path-traced ones: over focus, over the pupil, and the slice."""
+    focusing, looking, moving = parts(progress, 3)
+    focus = depths[FOCI // 2]
+    over_focus, rows = _foci_beside(truth, depths[COMPARED], images[COMPARED], focusing)
+    over_pupil, more = _pupils_beside(truth, refocus, focus, looking)
+    beside = _slices_beside(truth, focus, seen, lines, moving)
+    sections.append(("Beside Path Tracing", over_focus + over_pupil + beside))
+    return rows + more
+
+
+def _foci_beside(truth, depths, images, progress):
+    border, cells, rows = truth.border, [], []
+    for halves, depth, image in zip(truth(depths, None, progress), depths, images, strict=True):
+        nearness = engine.psnr(image, halves, border), engine.ssim(image, halves, border)
+        speckle = speckle_contrast(image, halves.mean(0), border)
+        cells.append(
+            (
+                named(depth),
+                f"{nearness[0]:.1f} dB",
+                f"{nearness[1]:.2f}",
+                "" if speckle is None else f"{speckle:.0%}",
+            )
+        )
+        found = [("PSNR, dB", nearness[0]), ("SSIM", nearness[1]), ("speckle", speckle)]
+        rows += [(what, f"focus {named(depth)}", value) for what, value in found if value is not None]
+    text = (
+        f"<p>How near does it come to Mitsuba's path tracer, {truth.paths} paths a pixel and color, through a lens as "
+        "wide as the pupil? Speckle is the deviation over the mean of both pictures' ratio in small patches. It holds "
+        "the path tracer's own noise, too, and PSNR and SSIM do not.</p>"
+    )
+    return text + table(("Focus", "PSNR", "SSIM", "Speckle"), cells), rows
+
+
+def _pupils_beside(truth, refocus, focus, progress):
+    field = refocus.field
+    grid, radius = assessment.pupils(field, SHARE, POSITIONS), assessment.pupil_radius(field)
+    sizes = [engine.Pupil(0.0, 0.0, 2 * size * radius) for size in SIZES]
+    chosen = [pupil for line in grid for pupil in line if pupil is not None] + sizes
+    found = {}
+    for pupil, told in zip(chosen, parts(progress, len(chosen)), strict=True):
+        (halves,) = truth([focus], pupil, told)
+        shown = assessment.even(field, refocus([focus], pupil)[0], pupil)
+        found[pupil] = engine.psnr(shown, halves, truth.border)
+    values = np.array([[math.nan if pupil is None else found[pupil] for pupil in line] for line in grid])
+    widths = [f"{1e3 * pupil.diameter:.3g} mm" for pupil in sizes]
+    cells = [(width, f"{found[pupil]:.1f} dB") for width, pupil in zip(widths, sizes, strict=True)]
+    text = (
+        f"<p>PSNR in dB through half of the pupil, wherever it is; focus at {named(focus)}:</p>"
+        f"{value_map(values, '{:.1f}')}<p>And through smaller and smaller pupils in the middle, where diffraction "
+        f"blurs, which the path tracer does not know:</p>{table(('Pupil', 'PSNR'), cells)}"
+    )
+    rows = [
+        ("PSNR, dB", f"pupil {width} wide", found[pupil]) for width, pupil in zip(widths, sizes, strict=True)
+    ]
+    return text, [*_of_map("PSNR, dB", grid, values), *rows]
+
+
+def _slices_beside(truth, focus, seen, lines, progress):
+    hologram, traced = truth.field.hologram, []
+    for pupil, told in zip(seen, parts(progress, len(seen)), strict=True):
+        (halves,) = truth([focus], pupil, told)
+        traced.append(engine.to_rgb(halves.mean(0), hologram.wavelengths)[hologram.height // 2])
+    traced = np.stack(traced)
+    both = np.concatenate([_tall(lines), _tall(traced * (lines.mean() / max(traced.mean(), 1e-30)))])
+    return picture(
+        both, output.exposure(lines), "Parallax as above, of the hologram; below, by the path tracer."
+    )
 
 
 def _of_map(what, grid, values):
@@ -160,75 +271,3 @@ def _of_map(what, grid, values):
         for column, pupil in enumerate(line)
         if pupil is not None
     ]
-
-
-def _named(depth):
-    return "infinity" if math.isinf(depth) else f"{depth:.3g} m"
-
-
-def _picture(rgb, white, text):
-    data, text = base64.b64encode(output.encode_png(rgb, white)).decode(), html.escape(text)
-    picture = f'<img alt="{text}" src="data:image/png;base64,{data}">'
-    return f"<figure>{picture}<figcaption>{text}</figcaption></figure>"
-
-
-def _map(values, form):
-    """A table whose cells are as dark as their values are low."""
-    known = values[np.isfinite(values)]
-    low, high = (known.min(), known.max()) if known.size else (0.0, 1.0)
-    lines = []
-    for row in values:
-        cells = []
-        for value in row:
-            if not math.isfinite(value):
-                cells.append("<td></td>")
-                continue
-            light = 55 + 40 * (value - low) / (high - low if high > low else 1)
-            cells.append(f'<td style="background:hsl(210 60% {light:.0f}%)">{form.format(value)}</td>')
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    return f"<figure><table>{''.join(lines)}</table></figure>"
-
-
-def _curves(depths, values):
-    """Lines over the distance, each of its own height: where its peak is counts."""
-    width, height = 720, 200
-    tops = np.maximum(values.max(0), 1e-30)
-    x = np.linspace(0, width, len(depths))
-    lines, key = [], []
-    for n, curve in enumerate((values / tops).T):
-        points = " ".join(f"{a:.1f},{height * (1 - b):.1f}" for a, b in zip(x, curve, strict=True))
-        color = f"hsl({360 * n / values.shape[1]:.0f} 65% 45%)"
-        lines.append(f'<polyline fill="none" stroke="{color}" stroke-width="2" points="{points}"/>')
-        row, column = divmod(n, assessment.PATCHES)  # the key is a small picture
-        where = f'x="{18 * column}" y="{14 * row - 50}" width="16" height="12"'
-        key.append(f'<rect {where} fill="{color}"/>')
-    words = "".join(
-        f'<text x="{a:.0f}" y="{height + 18}" font-size="12" text-anchor="{anchor}">{_named(depths[n])}</text>'
-        for n, a, anchor in ((0, 0, "start"), (len(depths) // 2, width / 2, "middle"), (-1, width, "end"))
-    )
-    box = f'viewBox="-5 -55 {width + 10} {height + 80}"'
-    drawn = "".join([*key, *lines])
-    return f'<figure><svg role="img" aria-label="Sharpness over focus" {box}>{drawn}{words}</svg></figure>'
-
-
-def _write(page, folder, field, sections, rows):
-    hologram = field.hologram
-    facts = (
-        f"{hologram.width} × {hologram.height} pixels of {hologram.pitch * 1e6:.4g} µm, "
-        f"{', '.join(f'{w * 1e9:.4g}' for w in hologram.wavelengths)} nm, {len(field.data)} frames"
-    )
-    body = "".join(f"<h2>{title}</h2>{text}" for title, text in sections)
-    name = html.escape(folder.resolve().name)
-    table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows([("what", "where", "value"), *rows])
-    text = (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f"<title>{name}</title><style>{STYLE}</style></head><body><h1>{name}</h1><p>{facts}</p>{body}"
-        f"<p><small>All figures: {html.escape(page.with_suffix('.csv').name)}</small></p></body></html>\n"
-    )
-    files = {
-        page.with_suffix(".csv").name: table.getvalue().encode(),
-        page.name: text.encode("ascii", "xmlcharrefreplace"),
-    }
-    output.write_pictures(page.parent, files)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.chart.figures import figures, speckle
+from benchmarks.chart.figures import figures
 from benchmarks.chart.looks import HEADLINE, PUPILS, border_of, diffracted, looks_of, pupil_of, seen
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
@@ -43,15 +43,6 @@ def test_depths_between_are_half_way_in_the_volume(hologram):
     z = mapping.depth_to_z([look.depth for look in looks_of(FOCI, hologram)[:5]])
     assert z[1] == pytest.approx(0.5 * (z[0] + z[2]))
     assert z[3] == pytest.approx(0.5 * (z[2] + z[4]))
-
-
-def test_speckle_of_so_many_independent_frames_is_known():
-    rng = np.random.default_rng(1)
-    truth = np.broadcast_to(np.linspace(0.5, 1, 128)[:, None, None], (128, 128, 3))
-    for frames in (1, 16):
-        picture = truth * rng.exponential(size=(frames, 128, 128, 3)).mean(0)
-        assert speckle(picture, truth, 0) == pytest.approx(1 / math.sqrt(frames), rel=0.05)
-    assert speckle(picture, 0 * truth, 0) is None
 
 
 def test_figures_of_pictures_with_known_errors(hologram):

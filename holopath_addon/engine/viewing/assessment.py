@@ -1,8 +1,9 @@
-"""What a viewer gets of a stored field: focus, the eyebox and its brightness, parallax, and what phases lose."""
+"""What a viewer gets of a stored field: focus, eyebox, parallax, loss by phases; and how near path tracing it is."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,15 +13,20 @@ from ..pupil import Pupil
 from ..waves.propagation import circular_band
 from .metrics import psnr
 from .reconstruction import to_rgb
+from .reference import reference
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
+
+    import mitsuba as mi
 
     from ..encoding.phase_hologram import PhaseHologram
+    from ..progress import Progress
     from ..wavefield import WaveField
     from .reconstruction import Refocuser
 
 PATCHES = 3  # across and down, each of which has a focus of its own
+SMALLEST = 12  # pixels a side that are compared at least, as many as the window of SSIM takes
 WITHIN = 1e-6  # of a pupil's radius that may lie beyond the light
 
 
@@ -83,6 +89,59 @@ def pupils(field: WaveField, share: float, count: int) -> list[list[Pupil | None
     ]
 
 
+def shares(field: WaveField, pupil: Pupil) -> np.ndarray:
+    """Of each wavelength's opening, how much a part of the pupil within the light is."""
+    hologram, mapping = field.hologram, field.mapping
+    radii = np.array([mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths])
+    return (pupil.diameter / 2 / radii) ** 2
+
+
+def even(field: WaveField, picture: np.ndarray, pupil: Pupil) -> np.ndarray:
+    """A picture [y, x, wavelength] through a part of the pupil, all wavelengths as bright as their opening.
+
+    Red fills a wider cone than blue, so that white is bluish through a part. A path-traced picture is a mean over what
+    is open, and knows no such thing.
+    """
+    return picture / shares(field, pupil)
+
+
+@dataclass(frozen=True)
+class PathTraced:
+    """Path-traced pictures of a field's view, in two halves of independent noise, see `reference`.
+
+    Attributes
+    ----------
+    scene : mitsuba.Scene
+        That the field is of.
+    field : WaveField
+    paths : int
+        A pixel and wavelength.
+    max_depth : int
+        As `Settings.max_depth`.
+    """
+
+    scene: mi.Scene
+    field: WaveField
+    paths: int
+    max_depth: int
+
+    def __call__(self, focus: Sequence[float], pupil: Pupil | None, progress: Progress) -> np.ndarray:
+        """Pictures at world depths, metres, through a part of the pupil: (focus, half, y, x, wavelength)."""
+        field = self.field
+        return reference(
+            self.scene, field.camera, field.hologram, focus, pupil, self.paths, field.near, self.max_depth, progress,
+            halves=True,
+        )  # fmt: skip
+
+    @property
+    def border(self) -> int:
+        """Pixels at each edge that lose light of the far end of the volume to the SLM's aperture."""
+        hologram = self.field.hologram
+        depth = max(abs(hologram.depth_far), abs(hologram.depth_near))
+        most = (min(hologram.width, hologram.height) - SMALLEST) // 2
+        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch), most))
+
+
 def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:
     """Of a picture through a part of the pupil, over what its share of each wavelength's opening would let through.
 
@@ -98,12 +157,7 @@ def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: 
     float
         1 for an eyebox that is evenly bright.
     """
-    hologram, mapping = field.hologram, field.mapping
-    shares = [
-        (pupil.diameter / 2 / mapping.pupil_radius(hologram.max_slope(each))) ** 2
-        for each in hologram.wavelengths
-    ]
-    expected = (whole.mean((0, 1)) * shares).sum()
+    expected = (whole.mean((0, 1)) * shares(field, pupil)).sum()
     return float(picture.mean((0, 1)).sum() / expected) if expected > 0 else 0.0
 
 

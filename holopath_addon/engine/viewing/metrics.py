@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import scipy.ndimage
 
+LIT = 0.05  # of the bright parts: less is not compared for speckle
+PATCH = 16  # pixels along the side of speckle's patches
+
 
 def display_values(
     image: np.ndarray, reference: np.ndarray, border: int = 0
@@ -157,3 +160,31 @@ def ssim(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
     )
     pad = 5  # half the window: where it sees only the picture
     return float(similarity[pad:-pad, pad:-pad].mean())
+
+
+def speckle_contrast(picture: np.ndarray, truth: np.ndarray, border: int = 0) -> float | None:
+    """Speckle contrast: deviation over mean of picture / truth in patches, lit pixels only; their median.
+
+    Patches that are mostly dark do not count; None where all are.
+
+    Parameters
+    ----------
+    picture, truth : numpy.ndarray, shape (y, x, channel)
+    border : int
+        Pixels left out on each side.
+    """
+    inner = slice(border, -border or None)
+    picture, truth = (np.asarray(p[inner, inner], np.float64) for p in (picture, truth))
+    rows, columns = (n // PATCH * PATCH for n in truth.shape[:2])
+
+    def patches(values):
+        parts = values[:rows, :columns].reshape(rows // PATCH, PATCH, columns // PATCH, PATCH, -1)
+        return parts.transpose(0, 2, 4, 1, 3).reshape(-1, PATCH * PATCH)
+
+    picture, truth = patches(picture), patches(truth)
+    lit = truth > LIT * np.percentile(truth, 95) if truth.size else np.zeros(truth.shape, bool)
+    mostly = lit.mean(1) > 0.5 if len(lit) else np.zeros(0, bool)
+    if not mostly.any():
+        return None
+    ratio = np.where(lit, picture / np.where(lit, truth, 1), np.nan)[mostly]
+    return float(np.median(np.nanstd(ratio, 1) / np.nanmean(ratio, 1)))

@@ -116,3 +116,12 @@ def test_ssim_agrees_with_scikit_image(pictures):
     )
     assert metrics.ssim(*pictures) == pytest.approx(truth, abs=1e-6)
     assert truth == pytest.approx(SSIM, abs=1e-9)
+
+
+def test_speckle_of_so_many_independent_frames_is_known():
+    rng = np.random.default_rng(1)
+    truth = np.broadcast_to(np.linspace(0.5, 1, 128)[:, None, None], (128, 128, 3))
+    for frames in (1, 16):
+        picture = truth * rng.exponential(size=(frames, 128, 128, 3)).mean(0)
+        assert metrics.speckle_contrast(picture, truth) == pytest.approx(frames**-0.5, rel=0.05)
+    assert metrics.speckle_contrast(picture, 0 * truth) is None
