@@ -1,23 +1,27 @@
 """Displays that are off in everything: how near each parameter is found, and what pictures gain by it.
 
 ``python -m benchmarks display_model [SEED..]``: a row for each random mis-setting (default 1 to 20), minutes each.
+``python -m benchmarks display_model tuned [SEED..]``: what a camera in the loop gains (default 1 to 3).
 """
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from holopath_addon import engine, slm
 from holopath_addon.engine.viewing import metrics
-from holopath_addon.slm.fitting import Setup, vector
+from holopath_addon.slm.fitting import Setup, parameters, vector
 
 SIDE, PITCH, GREEN, FOCI, VIEW = 40, 8e-6, 520e-9, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)
-MIDDLE = 4.5e-3  # where pictures are compared
+MIDDLE, BETWEEN = 4.5e-3, 3.2e-3  # where pictures are compared
 FRAMES = 8
 
 
 def run(*seeds):
     """Table of seeds; worst parameters in percent of their range, PSNR of pictures on the bench in dB."""
+    if seeds[:1] == ("tuned",):
+        return _tuned(seeds[1:] or range(1, 4))
     lines = [
         "seed  seconds  worst parameters                                        uncalibrated  fitted  known"
     ]
@@ -44,6 +48,38 @@ def _row(seed):
     return f"{seed:4}  {seconds:7.0f}  {worst:<60}  {decibels}"
 
 
+def _tuned(seeds):
+    """PSNR on the bench at a focus of the camera and between two, before and after, by models that know more and less."""
+    lines, window = (
+        ["| seed | model | 4.5 mm, before | after | 3.2 mm, before | after |", "|" + "---|" * 6],
+        slm.PatternWindow(SIDE, PITCH, GREEN),
+    )
+    camera = round(1.4 * SIDE)
+    start = slm.nominal(window, FOCI, (camera, camera), VIEW)
+    field = _field()
+    for seed in map(int, seeds):
+        bench, truth = slm.mis_set(start, window, seed)
+        rows = parameters(start)
+        known = slm.calibration_of(
+            slm.Fitted(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0), window
+        )
+        model = known.models[0]
+        blind = replace(model, aberrations=(0.0,) * 8, across=(0.0,) * 3, down=(0.0,) * 3)
+        for name, each in (("all known", model), ("aberrations unknown", blind)):
+            calibration = replace(known, models=(each,))
+            levels = calibration.levels_of(field.hologram)
+            phase = engine.encode(field, "joint", display=calibration.display([GREEN]), levels=levels)
+            tuned = slm.tune(phase, field, bench.look, calibration, GREEN)
+            cells = [
+                f"{_on_bench(bench, field, calibration, p, z):.1f}"
+                for z in (MIDDLE, BETWEEN)
+                for p in (phase, tuned)
+            ]
+            lines.append(f"| {seed} | {name} | " + " | ".join(cells) + " |")
+            print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
 def _as_found(found, truth: Setup):
     return slm.Fitted(truth, found.parameters, vector(truth), 0 * found.deviations, 0.0, 1.0)
 
@@ -62,7 +98,11 @@ def _decibels(bench, field, calibration):
     """Of the picture on the bench, without its camera, against the field's own."""
     levels = {"levels": calibration.levels_of(field.hologram)} if calibration.models else {}
     phase = engine.encode(field, "joint", display=calibration.display([GREEN]), **levels)
+    return _on_bench(bench, field, calibration, phase, MIDDLE)
+
+
+def _on_bench(bench, field, calibration, phase, distance):
     shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
-    seen = np.mean([bench.picture(phases, MIDDLE) for phases in shown], axis=0)
-    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(MIDDLE))])[0]
+    seen = np.mean([bench.picture(phases, distance) for phases in shown], axis=0)
+    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
     return metrics.psnr(seen[..., None], wanted, border=4)

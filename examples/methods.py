@@ -1,15 +1,16 @@
-"""The same scene by eight methods, all in one format: which of them shows what is near, and what is far?"""
+"""The same scene by eight methods: which of them shows what is near, what is far, and what an eye at the side sees?"""
 
 import time
 
 import bpy
 from pictures import asked, save_rows, shown
 
-from holopath_addon import demo, engine
+from holopath_addon import demo, engine, pipeline
 from holopath_addon.engine.scene import variants
+from holopath_addon.engine.viewing import assessment
 from holopath_addon.export import export_scene
 
-METHODS = ("auto", "rgbd", "point", "polygon", "gaussian", "stereogram", "focal-stack", "light-field")
+METHODS = ("auto", "focal-stack", "light-field", "rgbd", "point", "polygon", "gaussian", "stereogram")
 
 path, pixels = asked(__file__)
 variants.activate()
@@ -18,22 +19,28 @@ exported = export_scene(bpy.context.evaluated_depsgraph_get(), (pixels, pixels))
 hologram = engine.Hologram(pixels, pixels, pitch=8e-6)
 view = exported.scene, exported.camera, hologram
 
-# What a perfect hologram would show: the scene by Mitsuba's path tracer, through a lens.
-focus = [0.47, 1.0]
-truth = engine.reference(*view, focus, spp=64)
-
-rows = [[], []]
+truth, rows = None, [[], [], []]
 for method in METHODS:
     start = time.monotonic()
-    # Those of supervised phases descend; sixty steps here.
-    steps = {"steps": 60} if method in ("focal-stack", "light-field") else {}
-    field = engine.render(*view, engine.Settings(method=method, frames=8, fixed=steps))
+    # Supervised phases, with a hundred steps; all others give a field, and then its phases are found.
+    settings = engine.Settings(method=method, frames=8, fixed={"steps": 100} if "-" in method else {})
+    field = engine.render(*view, settings)
+    if "-" not in method:
+        phase = pipeline.encode(field, "auto", lambda done, what: None, exported.scene, settings)
+        field = phase.field()
     seconds = time.monotonic() - start
-    images = engine.reconstruct(field, focus)
-    found = [engine.psnr(image, wanted) for image, wanted in zip(images, truth, strict=True)]
-    print(f"{method}: near {found[0]:.1f} dB, far {found[1]:.1f} dB, {seconds:.0f} s")
-    for row, image, wanted in zip(rows, images, truth, strict=True):
-        row.append(image * (wanted.mean() / image.mean()))
 
-pictures = [shown(row) for row in rows]
-save_rows(path, *(row[part] for part in (slice(0, 4), slice(4, 8)) for row in pictures))
+    # At Suzanne and at the ball behind her through all of the pupil; and through the right half of it.
+    side = engine.Pupil(assessment.pupil_radius(field) / 2, 0.0, assessment.pupil_radius(field))
+    looks = (0.47, None), (1.0, None), (0.7, side)
+    if truth is None:  # what a perfect hologram would show: Mitsuba's path tracer, through a lens
+        truth = [engine.reference(*view, [focus], pupil, spp=64)[0] for focus, pupil in looks]
+    told = []
+    for row, wanted, (focus, pupil) in zip(rows, truth, looks, strict=True):
+        image = engine.reconstruct(field, [focus], pupil)[0]
+        image = image if pupil is None else assessment.even(field, image, pupil)
+        told.append(f"{engine.psnr(image, wanted):.1f}")
+        row.append(image * (wanted.mean() / image.mean()))
+    print(f"{method}: near {told[0]}, far {told[1]}, at the side {told[2]} dB, {seconds:.0f} s")
+
+save_rows(path, *(shown(row) for row in rows))

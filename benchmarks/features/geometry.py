@@ -58,6 +58,21 @@ def _instances_on_points(stage, material):
     grid(stage, material, 3).modifiers.new("scatter", "NODES").node_group = tree
 
 
+def _points(stage, material):
+    """Balls of a cloud on a grid's points, by geometry nodes."""
+    tree: Any = bpy.data.node_groups.new("points", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    entry, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    points, paint = tree.nodes.new("GeometryNodeMeshToPoints"), tree.nodes.new("GeometryNodeSetMaterial")
+    points.inputs["Radius"].default_value = 0.2
+    paint.inputs["Material"].default_value = material
+    tree.links.new(entry.outputs[0], points.inputs["Mesh"])
+    tree.links.new(points.outputs[0], paint.inputs["Geometry"])
+    tree.links.new(paint.outputs["Geometry"], end.inputs[0])
+    grid(stage, material, 3).modifiers.new("points", "NODES").node_group = tree
+
+
 def _collection_instance(stage, material):
     collection = bpy.data.collections.new("parts")
     for x in (-0.5, 0.5):
@@ -219,6 +234,7 @@ GEOMETRY = {
     "metaball": _metaball,
     "NURBS surface": _nurbs,
     "geometry nodes instances": _instances_on_points,
+    "point cloud": _points,
     "collection instance": _collection_instance,
     "instances on faces": _instances_on_faces,
     "particle instances": _particle_instances,

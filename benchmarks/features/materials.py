@@ -34,7 +34,7 @@ PRINCIPLED_INPUTS = (
     ("Metallic", {}, (0.0, 0.5, 1.0)),
     ("Roughness", {}, (0.0, 0.1, 0.3, 1.0)),
     ("Roughness", dict(Metallic=1.0), (0.0, 0.1, 0.3, 1.0)),
-    ("IOR", dict(Roughness=0.3), (1.1, 1.8, 2.5)),
+    ("IOR", dict(Roughness=0.3), (0.0, 1.1, 1.8, 2.5)),
     ("Specular IOR Level", dict(Roughness=0.3), (0.0, 0.25, 1.0)),
     ("Specular Tint", dict(_DARK, IOR=2.0), (_TINT,)),
     ("Specular Tint", _METAL, (_TINT,)),
@@ -101,6 +101,16 @@ SHADERS_APPROXIMATE = {
 def _mixed_with_transparent(stage):
     material = tan(stage)
     stage.mix(material, TRANSPARENT, 0.4)
+    return material
+
+
+def _only_volume(stage):
+    """A material whose output has a volume and no surface: what lies behind it is seen, as through air."""
+    material = stage.material(TRANSPARENT)
+    tree = material.node_tree
+    output = next(n for n in tree.nodes if n.bl_idname.startswith("ShaderNodeOutput"))
+    tree.links.remove(output.inputs["Surface"].links[0])
+    tree.links.new(node(tree, "VolumeAbsorption", Density=0.0).outputs[0], output.inputs["Volume"])
     return material
 
 
@@ -285,6 +295,7 @@ FEATURES = [
         for name, (kind, values) in SHADERS.items()
     ),
     *(Feature(name, "materials", _pane(make), MIDDLE, depth=8) for name, make in PANES.items()),
+    Feature("volume alone", "materials", _pane(_only_volume), MIDDLE, depth=8, notes=frozenset({"Volume"})),
     *(Feature(name, "materials", _worn(make)) for name, make in NODES.items()),
     Feature("Translucent BSDF", "materials", lit(_translucent), MIDDLE),
     Feature("Principled under an area lamp", "materials", _principled_under_lamp),

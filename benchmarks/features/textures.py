@@ -198,6 +198,13 @@ def _missing_image(stage, tree):
     return node(tree, "TexImage", image=lost).outputs[0]
 
 
+def _missing_alpha(stage):
+    """Its pink is a number, too."""
+    material = painted(stage, _missing_image, "Alpha", PRINCIPLED, Base_Color=TAN, Roughness=0.5)
+    stage.plane(1.6, material, "pane", (0, 0, 0.5))
+    backdrop(stage)
+
+
 def _grey_tiles(stage, tree):
     """Numbers from 0.15 to 0.95."""
     return node(tree, "TexImage", image=tiles(stage, "Non-Color")).outputs[0]
@@ -308,4 +315,12 @@ FEATURES = [
         for (name, kind), space in itertools.product(PROCEDURAL.items(), ("Generated", "Object", "UV"))
     ),
     Feature("missing image", "textures", _sheet(_missing_image), MIDDLE, notes=frozenset({"Image file"})),
+    Feature(
+        "missing image in alpha",
+        "textures",
+        lit(_missing_alpha),
+        MIDDLE,
+        depth=8,
+        notes=frozenset({"Image file"}),
+    ),
 ]

@@ -1,14 +1,16 @@
-"""Commands for the SLM: stream, focus, calibrate, devices."""
+"""Commands for the SLM: stream, focus, calibrate, tune, devices."""
 
 import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
+
+import numpy as np
 
 from .. import engine, output, slm
 from ..engine.progress import stage
@@ -115,12 +117,7 @@ def add(command):
     )
     option("--wavelength", required=True, type=float, metavar="NM", help="of the light source, nanometers")
     option("--pitch", required=True, type=float, metavar="UM", help="of the SLM's pixels, micrometers")
-    option(
-        "--driver",
-        choices=tuple(name for name in slm.DRIVERS if name != "files"),
-        default="display",
-        help="default display; virtual is a simulated bench that is off in everything",
-    )
+    _add_bench(calibrate)
     option(
         "--window",
         type=int,
@@ -135,6 +132,51 @@ def add(command):
         metavar="MM,MM[,..]",
         help="of the foci from the SLM (default: those of --focus-planes)",
     )
+    option("--captures", type=int, default=64, metavar="N", help="how many (default 64)")
+    _add_device(calibrate)
+
+    tune = command(
+        "tune", _tune, "Make phases better by what a camera sees of them, on a display that was calibrated."
+    )
+    option = tune.add_argument
+    option("folder", metavar="DIR", help="output folder whose field was encoded with this calibration")
+    option("--calibration", required=True, metavar="FILE", help="by `holopath calibrate`")
+    option(
+        "--wavelength",
+        type=float,
+        metavar="NM",
+        help="of the light source, nanometers (default: the hologram's only one)",
+    )
+    option(
+        "--rounds",
+        type=int,
+        default=12,
+        metavar="N",
+        help="in each, a picture of each frame at each focus (default 12)",
+    )
+    _add_bench(tune)
+    _add_device(tune)
+
+    devices = command("devices", _devices, "List SLM drivers, monitors, serial ports and Mitsuba backends.")
+    devices.add_argument(
+        "--identify",
+        nargs="?",
+        type=float,
+        const=5.0,
+        metavar="SECONDS",
+        help="show on each monitor its number in the list, so long (default 5)",
+    )
+
+
+def _add_bench(parser):
+    """Which driver, and the camera that looks at it."""
+    option = parser.add_argument
+    option(
+        "--driver",
+        choices=tuple(name for name in slm.DRIVERS if name != "files"),
+        default="display",
+        help="default display; virtual is a simulated bench that is off in everything",
+    )
     option("--focus-planes", metavar="FILE", help="focus planes, which say where the camera's motor goes")
     option(
         "--view",
@@ -143,7 +185,6 @@ def add(command):
         metavar="X,Y",
         help="half sides of the window that half the camera's shorter side sees; negative: mirrored (0.95,0.95)",
     )
-    option("--captures", type=int, default=64, metavar="N", help="how many (default 64)")
     option("--camera", metavar="COMMAND", help="takes a picture, as for `holopath stream`")
     option(
         "--settle",
@@ -154,17 +195,6 @@ def add(command):
     )
     option(
         "--seed", type=int, default=0, metavar="N", help="of the patterns, and of what the virtual bench is"
-    )
-    _add_device(calibrate)
-
-    devices = command("devices", _devices, "List SLM drivers, monitors, serial ports and Mitsuba backends.")
-    devices.add_argument(
-        "--identify",
-        nargs="?",
-        type=float,
-        const=5.0,
-        metavar="SECONDS",
-        help="show on each monitor its number in the list, so long (default 5)",
     )
 
 
@@ -415,13 +445,8 @@ def _calibrate(args):
         raise engine.InvalidInput("The foci are missing: give them with --distances or --focus-planes.")
     told = partial(slm.calibrate, window=window, distances=distances, view=args.view, count=args.captures,
                    seed=args.seed, progress=progress)  # fmt: skip
-    if args.driver == "virtual":
-        camera = round(1.4 * args.window)
-        start = slm.nominal(window, distances, (camera, camera), args.view)
-        bench, _ = slm.mis_set(start, window, args.seed)
-        found = told(bench.look)
-    else:
-        found = _calibrated(args, told, window, planes, distances)
+    with _looking(args, window, planes, distances) as look:
+        found = told(look)
     slm.calibration_of(found, window, before=before).save(path)
     if not args.quiet:
         for row, value, deviation in zip(found.parameters, found.values, found.deviations, strict=True):
@@ -429,8 +454,53 @@ def _calibrate(args):
     progress(1.0, f"Done: {found.explained:.1%} of what the camera saw is explained: {path}")
 
 
-def _calibrated(args, told, window, planes, distances):
-    """On a real device, with a camera that is a command."""
+def _tune(args):
+    progress, folder = Progress(quiet=args.quiet), Path(args.folder)
+    calibration = slm.Calibration.load(args.calibration)
+    field, phase = output.stored_field(folder), output.stored_hologram(folder)
+    hologram = phase.hologram
+    wavelengths = hologram.wavelengths
+    if args.wavelength is None and len(wavelengths) > 1:
+        raise engine.InvalidInput(
+            "The hologram has several wavelengths: name that of the light with --wavelength."
+        )
+    wavelength = wavelengths[0] if args.wavelength is None else args.wavelength * 1e-9
+    planes = slm.FocusPlanes.load(args.focus_planes) if args.focus_planes else None
+    distances = list(calibration.sensor(wavelength).homographies)
+    width, height = calibration.size or (hologram.width, hologram.height)
+    if args.driver == "virtual" and width != height:
+        raise engine.InvalidInput(f"The virtual bench is as high as wide, the hologram {width} x {height}.")
+    window = slm.PatternWindow(min(width, height), hologram.pitch, wavelength, calibration.bits)
+    phase = replace(phase, data=np.array(phase.data))  # Windows replaces no file that is mapped
+    stopped = None
+    try:
+        with _looking(args, window, planes, distances, whole=(width, height)) as look:
+            tuned = slm.tune(
+                phase, field, look, calibration, wavelength, args.rounds, stage(progress, 0.0, 0.98)
+            )
+    except engine.Cancelled as error:
+        if error.kept is None:
+            raise
+        tuned, stopped = error.kept, error
+    tuned.save(folder / "hologram")
+    if stopped is not None:
+        raise engine.Cancelled(
+            f"Cancelled: the best phases until then are in {folder / 'hologram'}."
+        ) from stopped
+    decibels = tuned.report["tuned"][-1]["psnr_db"]
+    progress(
+        1.0, f"Done: the camera saw {decibels[0]:.1f} dB, now {max(decibels):.1f}: {folder / 'hologram'}"
+    )
+
+
+@contextmanager
+def _looking(args, window, planes, distances, whole=None):
+    """``look(levels, distance)`` of `slm.calibrate`, of a window's levels or the whole device's: width and height."""
+    if args.driver == "virtual":
+        camera = round(1.4 * window.side)
+        start = slm.nominal(window, distances, (camera, camera), args.view)
+        yield slm.mis_set(start, window, args.seed)[0].look
+        return
     if not args.camera:
         raise engine.InvalidInput(
             "The camera is missing: give the command that takes a picture with --camera."
@@ -439,31 +509,36 @@ def _calibrated(args, told, window, planes, distances):
         raise engine.InvalidInput(
             "The focus planes are missing: give them with --focus-planes, see `holopath focus --help`."
         )
-    driver = _device(args, (args.window, args.window))
-    controller = getattr(driver, "controller", None) or slm.Controller(args.port, args.baud)
+    size = whole or (window.side, window.side)
+    driver = _device(args, size)
+    own = getattr(driver, "controller", None)
+    mover = None if planes is None else own or slm.Controller(args.port, args.baud)
     shown = count(0)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "capture.png"
 
         def look(levels, distance):
             number = next(shown)
-            whole = window.on(levels, (driver.info.width or args.window, driver.info.height or args.window))
-            picture = slm.Picture(whole, number, ((0, 0),), window.bits)
+            if whole is None:
+                levels = window.on(levels, (driver.info.width or size[0], driver.info.height or size[1]))
+            picture = slm.Picture(levels, number, ((0, 0),), window.bits)
             while driver.show(number, picture) is False:
                 time.sleep(0.01)
-            controller.focus(planes.position_at(distance))
+            if planes is not None and mover is not None:
+                mover.focus(planes.position_at(distance))
             time.sleep(args.settle)
             slm.run_camera(args.camera, file, distances.index(distance), distance)
             return slm.read_capture(file)
 
         try:
             driver.open(None, lambda number, what: None)
-            if controller is not getattr(driver, "controller", None):
-                controller.open()
-            return told(look)
+            if mover is not None and mover is not own:
+                mover.open()
+            yield look
         finally:
             driver.close()
-            controller.close()
+            if mover is not None:
+                mover.close()
 
 
 def _devices(args):

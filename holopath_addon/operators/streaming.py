@@ -12,6 +12,7 @@ from . import devices, session
 from .working import Working, encoded, ready, refused
 
 POLL = 0.1  # seconds
+SHOWN = 5.0  # seconds that monitors show their numbers
 PATIENCE = 30.0  # seconds that a script waits for a lost device; in the window it is until it is stopped
 
 
@@ -148,6 +149,28 @@ class HOLOPATH_OT_find_devices(Working, bpy.types.Operator):
         device_properties.found.update(result)
         monitors, ports = len(result["monitors"]), len(result["ports"])
         return f"{monitors} monitor{'' if monitors == 1 else 's'}, {ports} serial port{'' if ports == 1 else 's'} found"
+
+
+class HOLOPATH_OT_identify_monitors(Working, bpy.types.Operator):
+    """Show on each monitor its number in the list for some seconds, to tell which one is the SLM"""
+
+    bl_idname = "holopath.identify_monitors"
+    bl_label = "Identify Monitors"
+    doing = "showing numbers"
+
+    def work(self, scene):
+        def show(job, progress):
+            found = slm.monitors()
+            slm.identify(
+                found, SHOWN, lambda left: progress(1 - left / SHOWN, "A number is on each monitor")
+            )
+            return [f"{m.name} {m.geometry}" for m in found]
+
+        return show
+
+    def finish(self, context: bpy.types.Context, result):
+        device_properties.found["monitors"] = result
+        return ", ".join(f"{number}: {monitor}" for number, monitor in enumerate(result, 1))
 
 
 class HOLOPATH_OT_focus_plane(Working, bpy.types.Operator):
@@ -299,6 +322,7 @@ CLASSES = (
     HOLOPATH_OT_stream,
     HOLOPATH_OT_stop_streaming,
     HOLOPATH_OT_find_devices,
+    HOLOPATH_OT_identify_monitors,
     HOLOPATH_OT_focus_plane,
     HOLOPATH_OT_store_plane,
     HOLOPATH_OT_new_planes,

@@ -21,6 +21,7 @@ from .focus import FocusPlanes, Plane, run_camera, sweep
 from .sensor import Sensor, read_capture
 from .sequence import PACKINGS, Sequence
 from .streaming import Counts, stream
+from .tuning import tune
 
 __all__ = [
     "Bench",
@@ -58,4 +59,5 @@ __all__ = [
     "serial_ports",
     "stream",
     "sweep",
+    "tune",
 ]

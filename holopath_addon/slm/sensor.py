@@ -80,6 +80,19 @@ class Sensor:
         """Values of intensities."""
         return self.black + self.gain * np.maximum(intensity, 0) ** self.gamma
 
+    def intensity(self, value: np.ndarray) -> np.ndarray:
+        """Intensities of values: the reverse of `value`; 0 where they are darker than black."""
+        return (np.maximum(value - self.black, 0) / self.gain) ** (1 / self.gamma)
+
+    def pixels(self, distance: float, xi: np.ndarray, eta: np.ndarray) -> np.ndarray:
+        """Where in its pixels light of points of the SLM arrives: row and column, the reverse of `points`."""
+        half = min(self.shape) / 2
+        matrix = np.linalg.inv(np.array([*self.homographies[distance], 1.0]).reshape(3, 3))
+        xi, eta = np.broadcast_arrays(xi, eta)
+        x, y, below = np.einsum("ij,j...->i...", matrix, np.array([xi, eta, np.ones_like(xi)]))
+        rows, columns = self.shape
+        return np.array([y / below * half + (rows - 1) / 2, x / below * half + (columns - 1) / 2])
+
     def points(self, distance: float, within: Sequence[float] = (0.0,)) -> np.ndarray:
         """Where points of each pixel look: xi and eta, shape (2, points, points, rows, columns).
 

@@ -36,7 +36,9 @@ def device(layout: UILayout, context: Context) -> None:
 
 
 def _display(layout: UILayout, props: HoloPathDevice) -> None:
-    layout.prop(props, "monitor")
+    row = layout.row(align=True)
+    row.prop(props, "monitor")
+    row.operator("holopath.identify_monitors", text="", icon="QUESTION")
     layout.prop(props, "primary")
 
 

@@ -66,7 +66,11 @@ def steps():
     press(bpy.ops.holopath.find_devices)
     found = module("device_properties").found
     yield from until(lambda: "monitors" in found, 20, "no devices found")
-    result["monitors"] = found["monitors"]
+    result["monitors"] = found.pop("monitors")
+    module("operators.streaming").SHOWN = 0.5
+    press(bpy.ops.holopath.identify_monitors)
+    yield from until(lambda: "monitors" in found, 20, "no numbers are shown")
+    result["identified"] = found["monitors"]
     device.driver, device.rate = "display", 60.0
     result["pressed"] = sorted(press(bpy.ops.holopath.stream))
     last = time.monotonic()

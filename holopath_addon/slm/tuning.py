@@ -1,0 +1,227 @@
+"""A camera in the loop: phases go down by what a camera sees of them, not by what a model says that it would.
+
+With s the mean of the frames' intensities in a picture that the camera took at a focus, t what is wanted there, and u_m
+the light of frame m there by the display's model, a step goes down
+
+    L = sum over pixels of w (g s - t)^2,    dL / du_m = 2 g w (g s - t) conj(u_m) / frames
+
+so that errors are the bench's own and only the way back is the model's (Peng et al., Neural holography with
+camera-in-the-loop training, ACM TOG 39(6), 185 (2020), section 4). g makes the picture as bright as is wanted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+
+from ..engine.encoding.encoder import MARGIN
+from ..engine.encoding.phases import PARTLY, Phases
+from ..engine.encoding.shown_light import ShownLight
+from ..engine.errors import Cancelled, InvalidInput, cancelled
+from ..engine.viewing.reconstruction import reconstruct
+from ..engine.waves.propagation import FreeSpace, padded_shape
+from ..engine.waves.supervision import Frames, relative
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..engine.encoding.phase_hologram import PhaseHologram
+    from ..engine.progress import Progress
+    from ..engine.wavefield import WaveField
+    from .calibration import Calibration
+
+LONGEST = 0.1  # radians, the first steps
+LEAST_SEEN = 0.1  # of the hologram's pixels
+
+
+def tune(
+    phase: PhaseHologram,
+    field: WaveField,
+    look: Callable[[np.ndarray, float], np.ndarray],
+    calibration: Calibration,
+    wavelength: float,
+    rounds: int = 12,
+    progress: Progress | None = None,
+) -> PhaseHologram:
+    """Show phases of one wavelength, look at them, and make them better by that.
+
+    Parameters
+    ----------
+    phase : PhaseHologram
+        To begin with, encoded for the same calibration.
+    field : WaveField
+        What is to be seen.
+    look : callable
+        ``look(levels, distance)`` shows levels on the device, focuses at a distance from the SLM and gives the camera's
+        picture, values of 0 to 1, shape (y, x).
+    calibration : Calibration
+        With the display's model and the camera, see `calibrate`.
+    wavelength : float
+        Metres, one of the hologram's.
+    rounds : int
+        In each all foci come up once: a picture of each frame at each.
+    progress : callable, optional
+        ``progress(done, message)`` with the PSNR that the camera sees, may raise `Cancelled`; what was best by then is
+        in the attribute `kept` of the `Cancelled` that this raises.
+
+    Returns
+    -------
+    PhaseHologram
+        That of the best round. Its `report` has ``tuned``: the wavelength, and the PSNR in dB of each round.
+
+    Raises
+    ------
+    InvalidInput
+        If the calibration has no such wavelength, no focus within the volume, or a camera that looks elsewhere.
+    Cancelled
+    """
+    progress = progress or (lambda done, message: None)
+    colours = [
+        k for k, w in enumerate(phase.hologram.wavelengths) if math.isclose(w, wavelength, abs_tol=0.5e-9)
+    ]
+    if not colours:
+        known = ", ".join(f"{w * 1e9:g}" for w in phase.hologram.wavelengths)
+        raise InvalidInput(f"The hologram has no {wavelength * 1e9:g} nm, only {known} nm.")
+    if field.data.shape != phase.data.shape:
+        raise InvalidInput("The phases are of another field: encode this one, then tune its phases.")
+    if rounds < 1:
+        raise InvalidInput(f"Phases are tuned in one round or more, not in {rounds}.")
+    colour, values, decibels = colours[0], [], []
+    with Frames() as threads:
+        loop = _Loop(phase, field, calibration, colour, threads)
+        shots = (rounds + 1) * len(loop.distances) * len(phase.data)
+        try:
+            for number in range(rounds + 1):  # the last one only looks
+                before, psnrs = loop.phases.values(), []
+                rate = 0.0 if number == rounds else LONGEST * 0.5 * (1 + math.cos(math.pi * number / rounds))
+                for distance in loop.distances:
+
+                    def shown(levels, distance=distance):
+                        taken = len(decibels) * len(loop.distances) * len(phase.data) + shown.count
+                        told = f"Captures, {decibels[-1]:.1f} dB" if decibels else "Captures"
+                        progress(taken / shots, told)
+                        shown.count += 1
+                        return look(levels, distance)
+
+                    shown.count = len(psnrs) * len(phase.data)
+                    psnrs.append(loop.step(shown, distance, rate))
+                values.append(before)
+                decibels.append(float(np.mean(psnrs)))
+        except (Exception, KeyboardInterrupt) as error:
+            if not cancelled(error):
+                raise
+            stopped = Cancelled("Tuning was stopped.")
+            stopped.kept = _best(phase, colour, values, decibels) if decibels else None
+            raise stopped from error
+    return _best(phase, colour, values, decibels)
+
+
+def _best(phase, colour, values, decibels):
+    """The phases of the best round."""
+    data = np.array(phase.data)
+    data[:, colour] = values[int(np.argmax(decibels))]
+    tuned = {"wavelength_m": phase.hologram.wavelengths[colour], "psnr_db": decibels}
+    report = {**phase.report, "tuned": [*phase.report.get("tuned", ()), tuned]}
+    return replace(phase, data=data, report=report)
+
+
+class _Loop:
+    """Phases of one wavelength under way, and what is wanted at each focus."""
+
+    def __init__(self, phase, field, calibration, colour, threads):
+        hologram = phase.hologram
+        self._wavelength, self._calibration = hologram.wavelengths[colour], calibration
+        models = calibration.display([self._wavelength])
+        if models is None or not calibration.plain:
+            raise InvalidInput(
+                "Tuning needs a display that was fitted, and is shown neither turned, moved nor corrected: run "
+                "`holopath calibrate` first."
+            )
+        model, self._sensor = models[0], calibration.sensor(self._wavelength)
+        ends = sorted((hologram.depth_far, hologram.depth_near))
+        self.distances = [z for z in self._sensor.homographies if ends[0] <= z <= ends[1]]
+        if not self.distances:
+            raise InvalidInput(
+                f"No focus of the calibration lies within the volume, {ends[0] * 1e3:g} to {ends[1] * 1e3:g} mm."
+            )
+        depths = [float(field.mapping.z_to_depth(z)) for z in self.distances]
+        wanted = dict(zip(self.distances, reconstruct(field, depths)[..., colour], strict=True))
+        shape = phase.data.shape[-2:]
+        shown = ShownLight(model, shape, hologram.pitch, MARGIN)
+        levels = calibration.levels_of(hologram)[colour].phases
+        self.phases = Phases(phase.data[:, colour], threads, shown, (levels[0], levels[-1]))
+        self._table = calibration.table(self._wavelength)
+        wide = tuple(n + 2 * MARGIN for n in shape)
+        self._within = np.s_[:, MARGIN : MARGIN + shape[0], MARGIN : MARGIN + shape[1]]
+        farthest = max(map(abs, self.distances))
+        self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest)
+        space = FreeSpace(self._padded, hologram.pitch, self._wavelength)
+        self._transfers = {z: space(z) for z in self.distances}
+        half = (model.half or min(shape) / 2 * hologram.pitch) / hologram.pitch
+        eta, xi = ((np.arange(n) - (n - 1) / 2) / half for n in shape)
+        self._at, self._wanted = {}, {}
+        for z in self.distances:
+            self._at[z] = self._sensor.pixels(z, xi[None, :], eta[:, None])
+            rows, columns = self._at[z]
+            seen = (rows >= 0) & (rows <= self._sensor.shape[0] - 1)
+            seen &= (columns >= 0) & (columns <= self._sensor.shape[1] - 1)
+            if seen.mean() < LEAST_SEEN:
+                raise InvalidInput(
+                    f"The camera sees {seen.mean():.0%} of the hologram at {z * 1e3:g} mm: let it look at more."
+                )
+            self._wanted[z] = wanted[z], relative(wanted[z]) * seen
+
+    def step(self, look, distance, rate):
+        """Look at all frames at one focus, and go down; gives the PSNR of what was seen before."""
+        wanted, weight = self._wanted[distance]
+        values, seen = self.phases.values(), np.zeros(wanted.shape, np.float32)
+        for frame in values:
+            picture = np.asarray(
+                look(self._calibration.levels(frame, self._wavelength, self._table)), np.float32
+            )
+            if picture.shape != self._sensor.shape:
+                raise InvalidInput(
+                    f"The camera's picture has {_pixels(picture.shape)}, at the calibration it had "
+                    f"{_pixels(self._sensor.shape)}: let it take them alike."
+                )
+            light = self._sensor.intensity(picture)
+            seen += scipy.ndimage.map_coordinates(light, self._at[distance], np.float32, 1, "nearest")
+        seen /= len(values)
+        gain = _gain(seen, wanted, weight)
+        if rate:
+            self._descend(distance, gain * seen - wanted, rate)
+        return _psnr(gain * seen, wanted, weight > 0)
+
+    def _descend(self, distance, error, rate):
+        wanted, weight = self._wanted[distance]
+        transfer, light = self._transfers[distance], self.phases.light
+        waves = scipy.fft.ifft2(scipy.fft.fft2(light, self._padded) * transfer)
+        inner = waves[self._within]
+        gain = _gain((np.abs(inner) ** 2).mean(0), wanted, weight)
+        slope = np.zeros_like(waves)
+        slope[self._within] = inner * (2 * gain / len(waves) * weight * error).astype(np.float32)
+        back = scipy.fft.ifft2(scipy.fft.fft2(slope) * transfer.conj())
+        back = back[:, : light.shape[1], : light.shape[2]]
+        self.phases.descend(back, np.ones(len(back), np.complex64), rate, PARTLY)
+
+
+def _pixels(shape):
+    return f"{shape[1]} x {shape[0]} pixels"
+
+
+def _gain(seen, wanted, weight):
+    square = float((weight * seen * seen).sum(dtype=float))
+    return float((weight * seen * wanted).sum(dtype=float)) / square if square > 0 else 0.0
+
+
+def _psnr(seen, wanted, where):
+    """Of roots, with the 95th percentile as white, as `metrics.psnr` has it; only where the camera sees it."""
+    a, b = (np.sqrt(np.maximum(v[where], 0)) for v in (seen, wanted))
+    white = float(np.percentile(b, 95)) or 1.0
+    error = float(((np.minimum(a, white) - np.minimum(b, white)) ** 2).mean()) / white**2
+    return -10 * math.log10(max(error, 1e-30))

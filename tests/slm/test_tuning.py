@@ -1,0 +1,155 @@
+"""Phases that become better by what a camera sees of them, where the display's model is wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, slm
+from holopath_addon.engine.viewing import metrics
+from holopath_addon.slm.fitting import parameters, vector
+
+GREEN, PITCH, FOCI, VIEW = 520e-9, 8e-6, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)
+SIDE, FRAMES = 24, 2
+WINDOW = slm.PatternWindow(SIDE, PITCH, GREEN)
+
+
+def field_of(seed=0):
+    """Frames of one even gradient, each with random phases."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.indices((SIDE, SIDE)) / SIDE
+    light = (0.4 + 0.5 * rows + 0.3 * np.sin(6 * columns)) * np.exp(
+        2j * np.pi * rng.random((FRAMES, 1, SIDE, SIDE))
+    )
+    volume = engine.Hologram(SIDE, SIDE, PITCH, (GREEN,), depth_far=FOCI[0], depth_near=FOCI[-1])
+    return engine.WaveField(light.astype(np.complex64), volume, engine.Camera(np.eye(4), 0.6), 0.5)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """A bench that is off in everything, and a calibration that knows all of it but the aberrations."""
+    camera = round(1.4 * SIDE)
+    start = slm.nominal(WINDOW, FOCI, (camera, camera), VIEW)
+    bench, truth = slm.mis_set(start, WINDOW, 4)
+    rows = parameters(start)
+    found = slm.Fitted(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
+    known = slm.calibration_of(found, WINDOW)
+    blind = replace(known.models[0], aberrations=(0.0,) * 8, across=(0.0,) * 3, down=(0.0,) * 3)
+    return replace(bench, rays=3), replace(known, models=(blind,))
+
+
+def encoded(field, calibration):
+    return engine.encode(
+        field,
+        "joint",
+        levels=calibration.levels_of(field.hologram),
+        display=calibration.display([GREEN]),
+        most_steps=40,
+    )
+
+
+def on_the_bench(bench, field, calibration, phase, distance=4.5e-3):
+    """PSNR in dB of the picture without the camera."""
+    shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
+    seen = np.mean([bench.picture(phases, distance) for phases in shown], axis=0)
+    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
+    return metrics.psnr(seen[..., None], wanted, border=4)
+
+
+def test_where_the_camera_looks_there_and_back(bench):
+    _, calibration = bench
+    sensor = calibration.sensors[0]
+    xi, eta = sensor.points(FOCI[1])[:, 0, 0]
+    rows, columns = np.indices(sensor.shape)
+    np.testing.assert_allclose(sensor.pixels(FOCI[1], xi, eta), [rows, columns], atol=1e-9)
+    light = np.linspace(0, 2, 9)
+    np.testing.assert_allclose(sensor.intensity(sensor.value(light)), light, atol=1e-9)
+
+
+def test_what_the_model_does_not_know_is_made_up_for(bench):
+    """On the bench itself, between the foci as well; the camera's own figure rises, too."""
+    bench, calibration = bench
+    field = field_of()
+    phase = encoded(field, calibration)
+    before = [on_the_bench(bench, field, calibration, phase, z) for z in (4.5e-3, 3e-3)]
+    tuned = slm.tune(phase, field, bench.look, calibration, GREEN, rounds=8)
+    after = [on_the_bench(bench, field, calibration, tuned, z) for z in (4.5e-3, 3e-3)]
+    seen = tuned.report["tuned"][0]["psnr_db"]
+    assert len(seen) == 9 and max(seen) > seen[0] + 0.7
+    assert after[0] > before[0] + 0.7 and after[1] > before[1]
+    assert tuned.data.dtype == np.float32 and tuned.method == phase.method
+
+
+def test_stopped_in_the_middle_keeps_the_best(bench):
+    bench, calibration = bench
+    field = field_of()
+    phase = replace(encoded(field, calibration), report={})
+    taken = []
+
+    def look(levels, distance):
+        taken.append(distance)
+        if len(taken) > 2.5 * FRAMES * len(FOCI):
+            raise KeyboardInterrupt
+        return bench.look(levels, distance)
+
+    with pytest.raises(engine.Cancelled) as stopped:
+        slm.tune(phase, field, look, calibration, GREEN)
+    kept = stopped.value.kept
+    assert len(kept.report["tuned"][0]["psnr_db"]) == 2 and kept.data.shape == phase.data.shape
+
+
+def of_camera(calibration, **change):
+    return replace(calibration, sensors=(replace(calibration.sensors[0], **change),))
+
+
+ELSEWHERE = dict.fromkeys(FOCI, (1, 0, 9, 0, 1, 0, 0, 0))
+REFUSED = {
+    "The hologram has no 520 nm, only 640 nm": lambda c, p: (
+        c,
+        replace(p, hologram=replace(p.hologram, wavelengths=(640e-9,))),
+    ),
+    "neither turned": lambda c, p: (replace(c, flip_x=True), p),
+    "run `holopath calibrate` first": lambda c, p: (replace(c, models=(), sensors=()), p),
+    "No focus of the calibration lies within the volume, 2 to 7 mm": lambda c, p: (
+        of_camera(c, homographies={9e-3: (1, 0, 0, 0, 1, 0, 0, 0)}),
+        p,
+    ),
+    "The camera sees 0% of the hologram": lambda c, p: (of_camera(c, homographies=ELSEWHERE), p),
+    "The camera's picture has 34 x 34 pixels": lambda c, p: (of_camera(c, shape=(20, 20)), p),
+}
+
+
+@pytest.mark.parametrize("says", REFUSED)
+def test_refusals(says, bench):
+    bench, calibration = bench
+    field = field_of()
+    phase = engine.encode(field, "sgd", most_steps=1)
+    calibration, phase = REFUSED[says](calibration, phase)
+    with pytest.raises(engine.InvalidInput, match=says):
+        slm.tune(phase, field, bench.look, calibration, GREEN, rounds=1)
+
+
+def test_command(bench, tmp_path, monkeypatch, capsys):
+    """With the simulated bench; once it is interrupted, once not, and with too little said."""
+    _, calibration = bench
+    field = field_of()
+    field.save(tmp_path / "out" / "wavefield")
+    encoded(field, calibration).save(tmp_path / "out" / "hologram")
+    calibration.save(tmp_path / "slm.json")
+    words = ["tune", str(tmp_path / "out"), "--calibration", str(tmp_path / "slm.json")]
+    assert cli.main([*words]) == 2
+    assert "The camera is missing" in capsys.readouterr().err
+    before = engine.PhaseHologram.load(tmp_path / "out" / "hologram")
+    assert cli.main([*words, "--driver", "virtual", "--seed", "4", "--rounds", "1"]) == 0
+    assert "Done: the camera saw" in capsys.readouterr().err
+    after = engine.PhaseHologram.load(tmp_path / "out" / "hologram")
+    assert len(after.report["tuned"][0]["psnr_db"]) == 2 and not np.array_equal(before.data, after.data)
+
+    def stopped(*_args, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(slm.Bench, "look", stopped)
+    assert cli.main([*words, "--driver", "virtual", "--quiet"]) == 1
+    assert capsys.readouterr().err == "holopath: Tuning was stopped.\n"
+    again = engine.PhaseHologram.load(tmp_path / "out" / "hologram")
+    assert np.array_equal(again.data, after.data)
