@@ -49,7 +49,7 @@ def _row(seed):
 
 
 def _tuned(seeds):
-    """PSNR on the bench at a focus of the camera and between two, before and after, by models that know more and less."""
+    """PSNR on the bench at a focus of the camera and between two, by models that know more and less."""
     lines, window = (
         ["| seed | model | 4.5 mm, before | after | 3.2 mm, before | after |", "|" + "---|" * 6],
         slm.PatternWindow(SIDE, PITCH, GREEN),
