@@ -26,7 +26,7 @@ for frame in range(1, 13):
     start = time.monotonic()
     scene.frame_set(frame)
     exported = export_scene(bpy.context.evaluated_depsgraph_get(), (pixels, pixels), cache=cache)
-    field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=8))
+    field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=24))
     images.append(engine.reconstruct(field, [0.47])[0])
     print(f"frame {frame}: {time.monotonic() - start:.1f} s")
 

@@ -29,8 +29,12 @@ for octave in range(9):
     z += 0.3 * 0.5**octave * np.abs(np.sin(wave))
 mesh.vertices.foreach_set("co", places)
 mesh.update()
+rock = bpy.data.materials.new("rock")
+rock.use_nodes = True
+rock.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.55, 0.24, 0.08, 1)
+mesh.materials.append(rock)
 bpy.ops.object.light_add(type="SUN", rotation=(1.1, 0.2, 0.5))
-bpy.context.object.data.energy = 3
+bpy.context.object.data.energy = 1.2
 bpy.ops.object.camera_add(location=(0, -2.2, 1.1), rotation=(math.radians(72), 0, 0))
 bpy.context.scene.camera = bpy.context.object
 
@@ -42,4 +46,4 @@ start = time.monotonic()
 field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=24))
 print(f"rendered in {time.monotonic() - start:.1f} s")
 
-save_rows(path, shown(engine.reconstruct(field, [0.5, 1.2, 3.0])))
+save_rows(path, shown(engine.reconstruct(field, [0.8, 1.2, 3.0])))
