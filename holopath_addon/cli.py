@@ -262,13 +262,13 @@ def _reconstruct(args):
     focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:
         raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
-    images = engine.reconstruct(
-        field, focus, render_command.pupil_of(args), progress=stage(progress, 0.0, 0.97)
-    )
+    pupil = render_command.pupil_of(args)
+    images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.0, 0.97))
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
-    white = report.get("exposure_white") or output.exposure(rgb)
+    stored = report.get("exposure_white") if pupil is None else None  # a part has little of the light
+    white = stored or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
-    files = output.picture_files(rgb, focus, white)
+    files = output.picture_files(rgb, focus, white, pupil)
     prefix = "hologram_" if args.hologram else ""
     output.write_pictures(target, {prefix + name: data for name, data in files.items()})
     progress(1.0, f"Done: {target}")

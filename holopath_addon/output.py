@@ -8,6 +8,7 @@ import shutil
 import stat
 import sys
 import tempfile
+from dataclasses import astuple
 from importlib import metadata
 from pathlib import Path
 
@@ -98,12 +99,13 @@ def frame_folders(folder):
     return sorted(frames, key=lambda path: int(path.name[6:]))
 
 
-def picture_name(focus):
-    """Stem of the file of a picture focused at `focus` metres."""
-    return f"focus_{format_distance(focus)}m"
+def picture_name(focus, pupil=None):
+    """Stem of the file of a picture focused at `focus` metres, through a part of the pupil."""
+    part = "" if pupil is None else "_pupil_{:.4g}_{:.4g}_{:.4g}mm".format(*(1e3 * v for v in astuple(pupil)))
+    return f"focus_{format_distance(focus)}m{part}"
 
 
-def picture_files(images, focus, white=None):
+def picture_files(images, focus, white=None, pupil=None):
     """Files of focused pictures: linear EXR, and with `white` a viewable PNG.
 
     Parameters
@@ -113,6 +115,8 @@ def picture_files(images, focus, white=None):
         Metres.
     white : float, optional
         See `exposure`.
+    pupil : engine.Pupil, optional
+        The part of it that they are seen through.
 
     Returns
     -------
@@ -121,9 +125,10 @@ def picture_files(images, focus, white=None):
     """
     files = {}
     for image, depth in zip(images, focus, strict=True):
-        files[picture_name(depth) + ".exr"] = encode_exr(image)
+        name = picture_name(depth, pupil)
+        files[name + ".exr"] = encode_exr(image)
         if white is not None:
-            files[picture_name(depth) + ".png"] = encode_png(image, white)
+            files[name + ".png"] = encode_png(image, white)
     return files
 
 

@@ -368,7 +368,8 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
     assert again == before
     words = ["--focus", "1D", "--pupil", "-1,0,3", "--out", str(tmp_path / "part"), "--quiet"]
     assert cli.main(["reconstruct", str(rendered), *words]) == 0
-    assert sorted(os.listdir(tmp_path / "part")) == ["focus_1m.exr", "focus_1m.png"]
+    name = "focus_1m_pupil_-1_0_3mm"  # beside what is seen through all of it
+    assert sorted(os.listdir(tmp_path / "part")) == [f"{name}.exr", f"{name}.png"]
     assert capfd.readouterr().err == ""
     refused(
         cli.main(["reconstruct", str(rendered), "--pupil", "500,0,1"]),

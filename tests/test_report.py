@@ -52,7 +52,8 @@ def test_beside_the_path_tracer(scenes, backend, tmp_path):
     ("words", "says"),
     [
         (["--scene", "none.xml"], "none.xml does not exist"),
-        (["--at-frame", "3"], "name it with --scene"),
+        (["--at-frame", "3"], "add --scene"),
+        (["--scene"], "does not say which scene it is of"),
         (["--scene", "0.08.xml", "--at-frame", "3"], "has no frames"),
         (["--scene", "0.08.xml", "--paths", "1"], "2 to 65536 paths"),
     ],

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from .. import engine, lengths, output, stills
+from ..demo import DEMOS
 from ..engine import displays
 from ..engine.progress import stage
 from ..engine.settings import DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
@@ -22,8 +23,9 @@ from .console import Progress
 from .frames import AnimationFrames
 from .options import argument
 
-# Words that leave results as they are; all others decide them.
+DEMO_SCENES = ", ".join(f"demo:{name}" for name in DEMOS)
 MOST_VIEWS = 256  # of a quilt
+# Words that leave results as they are; all others decide them.
 _APART = {
     "run",
     "attended",
@@ -107,7 +109,7 @@ def add(command, store):
 
 def add_scene(parser, store):
     add = parser.add_argument
-    add("scene", metavar="SCENE", help="a .blend, a Mitsuba .xml, or demo:NAME")
+    add("scene", metavar="SCENE", help=f"a .blend, a Mitsuba .xml, or {DEMO_SCENES}")
     add(
         "--display",
         type=argument(displays.display),
@@ -282,7 +284,7 @@ def add_focus(parser, default):
         "--focus",
         type=argument(lengths.parse_focus),
         metavar="0.5m,1m,inf",
-        help=f"focus distances in m, cm, mm, D (diopters) or inf (default: {default})",
+        help=f"focus distances in m (or without a unit), cm, mm, D (diopters), or inf (default: {default})",
     )
     parser.add_argument(
         "--pupil",

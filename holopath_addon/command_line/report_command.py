@@ -32,8 +32,11 @@ def add(command):
     )
     report.add_argument(
         "--scene",
+        nargs="?",
+        const="",
         metavar="SCENE",
-        help="that it is of: also compare with path-traced pictures, over focus and over the pupil",
+        help="also compare with path-traced pictures, over focus and over the pupil; of this scene, by default the one "
+        "that DIR/report.json names",
     )
     render_command.add_at_frame(report)
     report.add_argument(
@@ -59,7 +62,7 @@ def _report(args):
     phase = output.stored_hologram(folder) if (folder / "hologram").is_dir() else None
     lone = phase is not None and not (folder / "wavefield").is_dir()
     field = phase.field() if lone else output.stored_field(folder)
-    truth = _truth(args, field)
+    truth = _truth(args, field, progress.say)
     stored = stage(progress, 0.0, 0.2) if truth else progress
     focusing, looking, moving, encoding = parts(stored, 4)
     rows, sections, depths = [], [], _depths(field)
@@ -67,13 +70,12 @@ def _report(args):
     images = refocus(depths, progress=focusing)
     rows += _focus(sections, field, depths, images)
     rows += _eyebox(sections, refocus, middle, images[FOCI // 2], looking)
-    seen, lines = _parallax(sections, refocus, middle, moving)
+    seen = _parallax(sections, refocus, middle, moving)
     if phase is not None:
         rows += _phases(sections, phase, None if lone else refocus, middle, encoding)
     if truth:
-        rows += _beside_paths(
-            sections, truth, refocus, depths, images, seen, lines, stage(progress, 0.2, 1.0)
-        )
+        light = refocus if phase is None or lone else Refocuser(phase.field())
+        rows += _beside_paths(sections, truth, light, depths, seen, stage(progress, 0.2, 1.0))
     write(page, folder, field, sections, rows)
     progress(1.0, f"Done: {page}")
 
@@ -126,7 +128,7 @@ def _eyebox(sections, refocus, focus, whole, progress):
 
 
 def _parallax(sections, refocus, focus, progress):
-    """The pupils of the slice, too, and the slice."""
+    """The slice, and the pupils that it is seen through."""
     field = refocus.field
     reach = assessment.pupil_radius(field) * (1 - SLICE)
     seen = [
@@ -141,7 +143,7 @@ def _parallax(sections, refocus, focus, progress):
         "it or behind it."
     )
     sections.append(("Parallax", picture(_tall(lines), output.exposure(lines), text)))
-    return seen, lines
+    return seen
 
 
 def _tall(lines):
@@ -181,12 +183,18 @@ def _phases(sections, phase, refocus, focus, progress):
     return rows
 
 
-def _truth(args, field):
-    """`assessment.PathTraced` of the scene that the words name; None if they name none."""
+def _truth(args, field, say):
+    """`assessment.PathTraced` of the scene that the words name, or else its report; None if none is wanted."""
     if args.scene is None:
         if args.at_frame is not None:
-            raise engine.InvalidInput("--at-frame is of the scene to compare with: name it with --scene.")
+            raise engine.InvalidInput("--at-frame is of the scene to compare with: add --scene.")
         return None
+    named = output.read_report(args.folder).get("scene")
+    args.scene = args.scene or named
+    if not args.scene:
+        raise engine.InvalidInput(f"{args.folder} does not say which scene it is of: name it after --scene.")
+    if named and args.scene != named:
+        say(f"note: The field was rendered of {named}, and is compared with {args.scene}.")
     source = sources.open_source(args.scene)
     render_command.to_frame(args, source)
     with sources.native_output_to_stderr():
@@ -194,20 +202,20 @@ def _truth(args, field):
     return assessment.PathTraced(scene, field, args.paths, source.settings.max_depth)
 
 
-def _beside_paths(sections, truth, refocus, depths, images, seen, lines, progress):
+def _beside_paths(sections, truth, refocus, depths, seen, progress):
     """How near pictures come to path-traced ones: over focus, over the pupil, and the slice."""
     focusing, looking, moving = parts(progress, 3)
     focus = depths[FOCI // 2]
-    over_focus, rows = _foci_beside(truth, depths[COMPARED], images[COMPARED], focusing)
+    over_focus, rows = _foci_beside(truth, refocus, depths[COMPARED], focusing)
     over_pupil, more = _pupils_beside(truth, refocus, focus, looking)
-    beside = _slices_beside(truth, focus, seen, lines, moving)
+    beside = _slices_beside(truth, refocus, focus, seen, moving)
     sections.append(("Beside Path Tracing", over_focus + over_pupil + beside))
     return rows + more
 
 
-def _foci_beside(truth, depths, images, progress):
+def _foci_beside(truth, refocus, depths, progress):
     border, cells, rows = truth.border, [], []
-    for halves, depth, image in zip(truth(depths, None, progress), depths, images, strict=True):
+    for halves, depth, image in zip(truth(depths, None, progress), depths, refocus(depths), strict=True):
         nearness = engine.psnr(image, halves, border), engine.ssim(image, halves, border)
         speckle = speckle_contrast(image, halves.mean(0), border)
         cells.append(
@@ -220,10 +228,11 @@ def _foci_beside(truth, depths, images, progress):
         )
         found = [("PSNR, dB", nearness[0]), ("SSIM", nearness[1]), ("speckle", speckle)]
         rows += [(what, f"focus {named(depth)}", value) for what, value in found if value is not None]
+    what = "do the phases come" if refocus.field.modulated else "does the field come"
     text = (
-        f"<p>How near does it come to Mitsuba's path tracer, {truth.paths} paths a pixel and color, through a lens as "
-        "wide as the pupil? Speckle is the deviation over the mean of both pictures' ratio in small patches. It holds "
-        "the path tracer's own noise, too, and PSNR and SSIM do not.</p>"
+        f"<p>How near {what} to Mitsuba's path tracer, {truth.paths} paths a pixel and color, through a lens as wide "
+        "as the pupil? Speckle is the deviation over the mean of both pictures' ratio in small patches. It holds the path "
+        "tracer's own noise, too; PSNR and SSIM do not.</p>"
     )
     return text + table(("Focus", "PSNR", "SSIM", "Speckle"), cells), rows
 
@@ -252,8 +261,9 @@ def _pupils_beside(truth, refocus, focus, progress):
     return text, [*_of_map("PSNR, dB", grid, values), *rows]
 
 
-def _slices_beside(truth, focus, seen, lines, progress):
+def _slices_beside(truth, refocus, focus, seen, progress):
     hologram, traced = truth.field.hologram, []
+    lines = assessment.slices(refocus, focus, seen, hologram.height // 2)
     for pupil, told in zip(seen, parts(progress, len(seen)), strict=True):
         (halves,) = truth([focus], pupil, told)
         traced.append(engine.to_rgb(halves.mean(0), hologram.wavelengths)[hologram.height // 2])

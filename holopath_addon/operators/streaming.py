@@ -161,9 +161,7 @@ class HOLOPATH_OT_identify_monitors(Working, bpy.types.Operator):
     def work(self, scene):
         def show(job, progress):
             found = slm.monitors()
-            slm.identify(
-                found, SHOWN, lambda left: progress(1 - left / SHOWN, "A number is on each monitor")
-            )
+            slm.identify(found, SHOWN, lambda left: progress(1 - left / SHOWN, "A number is on each monitor"))
             return [f"{m.name} {m.geometry}" for m in found]
 
         return show

@@ -346,7 +346,7 @@ class _Work:
     def sgd(self, colour):
         """Each frame for itself."""
         field, asked = self.field, self._asked
-        white = _white(self._fields(0, colour))
+        white, name = _white(self._fields(0, colour)), self._named(colour)
         groups = _groups(len(field.data), field.data[0, colour].size * BYTES["sgd"])
         whole = SHARE.get(asked.method, 1.0)
         part, limit = whole / len(self.colours) / len(groups), FIRST / whole if whole < 1 else 1
@@ -360,7 +360,7 @@ class _Work:
 
             def told(done, loss, begun=begun):
                 psnr = 10 * math.log10(white**2 / max(loss, 1e-30))
-                self._progress(begun + part * done, f"Phases, {psnr:.1f} dB")
+                self._progress(begun + part * done, f"Phases, {name}, {psnr:.1f} dB")
                 self._check_clock(limit * (begun + part))
                 return psnr
 
@@ -434,7 +434,7 @@ class _Work:
         self._progress(self._at(begun, number), "Views of the field")
         for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
             views.add(self._fields(group, colour))
-        method, gains = self._asked.method, []
+        method, name, gains = self._asked.method, self._named(colour), []
         if method == "refine":
             views.unvignette()
         effort = replace(self._asked.effort, most_steps=self._asked.together)
@@ -444,13 +444,17 @@ class _Work:
 
             def told(done, psnr, place=place):
                 at = self._at(begun, number + (place + done) / len(groups))
-                self._progress(at, f"All frames, {psnr:.1f} dB")
+                self._progress(at, f"All frames, {name}, {psnr:.1f} dB")
 
             with self._stage(method, colour) as stage, self._phases(group, colour) as phases:
                 seconds = None if self._asked.seconds is None else self._left(1) / (left - place)
                 what = phases, views, self.gains[colour], self._coarse[colour], effort, seconds
                 gains.append(descent.together(*what, told, stage))
         self.gains[colour] = float(np.mean(gains))
+
+    def _named(self, colour):
+        """The wavelength in words."""
+        return f"{self.field.hologram.wavelengths[colour] * 1e9:.4g} nm"
 
     def _at(self, begun, number):
         """How much is done of the whole after so many wavelengths, where all frames together begin at `begun`."""

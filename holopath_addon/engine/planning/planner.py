@@ -199,7 +199,7 @@ def _of_baseline(plan, settings, warnings):
     _, label, what = BASELINES[settings.method]
     own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
     frames = Decision("frames", str(settings.frames), "as asked")
-    decisions = plan.decisions[0], own, frames
+    decisions = *plan.decisions[:2], own, frames
     return replace(
         plan, decisions=decisions, stages={}, phases={}, phases_memory={}, error=0.0, warnings=tuple(warnings)
     )
@@ -214,7 +214,12 @@ def _depth(survey: Survey) -> Decided[None]:
     reason = (
         "the volume ends at the nearest surface in view" if nearest else f"{hologram.depth_mapping} mapping"
     )
-    return Decided(None, (Decision("depth", value, reason),))
+    radii = [1e3 * mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
+    wide = f"{2 * min(radii):.3g} mm wide"
+    if max(radii) > 1.01 * min(radii):
+        wide += f" for all colors, {2 * max(radii):.3g} mm for the reddest"
+    pupil = Decision("pupil", wide, "the cone of light that the pixels record, in the scene's scale")
+    return Decided(None, (Decision("depth", value, reason), pupil))
 
 
 def _frames(survey: Survey) -> Decided[None]:
