@@ -147,8 +147,8 @@ def _parallax(sections, refocus, focus, progress):
 
 
 def _tall(lines):
-    """A slice high enough to look at."""
-    return np.repeat(lines, 12, axis=0)
+    """A slice large enough to look at."""
+    return np.repeat(np.repeat(lines, 12, axis=0), max(1, 768 // lines.shape[1]), axis=1)
 
 
 def _phases(sections, phase, refocus, focus, progress):
@@ -173,8 +173,13 @@ def _phases(sections, phase, refocus, focus, progress):
                     views = shown([focus], pupil), refocus([focus], pupil)
                     (found[row, column],) = assessment.loss(*views)
         (middle,) = assessment.loss(shown([focus]), refocus([focus]))
+        more = ""
+        if phase.method == "refine":
+            more = (
+                " They go towards the mean of more frames: much of the difference is the field's own speckle."
+            )
         text += (
-            "<p>How near do pictures of the phases come to those of the complex field? "
+            f"<p>How near do pictures of the phases come to those of the complex field?{more} "
             f"{middle:.1f} dB through the whole pupil; through half of it, wherever it is:</p>"
             + value_map(found, "{:.1f}")
         )
@@ -231,8 +236,8 @@ def _foci_beside(truth, refocus, depths, progress):
     what = "do the phases come" if refocus.field.modulated else "does the field come"
     text = (
         f"<p>How near {what} to Mitsuba's path tracer, {truth.paths} paths a pixel and color, through a lens as wide "
-        "as the pupil? Speckle is the deviation over the mean of both pictures' ratio in small patches. It holds the path "
-        "tracer's own noise, too; PSNR and SSIM do not.</p>"
+        "as the pupil? Speckle is the deviation over the mean of both pictures' ratio in small patches. It holds the "
+        "path tracer's own noise, too; PSNR and SSIM do not.</p>"
     )
     return text + table(("Focus", "PSNR", "SSIM", "Speckle"), cells), rows
 
