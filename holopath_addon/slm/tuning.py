@@ -6,7 +6,8 @@ the light of frame m there by the display's model, a step goes down
     L = sum over pixels of w (g s - t)^2,    dL / du_m = 2 g w (g s - t) conj(u_m) / frames
 
 so that errors are the bench's own and only the way back is the model's (Peng et al., Neural holography with
-camera-in-the-loop training, ACM TOG 39(6), 185 (2020), section 4). g makes the picture as bright as is wanted.
+camera-in-the-loop training, ACM TOG 39(6), 185 (2020), section 4). g makes the picture as bright as is wanted. At one
+more distance in each step, where no camera looks, s is the model's own, so that phases do not serve the foci alone.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 LONGEST = 0.1  # radians, the first steps
 LEAST_SEEN = 0.1  # of the hologram's pixels
+BETWEEN = 8  # distances at which the model's own pictures count
 
 
 def tune(
@@ -149,8 +151,10 @@ class _Loop:
             raise InvalidInput(
                 f"No focus of the calibration lies within the volume, {ends[0] * 1e3:g} to {ends[1] * 1e3:g} mm."
             )
-        depths = [float(field.mapping.z_to_depth(z)) for z in self.distances]
-        wanted = dict(zip(self.distances, reconstruct(field, depths)[..., colour], strict=True))
+        self._between = list((np.arange(BETWEEN) + 0.5) / BETWEEN * (ends[1] - ends[0]) + ends[0])
+        everywhere = [*self.distances, *self._between]
+        depths = [float(field.mapping.z_to_depth(z)) for z in everywhere]
+        wanted = dict(zip(everywhere, reconstruct(field, depths)[..., colour], strict=True))
         shape = phase.data.shape[-2:]
         shown = ShownLight(model, shape, hologram.pitch, MARGIN)
         levels = calibration.levels_of(hologram)[colour].phases
@@ -158,13 +162,14 @@ class _Loop:
         self._table = calibration.table(self._wavelength)
         wide = tuple(n + 2 * MARGIN for n in shape)
         self._within = np.s_[:, MARGIN : MARGIN + shape[0], MARGIN : MARGIN + shape[1]]
-        farthest = max(map(abs, self.distances))
+        farthest = max(map(abs, everywhere))
         self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest)
         space = FreeSpace(self._padded, hologram.pitch, self._wavelength)
-        self._transfers = {z: space(z) for z in self.distances}
+        self._transfers = {z: space(z) for z in everywhere}
         half = (model.half or min(shape) / 2 * hologram.pitch) / hologram.pitch
         eta, xi = ((np.arange(n) - (n - 1) / 2) / half for n in shape)
-        self._at, self._wanted = {}, {}
+        self._at, self._wanted = {}, {z: (wanted[z], relative(wanted[z])) for z in self._between}
+        self._rng = np.random.default_rng(0)
         for z in self.distances:
             self._at[z] = self._sensor.pixels(z, xi[None, :], eta[:, None])
             rows, columns = self._at[z]
@@ -198,16 +203,24 @@ class _Loop:
         return _psnr(gain * seen, wanted, weight > 0)
 
     def _descend(self, distance, error, rate):
-        wanted, weight = self._wanted[distance]
-        transfer, light = self._transfers[distance], self.phases.light
-        waves = scipy.fft.ifft2(scipy.fft.fft2(light, self._padded) * transfer)
+        light = self.phases.light
+        spectra = scipy.fft.fft2(light, self._padded)
+        slopes = self._slopes(spectra, distance, error)
+        slopes += self._slopes(spectra, self._between[self._rng.integers(len(self._between))])
+        back = scipy.fft.ifft2(slopes)[:, : light.shape[1], : light.shape[2]]
+        self.phases.descend(back, np.ones(len(back), np.complex64), rate, PARTLY)
+
+    def _slopes(self, spectra, distance, error=None):
+        """Spectra of dL / du at the SLM, of one distance; without an error seen the model's own counts."""
+        (wanted, weight), transfer = self._wanted[distance], self._transfers[distance]
+        waves = scipy.fft.ifft2(spectra * transfer)
         inner = waves[self._within]
-        gain = _gain((np.abs(inner) ** 2).mean(0), wanted, weight)
+        seen = (np.abs(inner) ** 2).mean(0)
+        gain = _gain(seen, wanted, weight)
+        error = gain * seen - wanted if error is None else error
         slope = np.zeros_like(waves)
         slope[self._within] = inner * (2 * gain / len(waves) * weight * error).astype(np.float32)
-        back = scipy.fft.ifft2(scipy.fft.fft2(slope) * transfer.conj())
-        back = back[:, : light.shape[1], : light.shape[2]]
-        self.phases.descend(back, np.ones(len(back), np.complex64), rate, PARTLY)
+        return scipy.fft.fft2(slope) * transfer.conj()
 
 
 def _pixels(shape):
