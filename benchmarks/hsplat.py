@@ -10,6 +10,7 @@ out is conjugated: the propagation over -z of the conjugate is the conjugate of 
 
 import sys
 import time
+from importlib import import_module
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -103,20 +104,18 @@ def _imported(folder):
         for function in functions:
             setattr(module, function, None)
     sys.path.insert(0, folder)
-    import algorithms
     import torch
     import tqdm
 
     # its phases at random are complex, as its waves are, and make them larger and smaller without end
-    torch.randn_like = lambda wave: torch.randn(wave.shape, device=wave.device)
-    tqdm.tqdm = lambda each: each  # no bar a Gaussian
-    return algorithms
+    vars(torch)["randn_like"] = lambda wave: torch.randn(wave.shape, device=wave.device)
+    vars(tqdm)["tqdm"] = lambda each: each  # no bar a Gaussian
+    return import_module("algorithms")
 
 
 def _splatted(algorithms, hologram, disks, random):
     """The wave at the SLM by hsplat's alpha wave blending, shape (wavelength, y, x)."""
     import torch
-    from primitives import Gaussians
 
     def tensor(values):
         return torch.tensor(np.asarray(values), dtype=torch.float32)
@@ -151,7 +150,7 @@ def _splatted(algorithms, hologram, disks, random):
             random_sigma_gaussian=random,
             F_aperture=1.0,
         )
-        primitives = Gaussians(
+        primitives = import_module("primitives").Gaussians(
             tensor(means),
             tensor(np.ones(len(means))),
             tensor(turns),

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -96,22 +97,18 @@ def tune(
     colour, values, decibels = colours[0], [], []
     with Frames() as threads:
         loop = _Loop(phase, field, calibration, colour, threads)
-        shots = (rounds + 1) * len(loop.distances) * len(phase.data)
+        shots, taken = (rounds + 1) * len(loop.distances) * len(phase.data), count()
+
+        def shown(levels, distance):
+            seen = f", {decibels[-1]:.1f} dB" if decibels else ""
+            progress(next(taken) / shots, f"Captures{seen}")
+            return look(levels, distance)
+
         try:
             for number in range(rounds + 1):  # the last one only looks
-                before, psnrs = loop.phases.values(), []
+                before = loop.phases.values()
                 rate = 0.0 if number == rounds else LONGEST * 0.5 * (1 + math.cos(math.pi * number / rounds))
-                for distance in loop.distances:
-
-                    def shown(levels, distance=distance):
-                        taken = len(decibels) * len(loop.distances) * len(phase.data) + shown.count
-                        told = f"Captures, {decibels[-1]:.1f} dB" if decibels else "Captures"
-                        progress(taken / shots, told)
-                        shown.count += 1
-                        return look(levels, distance)
-
-                    shown.count = len(psnrs) * len(phase.data)
-                    psnrs.append(loop.step(shown, distance, rate))
+                psnrs = [loop.step(shown, distance, rate) for distance in loop.distances]
                 values.append(before)
                 decibels.append(float(np.mean(psnrs)))
         except (Exception, KeyboardInterrupt) as error:
