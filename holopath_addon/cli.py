@@ -160,7 +160,7 @@ def _parser(store):
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
     _add_modulator(reconstruct)
 
-    encode_command.add(command)
+    encode_command.add(command, store)
     exchange_command.add(command)
     report_command.add(command)
 

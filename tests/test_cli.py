@@ -382,9 +382,10 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
 
 
 def test_encode(rendered, xml, tmp_path, capfd):
-    """Afterwards from the stored field, or with the render: the same phases."""
+    """Afterwards from the stored field: without its scene, with double phase, and what cannot be."""
     phases = str(tmp_path / "phases")
-    assert cli.main(["encode", str(rendered), "--out", phases, "--steps", "20", "--quiet"]) == 0
+    words = ["--out", phases, "--steps", "20", "--quiet", "--scene", "none"]
+    assert cli.main(["encode", str(rendered), *words]) == 0
     phase = engine.PhaseHologram.load(phases)
     field = engine.WaveField.load(rendered / "wavefield")
     assert phase.method == "joint" and len(field.data) > 1
@@ -401,6 +402,29 @@ def test_encode(rendered, xml, tmp_path, capfd):
     np.testing.assert_array_equal(stored, again.data)
 
 
+def test_encoding_afterwards_is_encoding_with_the_render(xml, tmp_path, capfd):
+    """The scene that the report names is opened, where it is what it was; else phases go towards the field alone."""
+    out, later = tmp_path / "out", tmp_path / "later"
+    assert cli.main(["render", str(xml), *SMALL, "--encode", "auto", "--out", str(out), "--quiet"]) == 0
+    with_it = engine.PhaseHologram.load(out / "hologram")
+    assert cli.main(["encode", str(out), "--out", str(later), "--quiet"]) == 0
+    assert capfd.readouterr().err == ""
+    afterwards = engine.PhaseHologram.load(later)
+    assert afterwards.method == with_it.method == "refine"
+    np.testing.assert_array_equal(afterwards.data, with_it.data)
+
+    xml.write_text(xml.read_text().replace('value="0.1"', 'value="0.12"'))
+    again = ["encode", str(out), "--out", str(later), "--steps", "2"]
+    assert cli.main(again) == 0
+    assert "has changed since the field was rendered" in capfd.readouterr().err
+    assert engine.PhaseHologram.load(later).method == "joint"
+    refused(cli.main([*again, "--method", "refine"]), capfd.readouterr().err, 2, "has changed")
+    xml.unlink()
+    assert cli.main([*again, "--encode-seconds", "0.5"]) == 0
+    assert "does not exist" in capfd.readouterr().err
+    refused(cli.main([*again, "--scene", str(xml)]), capfd.readouterr().err, 2, "does not exist")
+
+
 def test_encode_in_other_ways(rendered, tmp_path, capfd):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     words = ["encode", str(rendered), "--method", "sgd", "--quiet", "--steps", "6"]
@@ -413,7 +437,7 @@ def test_encode_in_other_ways(rendered, tmp_path, capfd):
     assert engine.PhaseHologram.load(second).report["stages"][0]["steps"] <= 6
     for more, says in (
         (["--start", str(tmp_path)], "no hologram"),
-        (["--method", "refine"], "--encode refine"),
+        (["--method", "refine", "--scene", "none"], "needs the scene"),
         (["--bits", "40"], "1 to 16 bits"),
     ):
         refused(cli.main([*words, *more]), capfd.readouterr().err, 2, says)

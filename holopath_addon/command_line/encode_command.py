@@ -6,23 +6,25 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import engine, output
+from .. import engine, output, pipeline
 from ..engine import encoding, files
 from ..engine.progress import stage
-from ..engine.settings import ENCODINGS
+from ..engine.scene.fingerprint import scene_digest
+from ..engine.settings import BASELINES, ENCODINGS
 from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work
-from . import render_command
+from . import render_command, sources
 from .cluster_command import add_option, animating, work_by
 from .console import Progress
 from .options import renamed
 
 # Words that leave phases as they are.
-_APART = {"run", "folder", "out", "quiet", "debug", "cluster", "words", "work"}
+_APART = {"run", "folder", "out", "scene", "at_frame", "store", "quiet", "debug", "cluster", "words", "work"}
+OPENED = 0.05  # of the progress
 
 
-def add(command):
+def add(command, store):
     """Add the command, see `render_command.add`."""
     encode = command("encode", _encode, "Turn stored wave fields into phases for an SLM.")
     encode.set_defaults(work=work_of)
@@ -38,8 +40,18 @@ def add(command):
         choices=tuple(ENCODINGS),
         default="auto",
         help="double phase (dpac); each frame for itself by gradient descent (sgd); then all frames together (joint); "
-        "auto (default) is joint, or sgd with one frame. refine needs the scene: `holopath render --encode refine`",
+        "or towards many more frames of the same light (refine), which needs the scene. auto (default) is refine where "
+        "the scene is there, else joint, and sgd with one frame",
     )
+    add(
+        "--scene",
+        metavar="SCENE|none",
+        help="that the field was rendered of (default: the one that DIR/report.json names, where it is there and "
+        "unchanged); none: leave it alone",
+    )
+    render_command.add_at_frame(encode)
+    render_command.add_cache(encode, store)
+    render_command.add_encode_seconds(encode)
     render_command.add_levels(encode)
     add(
         "--supervision",
@@ -88,7 +100,8 @@ def _encode(args):
         start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
     stopped = None
     try:
-        phase = _phases(args, folder, start, stage(progress, 0.0, 0.9))
+        scene, settings = _scene(args, folder, stage(progress, 0.0, OPENED), progress.say)
+        phase = _phases(args, folder, start, stage(progress, OPENED, 0.9), scene, settings)
     except engine.Cancelled as error:
         if error.kept is None:
             raise
@@ -99,12 +112,50 @@ def _encode(args):
     progress(1.0, f"Done: {target}")
 
 
-def _phases(args, folder, start, progress):
+def _scene(args, folder, progress, say):
+    """The scene of a stored field and its settings, where `refine` may want them; both None where there is none."""
+    report = output.read_report(folder)
+    named = args.scene or report.get("scene")
+    wanted = args.scene is not None or args.method == "refine"
+    alone = None, None
+    if args.scene == "none" or args.method not in ("auto", "refine"):
+        return alone
+    try:
+        if not named or not {"settings", "scene_digest"} <= report.keys():
+            raise engine.InvalidInput(f"{folder} does not say which scene it is of, and with which settings.")
+        settings = engine.Settings(**report["settings"])
+        if settings.method in BASELINES or (settings.frames == 1 and args.method == "auto"):
+            return alone
+        progress(0.0, "Opening the scene")
+        source = sources.open_source(named)
+        render_command.to_frame(args, source)
+        hologram = output.stored_field(folder).hologram
+        with sources.native_output_to_stderr():
+            scene = source.load(hologram.width, hologram.height).scene
+        if scene_digest(scene) != report["scene_digest"]:
+            raise engine.InvalidInput(
+                f"{named} has changed since the field was rendered, or is at another frame: render it again, or give "
+                "--at-frame N."
+            )
+    except (engine.InvalidInput, engine.BackendUnavailable, TypeError) as error:
+        if wanted:
+            raise
+        say(f"note: {error} So phases go towards the field alone; with its scene they would be better.")
+        return alone
+    return scene, settings
+
+
+def _phases(args, folder, start, progress, scene=None, settings=None):
     field = output.stored_field(folder)
-    return engine.encode(
+    steps = {} if args.steps is None else {"most_steps": args.steps}
+    return pipeline.encode(
         field,
         args.method,
         progress,
+        scene,
+        settings,
+        args.store,
+        args.encode_seconds,
         bits=args.bits,
         levels=render_command.levels_of(args, field.hologram),
         display=render_command.display_of(args, field.hologram.wavelengths),
@@ -113,7 +164,7 @@ def _phases(args, folder, start, progress):
         aperture=args.aperture,
         start=start,
         tolerance=args.tolerance,
-        most_steps=args.steps,
+        **steps,
     )
 
 
@@ -131,6 +182,10 @@ def work_of(args, say) -> Work:
 
     They lie in the frames' folders, and go with them when a frame is rendered anew.
     """
+    if args.scene not in (None, "none") or args.at_frame is not None:
+        raise engine.InvalidInput(
+            "An animation's fields are encoded without their scene: leave it out, or render with --encode auto."
+        )
     if args.out is not None:
         raise engine.InvalidInput("Phases of an animation go into its frames' folders: leave out --out.")
     if args.start not in encoding.STARTS:

@@ -186,7 +186,11 @@ def add_encoding(parser):
         "allow: refine, joint where they are too few, sgd with one frame",
     )
     add_levels(parser)
-    add(
+    add_encode_seconds(parser)
+
+
+def add_encode_seconds(parser):
+    parser.add_argument(
         "--encode-seconds",
         type=argument(_encode_seconds),
         metavar=ENCODE_SECONDS.metavar,
