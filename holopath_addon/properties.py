@@ -306,6 +306,11 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         subtype="DIR_PATH",
         options=_RELATIVE,
     )
+    animation_encodes: BoolProperty(
+        name="Encode",
+        description="Also find the phases of each frame, as the section Hologram says and for the device's calibration",
+        default=False,
+    )
     focus_auto: BoolProperty(
         name="Auto",
         description="Focus on the middle of the view at every render; off once a focus is chosen",

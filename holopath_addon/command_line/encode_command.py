@@ -9,7 +9,6 @@ import numpy as np
 from .. import engine, output, pipeline
 from ..engine import encoding, files
 from ..engine.progress import stage
-from ..engine.scene.fingerprint import scene_digest
 from ..engine.settings import BASELINES, ENCODINGS
 from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
@@ -132,6 +131,8 @@ def _scene(args, folder, progress, say):
         hologram = output.stored_field(folder).hologram
         with sources.native_output_to_stderr():
             scene = source.load(hologram.width, hologram.height).scene
+        from ..engine.scene.fingerprint import scene_digest  # Mitsuba has its backend by now
+
         if scene_digest(scene) != report["scene_digest"]:
             raise engine.InvalidInput(
                 f"{named} has changed since the field was rendered, or is at another frame: render it again, or give "

@@ -22,6 +22,7 @@ import bpy
 from .. import engine, failures, preferences, properties
 from ..command_line.attended import COPY
 from . import session
+from .hologram import ENOUGH_BITS
 
 REDRAW = 0.5  # seconds between two looks for news
 ENOUGH = 0.2  # of a frame, after which the time of the others is told
@@ -288,8 +289,20 @@ def _words(props, copy, folder):
     if pupil is not None:
         numbers = (pupil.x, pupil.y, pupil.diameter)
         words.append("--pupil=" + ",".join(repr(number * 1e3) for number in numbers))
+    if props.animation_encodes:
+        words += _encoding(props)
     cluster = preferences.cluster()
     return [*words, "--cluster", cluster] if cluster else words
+
+
+def _encoding(props):
+    """Words for phases, as *Encode* makes them."""
+    words, seconds = ["--encode", props.encoding], properties.encode_seconds_of(props)
+    if seconds is not None:
+        words += ["--encode-seconds", repr(seconds)]
+    if props.device.calibration:
+        return [*words, "--response", bpy.path.abspath(props.device.calibration)]
+    return words if props.bits >= ENOUGH_BITS else [*words, "--bits", str(props.bits)]
 
 
 def _command(words, blender):

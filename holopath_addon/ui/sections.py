@@ -197,7 +197,9 @@ def render(layout: UILayout, context: Context) -> None:
 
 def animation(layout: UILayout, context: Context) -> None:
     """The button for all frames, or how far they are; what became of the last ones."""
-    layout.prop(properties.of(context.scene), "animation_folder", text="Folder")
+    props = properties.of(context.scene)
+    layout.prop(props, "animation_folder", text="Folder")
+    layout.prop(props, "animation_encodes")
     layout.use_property_split = False
     work = background.current
     column = layout.column(align=True)

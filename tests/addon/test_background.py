@@ -64,6 +64,19 @@ def test_renders_the_scene_as_it_is_and_nothing_twice(moving, tmp_path):
     assert fields(out) == made and background.current.finished == 2
 
 
+def test_phases_of_each_frame_where_they_are_wanted(moving, tmp_path):
+    """As the section Hologram says; a frame that has no phases yet is made anew."""
+    props, out = moving.holopath, tmp_path / "out"
+    props.encoding, props.animation_encodes, moving.frame_end = "dpac", True, 1
+    assert bpy.ops.holopath.render_animation() == {"FINISHED"}
+    assert engine.PhaseHologram.load(out / "frame_0001" / "hologram").method == "dpac"
+    props.encoding, props.limit_encoding, props.encode_seconds, props.bits = "auto", True, 5.0, 4
+    words = background._words(props, Path("a.blend"), out)
+    assert words[-6:] == ["--encode", "auto", "--encode-seconds", "5.0", "--bits", "4"]
+    props.device.calibration = "//my.json"
+    assert background._words(props, Path("a.blend"), out)[-2:-1] == ["--response"]
+
+
 def playing(lines, then="sys.stdin.read()"):
     """A process that says so much and then waits for the end of its input, or does otherwise."""
     code = f"import json, os, sys\nfor line in {lines!r}: print(line, file=sys.stderr, flush=True)\n{then}"
