@@ -24,7 +24,7 @@ def add_option(parser, what):
         type=argument(Cluster.parse),
         metavar=FORMS,
         help=f"{what} by the workers of a Dask scheduler, by N processes here, or by jobs of SLURM, whose options are "
-        "in FILE; needs `pip install holopath[cluster]`",
+        "in FILE; needs `pip install distributed`, and dask-jobqueue for slurm",
     )
 
 

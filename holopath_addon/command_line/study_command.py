@@ -201,7 +201,7 @@ def _study(args):
         ) from error
     progress(0.999, "Writing the table")
     if not studies.write_table(study, out):
-        progress.say("note: table.h5 is left out, as it needs h5py: pip install 'holopath[study]'.")
+        progress.say("note: table.h5 is left out, as it needs h5py: `pip install h5py`.")
     count, failed = len(work.units), sum(studies.failure(out, name) is not None for name in work.units)
     if failed:
         raise FarmFailed(

@@ -102,12 +102,12 @@ def _kind(path):
     return _KINDS[suffix]
 
 
-def _needed(module, extra):
+def _needed(module):
     try:
         return __import__(module, fromlist=["numpy"])
     except ImportError as error:
         raise BackendUnavailable(
-            f"Such files need {module.partition('.')[0]}: install it with `pip install holopath[{extra}]`."
+            f"Such files need {module.partition('.')[0]}: install it with `pip install {module.partition('.')[0]}`."
         ) from error
 
 
@@ -119,7 +119,7 @@ def _read_hdf5(path):
 
 def _hdf5(path):
     """Arrays, the MATLAB class of those that have one, and attributes, as `hdf5_reader` finds them."""
-    _needed("h5py", "exchange")
+    _needed("h5py")
     reader = Path(__file__).with_name("hdf5_reader.py")
     with tempfile.TemporaryDirectory(prefix="holopath-") as folder:
         try:
@@ -144,7 +144,7 @@ def _hdf5(path):
 
 
 def _write_hdf5(path, container):
-    h5py = _needed("h5py", "exchange")
+    h5py = _needed("h5py")
     with h5py.File(path, "w") as file:
         for name, array in container.arrays.items():
             stored = file.create_dataset(name, data=array)
@@ -186,7 +186,7 @@ def _from_matlab(array, kind):
 
 def _write_mat(path, container):
     """Version 7.3: HDF5 behind a block of text; MATLAB's axes run the other way, and numbers are 1 x 1."""
-    h5py = _needed("h5py", "exchange")
+    h5py = _needed("h5py")
     with h5py.File(path, "w", userblock_size=USER_BLOCK) as file:
         for name, array in container.arrays.items():
             _matlab(file, name, array)
@@ -261,7 +261,7 @@ def _write_npy(path, container):
 
 
 def _read_safetensors(path):
-    safetensors = _needed("safetensors", "exchange")
+    safetensors = _needed("safetensors")
     with safetensors.safe_open(path, framework="numpy") as file:
         words = file.metadata() or {}
         arrays = {name: file.get_tensor(name) for name in file.keys()}  # it is no dict
@@ -280,7 +280,7 @@ def _value(text):
 
 
 def _write_safetensors(path, container):
-    numpy = _needed("safetensors.numpy", "exchange")
+    numpy = _needed("safetensors.numpy")
     words = {name: json.dumps(value) for name, value in container.attributes.items()}
     arrays = {name: np.ascontiguousarray(array) for name, array in container.arrays.items()}
     numpy.save_file(arrays, str(path), metadata=words)

@@ -184,7 +184,7 @@ class Cluster:
             import distributed
         except ImportError as error:
             raise BackendUnavailable(
-                f"--cluster needs Dask ({error}): install it with `pip install holopath[cluster]`."
+                f"--cluster needs Dask ({error}): install it with `pip install distributed`."
             ) from error
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told as one sentence
         with ExitStack() as stack:
@@ -219,7 +219,7 @@ class Cluster:
             from dask_jobqueue import SLURMCluster
         except ImportError as error:
             raise BackendUnavailable(
-                f"--cluster slurm needs dask-jobqueue ({error}): install it with `pip install holopath[cluster]`."
+                f"--cluster slurm needs dask-jobqueue ({error}): install it with `pip install dask-jobqueue`."
             ) from error
         if shutil.which("sbatch") is None:
             raise BackendUnavailable(

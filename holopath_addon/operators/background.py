@@ -315,8 +315,8 @@ def _command(words, blender):
         command = shutil.which("holopath")
         if command is None:
             raise engine.InvalidInput(
-                "A cluster is spoken with by the command holopath, which is not found: install what its machines have, "
-                "`pip install holopath[cluster]`, and start Blender where that is on the PATH."
+                "A cluster is spoken with by the command holopath, which is not found: install what its machines have "
+                "(HoloPath and `pip install distributed`), and start Blender where that is on the PATH."
             )
         return [command, *words], environment
     if not blender:
