@@ -265,8 +265,8 @@ def _reconstruct(args):
     pupil = render_command.pupil_of(args)
     images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.0, 0.97))
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
-    stored = report.get("exposure_white") if pupil is None else None  # a part has little of the light
-    white = stored or output.exposure(rgb)
+    alike = output.pupil_of(report) == pupil  # through a smaller part there is less light
+    white = (alike and report.get("exposure_white")) or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
     files = output.picture_files(rgb, focus, white, pupil)
     prefix = "hologram_" if args.hologram else ""

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .engine import InvalidInput, PhaseHologram, WaveField
+from .engine import InvalidInput, PhaseHologram, Pupil, WaveField
 from .engine.files import whole_file, whole_folder
 from .engine.scene import variants
 from .lengths import format_distance
@@ -132,9 +132,14 @@ def picture_files(images, focus, white=None, pupil=None):
     return files
 
 
+def pupil_of(report):
+    """The part of the pupil that an output folder's pictures were rendered through; None: all of it."""
+    return Pupil(**report["pupil_m"]) if report.get("pupil_m") else None
+
+
 def first_picture(folder, report):
     """The viewable picture of an output folder that is focused where its report's first focus is; an absolute path."""
-    name = picture_name(float(report["focus_m"][0]))
+    name = picture_name(float(report["focus_m"][0]), pupil_of(report))
     return Path(folder).absolute() / "reconstruction" / f"{name}.png"
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import shutil
 import time
 from dataclasses import asdict, dataclass, replace
@@ -191,7 +192,9 @@ def write(
     progress(rendered_at, "Writing")
     with clock("files"):
         result.field.save(folder / "wavefield")
-        output.write_pictures(folder / "reconstruction", output.picture_files(rgb, result.focus, white))
+        output.write_pictures(
+            folder / "reconstruction", output.picture_files(rgb, result.focus, white, still.pupil)
+        )
     phase, told = encoded, []
     if phase is None and still.encode != "none":
         at = stage(progress, rendered_at, end)
@@ -204,6 +207,7 @@ def write(
     notes = [*result.plan.warnings, *pipeline.bake_notes(bake), *told]
     report = {
         "scene": still.name,
+        "scene_path": os.path.abspath(still.name) if os.path.isfile(still.name) else None,
         **asked,
         "plan": result.plan.to_dict(),
         "focus_m": result.focus,
@@ -292,7 +296,9 @@ def _compare(folder, still, result, progress):
         halves=True,
     )
     truth_rgb = engine.to_rgb(truth.mean(1), hologram.wavelengths)
-    output.write_pictures(folder / "reference", output.picture_files(truth_rgb, result.focus))
+    output.write_pictures(
+        folder / "reference", output.picture_files(truth_rgb, result.focus, None, still.pupil)
+    )
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
     slope = hologram.widest_slope

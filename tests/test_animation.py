@@ -132,10 +132,10 @@ def test_renders_anew_what_has_changed_and_only_that(moving, renders, tmp_path, 
     assert renders.count == 4  # a field holds every focus
     assert "frame_0005: refocused (changed: focus, pupil)" in capfd.readouterr().err
     assert names(out / FRAMES[1] / "reconstruction") == [
-        "focus_2m.exr",
-        "focus_2m.png",
-        "focus_infm.exr",
-        "focus_infm.png",
+        "focus_2m_pupil_0_0_1mm.exr",
+        "focus_2m_pupil_0_0_1mm.png",
+        "focus_infm_pupil_0_0_1mm.exr",
+        "focus_infm_pupil_0_0_1mm.png",
     ]
     assert json.loads((out / FRAMES[1] / "report.json").read_text())["focus_m"] == [2.0, "inf"]
     np.testing.assert_array_equal(field(out / FRAMES[1]), before[1])

@@ -25,19 +25,23 @@ def scenes(tmp_path):
     return paths
 
 
-def test_beside_the_path_tracer(scenes, backend, tmp_path):
+def test_beside_the_path_tracer(scenes, backend, tmp_path, capsys):
     """Figures of the scene that it is of, and of another one; speckle is at most that of so many frames."""
     out = tmp_path / "out"
     words = ["--resolution", "64x64", "--frames", "8", "--depth-range", "0.5,1", "--phase-field", "random"]
     assert cli.main(["render", str(scenes[0]), *words, "--quiet", "--out", str(out)]) == 0
 
     def figures_beside(scene):
-        assert cli.main(["report", str(out), "--scene", str(scene), "--paths", "8", "--quiet"]) == 0
+        assert cli.main(["report", str(out), "--scene", str(scene), "--paths", "8"]) == 0
         with (out / "report.csv").open() as file:
             rows = [row for row in csv.reader(file) if row[0] in ("PSNR, dB", "SSIM", "speckle")]
         return {(what, where): float(value) for what, where, value in rows}
 
     right, wrong = map(figures_beside, scenes)
+    assert "is not what the field was rendered of" in capsys.readouterr().err
+    scenes[0].write_text(scenes[1].read_text())
+    assert cli.main(["report", str(out), "--scene"]) == 2
+    assert "has changed since the field was rendered" in capsys.readouterr().err
     assert right.keys() == wrong.keys() and len(right) == 3 * 7 + 13 + 4
     page = (out / "report.html").read_text()
     assert "<h2>Beside Path Tracing</h2>" in page and page.count("<img") == 5 and "http" not in page

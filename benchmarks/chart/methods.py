@@ -66,7 +66,7 @@ MORE = {
     "high, despeckled": {"quality": "high", "despeckle": 200},
     "preview, encoded 1 s": {"quality": "preview", "encode": {"method": "auto", "seconds": 1.0}},
     "balanced, encoded 4 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 4.0}},
-    "balanced, encoded 8 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 8.0}},
+    "balanced, encoded 7 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 7.0}},
     "balanced, encoded 20 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 20.0}},
     "balanced, encoded": {"quality": "balanced", "encode": {"method": "auto"}},
     "high, encoded 80 s": {"quality": "high", "encode": {"method": "auto", "seconds": 80.0}},

@@ -97,6 +97,8 @@ def _encode(args):
     if start not in encoding.STARTS:
         start = output.stored_hologram(Path(start))
         start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
+    if args.encode_seconds is not None and args.method == "dpac":
+        raise engine.InvalidInput("--encode-seconds is for phases by descent, not for dpac: leave them out.")
     stopped = None
     try:
         scene, settings = _scene(args, folder, stage(progress, 0.0, OPENED), progress.say)
@@ -113,37 +115,37 @@ def _encode(args):
 
 def _scene(args, folder, progress, say):
     """The scene of a stored field and its settings, where `refine` may want them; both None where there is none."""
-    report = output.read_report(folder)
-    named = args.scene or report.get("scene")
-    wanted = args.scene is not None or args.method == "refine"
-    alone = None, None
-    if args.scene == "none" or args.method not in ("auto", "refine"):
-        return alone
-    try:
-        if not named or not {"settings", "scene_digest"} <= report.keys():
-            raise engine.InvalidInput(f"{folder} does not say which scene it is of, and with which settings.")
-        settings = engine.Settings(**report["settings"])
-        if settings.method in BASELINES or (settings.frames == 1 and args.method == "auto"):
-            return alone
-        progress(0.0, "Opening the scene")
-        source = sources.open_source(named)
-        render_command.to_frame(args, source)
-        hologram = output.stored_field(folder).hologram
-        with sources.native_output_to_stderr():
-            scene = source.load(hologram.width, hologram.height).scene
-        from ..engine.scene.fingerprint import scene_digest  # Mitsuba has its backend by now
-
-        if scene_digest(scene) != report["scene_digest"]:
+    field, alone = output.stored_field(folder), (None, None)
+    asked = args.scene is not None or args.at_frame is not None
+    if args.method not in ("auto", "refine"):
+        if asked and args.scene != "none":
             raise engine.InvalidInput(
-                f"{named} has changed since the field was rendered, or is at another frame: render it again, or give "
-                "--at-frame N."
+                f"The encoding {args.method} takes no scene: leave it out, or choose refine."
             )
-    except (engine.InvalidInput, engine.BackendUnavailable, TypeError) as error:
-        if wanted:
+        return alone
+    if args.scene == "none" or (args.method == "auto" and len(field.data) == 1):
+        return alone
+    asked = asked or args.method == "refine"
+    if not asked and sources.named(output.read_report(folder)) is None:
+        return alone  # as of other programs' fields
+    progress(0.0, "Opening the scene")
+    try:
+        found = sources.reopen(folder, field, args.scene, args.at_frame)
+        if found.settings is not None and found.settings.method in BASELINES and args.method == "auto":
+            return alone
+        if found.settings is None:
+            raise engine.InvalidInput(f"{folder} does not say with which settings it was rendered.")
+        if not found.same:
+            raise engine.InvalidInput(
+                f"{found.name} has changed since the field was rendered, or is at another frame: render it again, or "
+                "give --at-frame N."
+            )
+    except (engine.InvalidInput, engine.BackendUnavailable) as error:
+        if asked:
             raise
         say(f"note: {error} So phases go towards the field alone; with its scene they would be better.")
         return alone
-    return scene, settings
+    return found.scene, found.settings
 
 
 def _phases(args, folder, start, progress, scene=None, settings=None):

@@ -10,7 +10,7 @@ from .. import engine, lengths, output, stills
 from ..demo import DEMOS
 from ..engine import displays
 from ..engine.progress import stage
-from ..engine.settings import DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
+from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
@@ -165,15 +165,6 @@ def add_at_frame(parser):
         metavar="N",
         help="frame of a Blender scene (default: the file's current one)",
     )
-
-
-def to_frame(args, source):
-    """Make the frame that the words ask for the current one."""
-    if args.at_frame is None:
-        return
-    if not isinstance(source, sources.BlenderSource):
-        raise engine.InvalidInput(f"{args.scene} has no frames: leave out --at-frame.")
-    source.go_to(args.at_frame)
 
 
 def add_encoding(parser):
@@ -339,7 +330,7 @@ def pupil_of(args):
 
 def load(args, source):
     """Scene in its current frame, hologram and settings that the words ask for."""
-    to_frame(args, source)
+    sources.to_frame(args.at_frame, args.scene, source)
     hologram, settings = (
         hologram_of(args, source.hologram),
         options.asked(args, source.settings),
@@ -351,10 +342,24 @@ def load(args, source):
     return replace(loaded, camera=camera), hologram, settings
 
 
+def _check_encoding(method, settings, display):
+    """Refuse what cannot be encoded before anything is rendered."""
+    if method == "dpac" and display is not None:
+        raise engine.InvalidInput(
+            "Double phase knows no display model: choose --encode sgd or joint, or leave out --response."
+        )
+    if method == "refine" and settings.method in BASELINES:
+        raise engine.InvalidInput(
+            f"The encoding refine needs many frames, which the method {settings.method} has not: choose --encode joint."
+        )
+
+
 def still_of(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
     seconds = encode_seconds_of(args)
     loaded, hologram, settings = load(args, source)
+    display = display_of(args, hologram.wavelengths)
+    _check_encoding(args.encode, settings, display)
     return stills.Still(
         args.scene,
         loaded.scene,
@@ -374,7 +379,7 @@ def still_of(args, source, job=None):
         encode_seconds=seconds,
         levels=levels_of(args, hologram),
         quilt=args.quilt,
-        display=display_of(args, hologram.wavelengths),
+        display=display,
     )
 
 

@@ -194,17 +194,16 @@ def _truth(args, field, say):
         if args.at_frame is not None:
             raise engine.InvalidInput("--at-frame is of the scene to compare with: add --scene.")
         return None
-    named = output.read_report(args.folder).get("scene")
-    args.scene = args.scene or named
-    if not args.scene:
-        raise engine.InvalidInput(f"{args.folder} does not say which scene it is of: name it after --scene.")
-    if named and args.scene != named:
-        say(f"note: The field was rendered of {named}, and is compared with {args.scene}.")
-    source = sources.open_source(args.scene)
-    render_command.to_frame(args, source)
-    with sources.native_output_to_stderr():
-        scene = source.load(field.hologram.width, field.hologram.height).scene
-    return assessment.PathTraced(scene, field, args.paths, source.settings.max_depth)
+    found = sources.reopen(args.folder, field, args.scene or None, args.at_frame)
+    if not found.same and not args.scene:
+        raise engine.InvalidInput(
+            f"{found.name} has changed since the field was rendered, or is at another frame: name it after --scene to "
+            "compare all the same, or give --at-frame N."
+        )
+    if not found.same:
+        say(f"note: {found.name} is not what the field was rendered of.")
+    settings = found.settings or engine.Settings()
+    return assessment.PathTraced(found.scene, field, args.paths, settings.max_depth)
 
 
 def _beside_paths(sections, truth, refocus, depths, seen, progress):
@@ -221,7 +220,10 @@ def _beside_paths(sections, truth, refocus, depths, seen, progress):
 def _foci_beside(truth, refocus, depths, progress):
     border, cells, rows = truth.border, [], []
     for halves, depth, image in zip(truth(depths, None, progress), depths, refocus(depths), strict=True):
-        nearness = engine.psnr(image, halves, border), engine.ssim(image, halves, border)
+        nearness = (
+            _compared(engine.psnr, image, halves, border),
+            _compared(engine.ssim, image, halves, border),
+        )
         speckle = speckle_contrast(image, halves.mean(0), border)
         cells.append(
             (
@@ -242,6 +244,14 @@ def _foci_beside(truth, refocus, depths, progress):
     return text + table(("Focus", "PSNR", "SSIM", "Speckle"), cells), rows
 
 
+def _compared(measure, image, halves, border):
+    """PSNR or SSIM; NaN where what is compared with is dark."""
+    try:
+        return measure(image, halves, border)
+    except ValueError:
+        return math.nan
+
+
 def _pupils_beside(truth, refocus, focus, progress):
     field = refocus.field
     grid, radius = assessment.pupils(field, SHARE, POSITIONS), assessment.pupil_radius(field)
@@ -251,7 +261,7 @@ def _pupils_beside(truth, refocus, focus, progress):
     for pupil, told in zip(chosen, parts(progress, len(chosen)), strict=True):
         (halves,) = truth([focus], pupil, told)
         shown = assessment.even(field, refocus([focus], pupil)[0], pupil)
-        found[pupil] = engine.psnr(shown, halves, truth.border)
+        found[pupil] = _compared(engine.psnr, shown, halves, truth.border)
     values = np.array([[math.nan if pupil is None else found[pupil] for pupil in line] for line in grid])
     widths = [f"{1e3 * pupil.diameter:.3g} mm" for pupil in sizes]
     cells = [(width, f"{found[pupil]:.1f} dB") for width, pupil in zip(widths, sizes, strict=True)]

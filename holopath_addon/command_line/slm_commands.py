@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import engine, output, slm
+from .. import engine, failures, output, slm
 from ..engine.progress import stage
 from ..engine.scene import variants
 from ..slm.drivers.controller import BAUD
@@ -472,21 +472,22 @@ def _tune(args):
         raise engine.InvalidInput(f"The virtual bench is as high as wide, the hologram {width} x {height}.")
     window = slm.PatternWindow(min(width, height), hologram.pitch, wavelength, calibration.bits)
     phase = replace(phase, data=np.array(phase.data))  # Windows replaces no file that is mapped
-    stopped = None
     try:
-        with _looking(args, window, planes, distances, whole=(width, height)) as look:
+        with _looking(args, window, planes, distances, size=(width, height)) as look:
             tuned = slm.tune(
                 phase, field, look, calibration, wavelength, args.rounds, stage(progress, 0.0, 0.98)
             )
-    except engine.Cancelled as error:
-        if error.kept is None:
+    except Exception as error:
+        kept = getattr(error, "kept", None)
+        if kept is None:
             raise
-        tuned, stopped = error.kept, error
+        kept.save(folder / "hologram")
+        told = f"the best phases until then are in {folder / 'hologram'}."
+        if failures.cancelled(error):
+            raise engine.Cancelled(f"Cancelled: {told}") from error
+        progress.say(f"It ended early: {told}")
+        raise
     tuned.save(folder / "hologram")
-    if stopped is not None:
-        raise engine.Cancelled(
-            f"Cancelled: the best phases until then are in {folder / 'hologram'}."
-        ) from stopped
     decibels = tuned.report["tuned"][-1]["psnr_db"]
     progress(
         1.0, f"Done: the camera saw {decibels[0]:.1f} dB, now {max(decibels):.1f}: {folder / 'hologram'}"
@@ -494,8 +495,8 @@ def _tune(args):
 
 
 @contextmanager
-def _looking(args, window, planes, distances, whole=None):
-    """``look(levels, distance)`` of `slm.calibrate`, of a window's levels or the whole device's: width and height."""
+def _looking(args, window, planes, distances, size=None):
+    """``look(levels, distance)`` of `slm.calibrate`, of a window's levels or of so many, width and height."""
     if args.driver == "virtual":
         camera = round(1.4 * window.side)
         start = slm.nominal(window, distances, (camera, camera), args.view)
@@ -509,7 +510,7 @@ def _looking(args, window, planes, distances, whole=None):
         raise engine.InvalidInput(
             "The focus planes are missing: give them with --focus-planes, see `holopath focus --help`."
         )
-    size = whole or (window.side, window.side)
+    size = size or (window.side, window.side)
     driver = _device(args, size)
     own = getattr(driver, "controller", None)
     mover = None if planes is None else own or slm.Controller(args.port, args.baud)
@@ -519,8 +520,9 @@ def _looking(args, window, planes, distances, whole=None):
 
         def look(levels, distance):
             number = next(shown)
-            if whole is None:
-                levels = window.on(levels, (driver.info.width or size[0], driver.info.height or size[1]))
+            levels = slm.placed(
+                levels, (driver.info.width or size[0], driver.info.height or size[1]), window.bits
+            )
             picture = slm.Picture(levels, number, ((0, 0),), window.bits)
             while driver.show(number, picture) is False:
                 time.sleep(0.01)
@@ -536,9 +538,9 @@ def _looking(args, window, planes, distances, whole=None):
                 mover.open()
             yield look
         finally:
-            driver.close()
             if mover is not None:
                 mover.close()
+            driver.close()
 
 
 def _devices(args):

@@ -1,4 +1,7 @@
-"""Where a scene comes from: a .blend, a Mitsuba .xml, or a demo. bpy is imported only where it is needed."""
+"""Where a scene comes from: a .blend, a Mitsuba .xml, or a demo; also that of a stored field, opened again.
+
+bpy is imported only where it is needed.
+"""
 
 import contextlib
 import glob
@@ -12,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import demo, engine
+from .. import demo, engine, output
 from ..engine.scene import variants
 from ..farm.processes import uninterrupted
 
@@ -347,3 +350,92 @@ def native_output_to_stderr():
         sys.stdout.flush()
         os.dup2(saved, 1)
         os.close(saved)
+
+
+@dataclass(frozen=True)
+class Reopened:
+    """A scene, and how it was rendered.
+
+    Attributes
+    ----------
+    name : str
+        By which it was opened.
+    scene : mitsuba.Scene
+    settings : engine.Settings or None
+        Of the field; None if its folder does not know them.
+    same : bool
+        Whether it is what the field was rendered of.
+    """
+
+    name: str
+    scene: "mi.Scene"
+    settings: engine.Settings | None
+    same: bool
+
+
+def named(report):
+    """The scene of an output folder's report as it can be opened from here; None if it names none."""
+    name, path = report.get("scene"), report.get("scene_path")
+    return path if path and name and not Path(name).exists() and Path(path).exists() else name
+
+
+def reopen(folder, field, name=None, at_frame=None) -> Reopened:
+    """Open the scene of a stored field.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder.
+    field : engine.WaveField
+        That it stores.
+    name : str, optional
+        Default: what its report says.
+    at_frame : int, optional
+        Frame of a Blender scene.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+        If there is none, or it cannot be opened.
+    """
+    report = output.read_report(folder)
+    name = name or named(report)
+    if not name:
+        raise engine.InvalidInput(f"{folder} does not say which scene it is of: name it with --scene.")
+    settings = _settings(folder, report)
+    source = open_source(name)
+    to_frame(at_frame, name, source)
+    variants.activate()
+    from ..engine.scene.fingerprint import scene_digest
+
+    def loaded(camera):
+        with native_output_to_stderr():
+            return source.load(field.hologram.width, field.hologram.height, camera).scene
+
+    def same(scene):
+        return scene_digest(scene) == report.get("scene_digest")
+
+    scene = loaded(None)
+    if not same(scene) and isinstance(source, BlenderSource):
+        scene = loaded(field.camera)  # what is exported depends on the camera a little
+    return Reopened(name, scene, settings, same(scene))
+
+
+def to_frame(frame, name, source):
+    """Make a frame the current one; None: as it is."""
+    if frame is None:
+        return
+    if not isinstance(source, BlenderSource):
+        raise engine.InvalidInput(f"{name} has no frames: leave out --at-frame.")
+    source.go_to(frame)
+
+
+def _settings(folder, report):
+    if "settings" not in report:
+        return None
+    try:
+        return engine.Settings(**report["settings"])
+    except TypeError:
+        raise engine.InvalidInput(
+            f"{folder} was rendered with settings that this version does not know: render it again."
+        ) from None

@@ -305,7 +305,7 @@ def rows(study: Study, out: Path) -> list[dict]:
         made = _of_report(report)
         figures = report.get("comparison") or [{}] * len(report["focus_m"])
         for focus, compared in zip(map(_number, report["focus_m"]), figures, strict=True):
-            picture = folder / "reconstruction" / f"{output.picture_name(focus)}.exr"
+            picture = folder / "reconstruction" / f"{output.picture_name(focus, output.pupil_of(report))}.exr"
             found.append(
                 {
                     **row,

@@ -158,6 +158,15 @@ class HOLOPATH_OT_identify_monitors(Working, bpy.types.Operator):
     bl_label = "Identify Monitors"
     doing = "showing numbers"
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        free = ready(
+            cls,
+            not devices.streaming(),
+            "A device shows a hologram, which numbers would cover: stop it first",
+        )
+        return free and super().poll(context)
+
     def work(self, scene):
         def show(job, progress):
             found = slm.monitors()

@@ -4,7 +4,7 @@ A `Sequence` makes pictures of holograms, `stream` shows them on a `Driver`.
 """
 
 from .bench import Bench, mis_set
-from .calibrating import PatternWindow, calibrate, calibration_of, nominal
+from .calibrating import PatternWindow, calibrate, calibration_of, nominal, placed
 from .calibration import Calibration, Response
 from .driver import Driver, Info, Picture
 from .drivers.controller import Controller, serial_ports
@@ -54,6 +54,7 @@ __all__ = [
     "mis_set",
     "monitors",
     "nominal",
+    "placed",
     "read_capture",
     "run_camera",
     "serial_ports",

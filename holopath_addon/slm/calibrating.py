@@ -52,21 +52,28 @@ class PatternWindow:
     wavelength: float
     bits: int = 8
 
-    def on(self, levels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """Levels of a device of a width and height.
 
-        Around the window is a checkerboard of half a turn, whose light the stop in the Fourier plane takes away.
-        """
-        width, height = size
-        if min(size) < self.side:
-            raise InvalidInput(
-                f"The device has {width} x {height} pixels: choose a window of no more than {min(size)}."
-            )
-        y, x = np.indices((height, width))
-        whole = ((x + y) % 2 * 2 ** (self.bits - 1)).astype(levels.dtype)
-        top, left = (height - self.side) // 2, (width - self.side) // 2
-        whole[top : top + self.side, left : left + self.side] = levels
-        return whole
+def placed(levels: np.ndarray, size: tuple[int, int], bits: int) -> np.ndarray:
+    """Levels in the middle of a device of a width and height.
+
+    Around them is a checkerboard of half a turn, whose light the stop in the Fourier plane takes away.
+
+    Raises
+    ------
+    InvalidInput
+        If they do not fit.
+    """
+    width, height = size
+    rows, columns = levels.shape
+    if columns > width or rows > height:
+        raise InvalidInput(
+            f"The device has {width} x {height} pixels: choose a window of no more than {min(size)}."
+        )
+    y, x = np.indices((height, width))
+    whole = ((x + y) % 2 * 2 ** (bits - 1)).astype(levels.dtype)
+    top, left = (height - rows) // 2, (width - columns) // 2
+    whole[top : top + rows, left : left + columns] = levels
+    return whole
 
 
 def nominal(

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 LONGEST = 0.1  # radians, the first steps
 LEAST_SEEN = 0.1  # of the hologram's pixels
+NEAR = 1e-9  # metres by which a focus may lie beyond the volume: numbers in files are rounded
 BETWEEN = 8  # distances at which the model's own pictures count
 
 
@@ -69,13 +70,14 @@ def tune(
     rounds : int
         In each all foci come up once: a picture of each frame at each.
     progress : callable, optional
-        ``progress(done, message)`` with the PSNR that the camera sees, may raise `Cancelled`; what was best by then is
-        in the attribute `kept` of the `Cancelled` that this raises.
+        ``progress(done, message)`` with the PSNR that the camera sees, may raise `Cancelled`. What was best by then is
+        in the attribute `kept` of whatever this raises once a round is done, a camera's failure too.
 
     Returns
     -------
     PhaseHologram
-        That of the best round. Its `report` has ``tuned``: the wavelength, and the PSNR in dB of each round.
+        The best that was seen. Its `report` has ``tuned``: the wavelength, and the PSNR in dB that the camera saw
+        before each round and after the last one.
 
     Raises
     ------
@@ -94,7 +96,16 @@ def tune(
         raise InvalidInput("The phases are of another field: encode this one, then tune its phases.")
     if rounds < 1:
         raise InvalidInput(f"Phases are tuned in one round or more, not in {rounds}.")
-    colour, values, decibels = colours[0], [], []
+    colour, best, decibels = colours[0], phase.data[:, colours[0]], []
+
+    def kept():
+        data = np.array(phase.data)
+        data[:, colour] = best
+        tuned = {"wavelength_m": phase.hologram.wavelengths[colour], "psnr_db": decibels}
+        return replace(
+            phase, data=data, report={**phase.report, "tuned": [*phase.report.get("tuned", ()), tuned]}
+        )
+
     with Frames() as threads:
         loop = _Loop(phase, field, calibration, colour, threads)
         shots, taken = (rounds + 1) * len(loop.distances) * len(phase.data), count()
@@ -105,28 +116,22 @@ def tune(
             return look(levels, distance)
 
         try:
-            for number in range(rounds + 1):  # the last one only looks
-                before = loop.phases.values()
-                rate = 0.0 if number == rounds else LONGEST * 0.5 * (1 + math.cos(math.pi * number / rounds))
-                psnrs = [loop.step(shown, distance, rate) for distance in loop.distances]
-                values.append(before)
-                decibels.append(float(np.mean(psnrs)))
+            for number in range(rounds + 1):  # after the last one it only looks
+                psnr, errors = loop.seen(shown)
+                if not decibels or psnr > max(decibels):
+                    best = loop.phases.values()
+                decibels.append(psnr)
+                if number < rounds:
+                    rate = LONGEST * 0.5 * (1 + math.cos(math.pi * number / rounds))
+                    loop.descend(errors, rate)
         except (Exception, KeyboardInterrupt) as error:
+            vars(error)["kept"] = kept() if decibels else None
             if not cancelled(error):
                 raise
             stopped = Cancelled("Tuning was stopped.")
-            stopped.kept = _best(phase, colour, values, decibels) if decibels else None
+            stopped.kept = vars(error)["kept"]
             raise stopped from error
-    return _best(phase, colour, values, decibels)
-
-
-def _best(phase, colour, values, decibels):
-    """The phases of the best round."""
-    data = np.array(phase.data)
-    data[:, colour] = values[int(np.argmax(decibels))]
-    tuned = {"wavelength_m": phase.hologram.wavelengths[colour], "psnr_db": decibels}
-    report = {**phase.report, "tuned": [*phase.report.get("tuned", ()), tuned]}
-    return replace(phase, data=data, report=report)
+    return kept()
 
 
 class _Loop:
@@ -143,7 +148,7 @@ class _Loop:
             )
         model, self._sensor = models[0], calibration.sensor(self._wavelength)
         ends = sorted((hologram.depth_far, hologram.depth_near))
-        self.distances = [z for z in self._sensor.homographies if ends[0] <= z <= ends[1]]
+        self.distances = [z for z in self._sensor.homographies if ends[0] - NEAR <= z <= ends[1] + NEAR]
         if not self.distances:
             raise InvalidInput(
                 f"No focus of the calibration lies within the volume, {ends[0] * 1e3:g} to {ends[1] * 1e3:g} mm."
@@ -178,34 +183,36 @@ class _Loop:
                 )
             self._wanted[z] = wanted[z], relative(wanted[z]) * seen
 
-    def step(self, look, distance, rate):
-        """Look at all frames at one focus, and go down; gives the PSNR of what was seen before."""
-        wanted, weight = self._wanted[distance]
-        values, seen = self.phases.values(), np.zeros(wanted.shape, np.float32)
-        for frame in values:
-            picture = np.asarray(
-                look(self._calibration.levels(frame, self._wavelength, self._table)), np.float32
-            )
-            if picture.shape != self._sensor.shape:
-                raise InvalidInput(
-                    f"The camera's picture has {_pixels(picture.shape)}, at the calibration it had "
-                    f"{_pixels(self._sensor.shape)}: let it take them alike."
-                )
-            light = self._sensor.intensity(picture)
-            seen += scipy.ndimage.map_coordinates(light, self._at[distance], np.float32, 1, "nearest")
-        seen /= len(values)
-        gain = _gain(seen, wanted, weight)
-        if rate:
-            self._descend(distance, gain * seen - wanted, rate)
-        return _psnr(gain * seen, wanted, weight > 0)
+    def seen(self, look):
+        """Look at all frames at each focus: the mean PSNR, and how far each focus is from what is wanted."""
+        values, psnrs, errors = self.phases.values(), [], {}
+        for distance in self.distances:
+            wanted, weight = self._wanted[distance]
+            total = np.zeros(wanted.shape, np.float32)
+            for frame in values:
+                levels = self._calibration.levels(frame, self._wavelength, self._table)
+                picture = np.asarray(look(levels, distance), np.float32)
+                if picture.shape != self._sensor.shape:
+                    raise InvalidInput(
+                        f"The camera's picture has {_pixels(picture.shape)}, at the calibration it had "
+                        f"{_pixels(self._sensor.shape)}: let it take them alike."
+                    )
+                light = self._sensor.intensity(picture)
+                total += scipy.ndimage.map_coordinates(light, self._at[distance], np.float32, 1, "nearest")
+            total *= _gain(total, wanted, weight)  # as bright as is wanted
+            psnrs.append(_psnr(total, wanted, weight > 0))
+            errors[distance] = total - wanted
+        return float(np.mean(psnrs)), errors
 
-    def _descend(self, distance, error, rate):
-        light = self.phases.light
-        spectra = scipy.fft.fft2(light, self._padded)
-        slopes = self._slopes(spectra, distance, error)
-        slopes += self._slopes(spectra, self._between[self._rng.integers(len(self._between))])
-        back = scipy.fft.ifft2(slopes)[:, : light.shape[1], : light.shape[2]]
-        self.phases.descend(back, np.ones(len(back), np.complex64), rate, PARTLY)
+    def descend(self, errors, rate):
+        """A step for each focus, and each time for one more distance, by the model's own picture there."""
+        for distance, error in errors.items():
+            light = self.phases.light
+            spectra = scipy.fft.fft2(light, self._padded)
+            slopes = self._slopes(spectra, distance, error)
+            slopes += self._slopes(spectra, self._between[self._rng.integers(len(self._between))])
+            back = scipy.fft.ifft2(slopes)[:, : light.shape[1], : light.shape[2]]
+            self.phases.descend(back, np.ones(len(back), np.complex64), rate, PARTLY)
 
     def _slopes(self, spectra, distance, error=None):
         """Spectra of dL / du at the SLM, of one distance; without an error seen the model's own counts."""

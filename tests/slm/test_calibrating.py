@@ -43,6 +43,15 @@ def test_values_are_those_of_the_setup():
     assert vector(setup_of(values, start)) == pytest.approx(values, rel=1e-9, abs=1e-12)
 
 
+def test_levels_in_the_middle_of_a_larger_device():
+    """Around them half a turn from pixel to pixel."""
+    levels = np.full((2, 4), 7, np.uint8)
+    whole = slm.placed(levels, (8, 6), 8)
+    assert whole.shape == (6, 8) and (whole[2:4, 2:6] == 7).all() and set(whole.ravel()) == {0, 7, 128}
+    with pytest.raises(engine.InvalidInput, match="no more than 3"):
+        slm.placed(levels, (3, 6), 8)
+
+
 def test_what_is_off_a_little_is_found():
     """What is no aberration and not the source's extent, a twentieth of its range off, from ten captures."""
     distances, window = FOCI[:2], SMALL

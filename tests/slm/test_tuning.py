@@ -119,6 +119,22 @@ REFUSED = {
 }
 
 
+def test_a_camera_that_fails_leaves_the_best(bench):
+    bench, calibration = bench
+    field = field_of()
+    phase = encoded(field, calibration)
+    taken = iter(range(FRAMES * len(FOCI) + 1))
+
+    def look(levels, distance):
+        if next(taken) == FRAMES * len(FOCI):
+            raise engine.InvalidInput("The camera's command failed.")
+        return bench.look(levels, distance)
+
+    with pytest.raises(engine.InvalidInput, match="command failed") as failed:
+        slm.tune(phase, field, look, calibration, GREEN)
+    assert failed.value.kept.report["tuned"][0]["psnr_db"][0] > 5
+
+
 @pytest.mark.parametrize("says", REFUSED)
 def test_refusals(says, bench):
     bench, calibration = bench
