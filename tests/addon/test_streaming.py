@@ -44,6 +44,13 @@ def test_nothing_to_show(scene):
         bpy.ops.holopath.capture()
 
 
+def test_numbers_never_cover_a_hologram(scene, monkeypatch):
+    """Monitors are identified while nothing is shown."""
+    assert bpy.ops.holopath.identify_monitors.poll()
+    monkeypatch.setattr(devices, "streaming", lambda: True)
+    assert not bpy.ops.holopath.identify_monitors.poll()
+
+
 def test_virtual_bench(device, phase):
     device.driver = "virtual"
     with pytest.raises(RuntimeError, match="press Stream to Device"):
