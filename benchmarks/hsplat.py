@@ -105,11 +105,10 @@ def _imported(folder):
             setattr(module, function, None)
     sys.path.insert(0, folder)
     import torch
-    import tqdm
 
     # its phases at random are complex, as its waves are, and make them larger and smaller without end
     vars(torch)["randn_like"] = lambda wave: torch.randn(wave.shape, device=wave.device)
-    vars(tqdm)["tqdm"] = lambda each: each  # no bar a Gaussian
+    vars(import_module("tqdm"))["tqdm"] = lambda each: each  # no bar a Gaussian
     return import_module("algorithms")
 
 
