@@ -233,11 +233,18 @@ def test_the_site_is_made_without_a_warning_and_needs_no_network(tmp_path):
 
 @pytest.mark.slow
 def test_the_first_hologram_in_python(backend, tmp_path, monkeypatch, capsys):
+    """All code of the page, one after the other, with a .blend of the name that it opens."""
+    bpy = pytest.importorskip("bpy")
+    from holopath_addon import demo
+
     monkeypatch.chdir(tmp_path)
+    demo.build("planes")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     code = "\n".join(fences(DOCS / "start" / "python.md", "python"))
     exec(compile(code.replace("256", "64"), "start/python.md", "exec"), {})
     assert float(re.search(r"([\d.]+) dB", capsys.readouterr().out)[1]) > 15
     assert (tmp_path / "out/wavefield/field.npy").exists() and (tmp_path / "out/hologram/phase.npy").exists()
+    assert (tmp_path / "focus.png").stat().st_size > 1000
 
 
 @pytest.mark.slow
