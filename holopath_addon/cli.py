@@ -199,7 +199,8 @@ def _plan(args):
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = None
     if args.encode != "none":
-        encoding = engine.plan_encoding(plan, settings, args.encode, seconds)
+        along = engine.frames_along(plan, settings, hologram, args.encode, seconds)
+        encoding = engine.plan_encoding(plan, settings, args.encode, seconds, along)
     if args.json:
         print(
             json.dumps(

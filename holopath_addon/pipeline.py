@@ -9,7 +9,6 @@ import numpy as np
 from . import engine
 from .engine.hologram import channel
 from .engine.mapping import DepthMapping
-from .engine.planning import phases
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, Compiling, stage
 
@@ -244,6 +243,8 @@ def compute(
     store=None,
     field=None,
     offer=None,
+    encoding="none",
+    encode_seconds=None,
 ):
     """Plan, render and refocus.
 
@@ -267,6 +268,10 @@ def compute(
         ``offer(picture)`` with pictures, array [y, x, 3], to look at meanwhile; ``offer(picture, draft)`` with the
         `Result` of quality draft that it is of, where the hologram takes several times as long. The hologram is the
         same with and without.
+    encoding : str
+        That follows, of `engine.encode`, or none: frames that it goes towards are traced along.
+    encode_seconds : float, optional
+        That it may take.
 
     Returns
     -------
@@ -308,7 +313,9 @@ def compute(
                     )
                 offer(engine.to_rgb(early.images[0], hologram.wavelengths), early)
                 begun = max(drawn, _begun(started, plan))
-        field = engine.render(scene, camera, hologram, settings, plan, stage(progress, begun, 0.95), store)
+        along = engine.frames_along(plan, settings, hologram, encoding, encode_seconds)
+        at = stage(progress, begun, 0.95)
+        field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
         clock.seconds.update(field.report["seconds"])
     with clock("refocusing"):
         images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.95, 1.0))
@@ -350,13 +357,17 @@ def encode(field, method, progress, scene=None, settings=None, store=None, secon
         return engine.encode(field, method, progress, **options)
     view = scene, field.camera, field.hologram, settings
     plan = _planned(field) or engine.plan(*view, store)
-    chosen = engine.plan_encoding(plan, settings, method, seconds)
+    along = 0 if field.more is None else len(field.more)
+    chosen = engine.plan_encoding(plan, settings, method, seconds, along)
     if chosen.steps:
         options.setdefault("most_steps", chosen.steps)
 
     def many(progress):
-        at_once = None if seconds is None else phases.SET
-        return engine.many_frames(*view, plan, progress, store, chosen.frames, at_once)
+        if along:
+            yield list(range(len(field.hologram.wavelengths))), field.more
+        if chosen.frames > along:
+            clocked = seconds is not None
+            yield from engine.many_frames(*view, plan, progress, store, chosen.frames, along, clocked)
 
     try:
         phase = engine.encode(field, chosen.method, progress, many=many, **options)

@@ -144,6 +144,8 @@ class Still:
             self.store,
             rendered,
             offer,
+            self.encode,
+            self.encode_seconds,
         )
 
 

@@ -217,7 +217,7 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
     settings, encoding = method.settings(effort, frames), method.encoding(effort)
     view, clock = (scene, camera, hologram), Stages(task.limit)
     try:
-        warm = _render(method, *view, warmed(settings), Stages(task.limit))
+        warm = _rendered(method, *view, warmed(settings), encoding, Stages(task.limit))
         if encoding:
             _encode(warm, encoding | {"most_steps": 1}, Stages(task.limit), scene, settings)
         free()
@@ -251,7 +251,7 @@ def _timed(method, scene, camera, hologram, settings, encoding, clock):
     """Seconds, and the field; the baselines' plan, of which they take the depths in view alone, is not counted."""
     plan = engine.plan(scene, camera, hologram, settings) if method.kind in ("baseline", "peer") else None
     start = time.perf_counter()
-    field = _render(method, scene, camera, hologram, settings, clock, plan)
+    field = _rendered(method, scene, camera, hologram, settings, encoding, clock, plan)
     if encoding:
         field = _encode(field, encoding, clock, scene, settings).field()
     return time.perf_counter() - start, field
@@ -261,11 +261,16 @@ def _encode(field, encoding, clock, scene, settings):
     return pipeline.encode(field, progress=clock, scene=scene, settings=settings, **encoding)
 
 
-def _render(method, scene, camera, hologram, settings, clock, plan=None):
+def _rendered(method, scene, camera, hologram, settings, encoding, clock, plan=None):
+    """The field, with what the encoding that follows wants to be traced along."""
     clock.start()
+    along = 0
+    if encoding:
+        plan = engine.plan(scene, camera, hologram, settings)
+        along = engine.frames_along(plan, settings, hologram, **encoding)
     if method.kind == "peer":
         return peers.render(method.name, scene, camera, hologram, settings, plan, clock)
-    return engine.render(scene, camera, hologram, settings, plan, clock)
+    return engine.render(scene, camera, hologram, settings, plan, clock, more=along)
 
 
 class Stages:

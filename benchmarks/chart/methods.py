@@ -65,12 +65,11 @@ MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
     "high, despeckled": {"quality": "high", "despeckle": 200},
     "preview, encoded 1 s": {"quality": "preview", "encode": {"method": "auto", "seconds": 1.0}},
-    "balanced, encoded 4 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 4.0}},
+    "preview, encoded 5 s": {"quality": "preview", "encode": {"method": "auto", "seconds": 5.0}},
     "balanced, encoded 7 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 7.0}},
     "balanced, encoded 20 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 20.0}},
     "balanced, encoded": {"quality": "balanced", "encode": {"method": "auto"}},
     "high, encoded 80 s": {"quality": "high", "encode": {"method": "auto", "seconds": 80.0}},
-    "high, encoded 250 s": {"quality": "high", "encode": {"method": "auto", "seconds": 250.0}},
 }
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 

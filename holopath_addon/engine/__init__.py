@@ -11,7 +11,7 @@ from .hologram import Hologram
 from .light.bake_store import BakeStore
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
-from .planning.phases import EncodingPlan, plan_encoding
+from .planning.phases import EncodingPlan, frames_along, plan_encoding
 from .planning.planner import plan
 from .pupil import Pupil
 from .rendering import render
@@ -51,6 +51,7 @@ __all__ = [
     "depth_map",
     "diffracted",
     "encode",
+    "frames_along",
     "many_frames",
     "parse_fixed",
     "plan",

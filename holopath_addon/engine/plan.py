@@ -11,6 +11,7 @@ from .slabs import Slab
 
 T = TypeVar("T")
 SLABS = "slab", "images"  # of a recording plane
+PHASES = "sgd", "joint", "look", "light", "rays", "frame", "step"  # see `planning.costs.phases`
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,7 @@ class Plan:
     stages : dict of str to float
         Estimated seconds of each stage on this machine; empty for baselines, of which nothing is foretold.
     phases : dict of str to float
-        Those of what its encodings are made of, see `planning.costs.phases`; empty for baselines.
+        Those of what its encodings are made of, by `PHASES`; empty for baselines.
     phases_memory : dict of str to float
         Estimated bytes that each encoding takes, with the field; empty for baselines.
     error : float
@@ -225,6 +226,8 @@ class Plan:
         KeyError, TypeError
             If it is another version's.
         """
+        if values["phases"] and set(values["phases"]) != set(PHASES):
+            raise KeyError("phases")
         unlimited = {name: math.inf for name in ("white", "radiance_limit") if values[name] is None}
         return cls(
             **{name: value for name, value in values.items() if name != "seconds"}

@@ -33,6 +33,9 @@ class WaveField:
         What was planned, and seconds and rays per stage.
     modulated : bool
         Whether it is the light of a modulator, which fills aperture and band to their edges, so that more of it strays.
+    more : numpy.ndarray, complex64, or None
+        Of the same shape but for the number of frames: the first of `engine.many_frames`, which an encoding goes
+        towards. Not saved.
     """
 
     data: np.ndarray = field(repr=False)
@@ -42,6 +45,7 @@ class WaveField:
     plan: dict = field(default_factory=dict, repr=False)
     report: dict = field(default_factory=dict, repr=False)
     modulated: bool = False
+    more: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @property
     def mapping(self) -> DepthMapping:

@@ -87,18 +87,20 @@ def test_a_draft_is_called_one(scene):
     assert "Draft: 64 × 64 px" in drawn(sections.reconstruct, scene)[1]
 
 
-PHASES = {"sgd": 1.0, "joint": 8.0, "views": 0.1, "light": 2.0, "set": 1.0, "step": 0.1}
+PHASES = {
+    "sgd": 1.0,  "joint": 8.0, "look": 0.0125, "light": 2.0, "rays": 0.4, "frame": 0.0125, "step": 0.1
+}  # fmt: skip
 MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 
 
 @pytest.mark.parametrize(
     ("settings", "says", "names"),
     [
-        ({}, ("Many Frames: About 17 s Memory: 200 MB", "51 s of encoding would gain up to 2 dB"), True),
+        ({}, ("Many Frames: About 18 s Memory: 200 MB", "52 s of encoding would gain up to 2 dB"), True),
         ({"limit_encoding": True}, ("Many Frames: About 30 s", "so many seconds"), True),
         (
             {"limit_encoding": True, "encode_seconds": 3.0},
-            ("All Frames: About 3 s", "7.0 s to be worth it"),
+            ("All Frames: About 3 s", "4.4 s to be worth it"),
             True,
         ),
         ({"encoding": "joint"}, ("All Frames: About 8 s Memory: 90 MB as asked",), True),

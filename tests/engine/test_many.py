@@ -7,8 +7,11 @@ from holopath_addon import engine
 from holopath_addon.engine.rendering import many
 
 
-@pytest.mark.parametrize(("most_bytes", "at_once"), [(1, None), (1 << 28, None), (1 << 28, 24)])
-def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes, at_once):
+@pytest.mark.parametrize(
+    ("most_bytes", "clocked", "sizes"),
+    [(1, False, [24] * 4), (1 << 28, False, [24, 72]), (1 << 28, True, [8, 24, 24, 24, 16])],
+)
+def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_bytes, clocked, sizes):
     """However many are traced at once; none is one of the field's own."""
     monkeypatch.setattr(many, "AT_ONCE", most_bytes)
     hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
@@ -17,11 +20,11 @@ def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_b
     plan = engine.plan(*view)
     field = engine.render(*view, plan)
     told, batches = [], []
-    more = engine.many_frames(*view, plan, lambda *state: told.append(state), count=96, at_once=at_once)
+    more = engine.many_frames(*view, plan, lambda *state: told.append(state), count=96, clocked=clocked)
     for numbers, fields in more:
         assert numbers == [0, 1]
         batches.append(fields)
-    assert len(batches) == (1 if most_bytes > 1 and at_once is None else 4)
+    assert [len(each) for each in batches] == sizes
     assert [done for done, _ in told] == sorted(done for done, _ in told) and told[-1][0] == 1
     more = np.concatenate(batches)
     assert more.shape == (96, 2, 48, 48)
@@ -33,6 +36,20 @@ def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_b
     )
     assert mean.mean() == pytest.approx(own.mean(), rel=0.02)
     assert np.abs(mean - own).mean() < 0.15 * own.mean()
+
+
+def test_a_render_traces_the_first_of_them_along(build, camera, small):
+    """Its own frames and these are what they are one after another; the next follow."""
+    settings = engine.Settings(frames=2, quality="preview")
+    view = build.two_planes(build.diffuse), camera, small, settings
+    plan = engine.plan(*view)
+    alone, both = engine.render(*view, plan), engine.render(*view, plan, more=24)
+    assert alone.more is None
+    np.testing.assert_array_equal(both.data, alone.data)
+    first, rest = (fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=30))
+    np.testing.assert_array_equal(both.more, first)
+    ((_, after),) = engine.many_frames(*view, plan, lambda *_: None, count=30, begin=24)
+    np.testing.assert_array_equal(after, rest)
 
 
 def test_other_methods_have_none(camera):

@@ -46,7 +46,7 @@ STEPS = {"joint": 100, "refine": 400}  # of each wavelength, where seconds do no
 SHARE = {"joint": 0.1, "refine": 0.1}  # of the progress that comes before the stage
 TRACED = 0.4  # and is done when the many frames are there
 # Shares of the seconds, where these are few: the first stage takes no more of them, and some frames are there by then.
-FIRST, LATEST = 0.5, 0.6
+FIRST, LATEST = 0.1, 0.6
 LEAST_STEPS = 10  # of all frames together, for which looks at all views are worth their time
 
 

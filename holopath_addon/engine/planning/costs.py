@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ..encoding import encoder, views
 from ..encoding.views import MOST_DEPTHS, STEP, transforms
 from ..memory import AT_ONCE
+from ..plan import PHASES
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
@@ -161,30 +162,25 @@ def stages(
 def phases(
     survey: Survey, planes: Sequence[RecordingPlane], traversals: int, taken: dict[str, float]
 ) -> dict[str, float]:
-    """Seconds of what encodings of a field are made of, by name; see `stages`, which gave `taken`.
+    """Seconds of what encodings of a field are made of, by `PHASES`; see `stages`, which gave `taken`.
 
-    `sgd` and `joint` to their ends; a look at all `views`; for `refine` the `light` that is found again, each `set` of
-    more frames; and each `step` of all frames together.
+    `sgd` and `joint` to their ends; a `look` at all views of a frame; for `refine` the `light` that is found again, the
+    `rays` of each batch of more frames and each `frame`; and each `step` of all frames together.
     """
     seen, slowness = survey.seen, survey.slowness
     pixels, frames, colours = _numbers(survey)
     plain, chained = mean_rays(planes, survey.chains.branches)
     grids = _grids(survey)
     padded = sum(grid for grid, _ in grids)
-    looks = sum(grid * (1 + transforms(frames) * depths) for grid, depths in grids)
+    look = slowness * LOOKED * sum(grid * (1 + transforms(frames) * depths) for grid, depths in grids)
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
     sums = pixels * colours * ((plain + chained) * SUM[1] + MOVE * len(planes))
     sgd = slowness * pixels * frames * colours * SGD
-    look = slowness * frames * LOOKED * looks
     step = slowness * frames * STEP * TRANSFORM * padded
-    return {
-        "sgd": sgd,
-        "joint": sgd + look + encoder.STEPS["joint"] * step,
-        "views": look,
-        "light": sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance")),
-        "set": traversals * rays + slowness * SETS[-1] * (sums + LOOKED * looks),
-        "step": step,
-    }
+    joint = sgd + 3 * frames * look + encoder.STEPS["joint"] * step
+    light = sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance"))
+    each = sgd, joint, look, light, traversals * rays, slowness * sums, step
+    return dict(zip(PHASES, each, strict=True))
 
 
 def phases_memory(survey: Survey) -> dict[str, float]:

@@ -6,24 +6,26 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
+from ..encoding.encoder import FIRST, TRACED
 from ..encoding.encoder import LEAST_STEPS as WORTH
-from ..encoding.encoder import TRACED
 from ..errors import InvalidInput
-from ..memory import shortage
+from ..memory import AT_ONCE, shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
 from ..waves.phase_fields import SETS
 from .planner import resolved
 
 if TYPE_CHECKING:
+    from ..hologram import Hologram
     from ..plan import Plan
     from ..settings import Settings
 
-SET = SETS[-1]  # frames that are traced together
-MOST, LEAST = 8, 1  # sets
-# Sets and steps where nothing limits the seconds: as many as gain most, and all that gain anything. And steps from
-# which on phases are better than those of `joint` (docs/measurements.md, Seconds of encoding).
-ENOUGH, ALL, LEAST_STEPS = (4, 100), (MOST, 400), 30
+# More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything. And where
+# seconds do, frames of which the most are chosen that fit: those that were traced along or `LEAST`, and whole sets. And
+# steps from which on phases are better than those of `joint` (docs/measurements.md, Seconds of encoding).
+ENOUGH, ALL = (96, 100), (192, 400)
+LEAST, LEAST_STEPS = SETS[-2], 12
+BY_CLOCK = 7, 4, 2, 1, 0  # whole sets beside the first frames
 GAINS = "up to 4 dB", "up to 2 dB"  # of `ENOUGH` over `joint`, and of `ALL` over that; the same measurement
 
 
@@ -82,7 +84,7 @@ class EncodingPlan:
 
 
 def plan_encoding(
-    plan: Plan, settings: Settings, method: str = "auto", seconds: float | None = None
+    plan: Plan, settings: Settings, method: str = "auto", seconds: float | None = None, along: int = 0
 ) -> EncodingPlan:
     """Decide how a field becomes phases.
 
@@ -96,6 +98,8 @@ def plan_encoding(
         One of `ENCODINGS`; ``auto`` is left to this.
     seconds : float, optional
         That the encoding may take, from the field on.
+    along : int
+        More frames that the render traces with its own, see `frames_along`.
 
     Returns
     -------
@@ -108,65 +112,134 @@ def plan_encoding(
     """
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(ENCODINGS)}.")
-    chosen = _chosen(plan, settings, method, seconds)
+    chosen = _chosen(plan, settings, method, seconds, along)
     return replace(chosen, memory_bytes=plan.phases_memory.get(chosen.method, 0.0))
 
 
-def _chosen(plan, settings, method, seconds):
+def frames_along(
+    plan: Plan, settings: Settings, hologram: Hologram, method: str, seconds: float | None = None
+) -> int:
+    """More frames that a render had best trace with its own, for the encoding that follows: paths serve them all.
+
+    Parameters
+    ----------
+    plan, settings, method, seconds
+        See `plan_encoding`; a method is also ``none``.
+    hologram : Hologram
+
+    Returns
+    -------
+    int
+        A set where phases will be found towards many frames, and it takes little memory; else 0.
+    """
+    set_bytes = 8 * SETS[-1] * hologram.width * hologram.height * len(hologram.wavelengths)
+    own = resolved(settings)
+    fits = set_bytes <= AT_ONCE and not own.despeckle and own.phase_field == "designed"
+    if not fits or method not in ("auto", "refine") or settings.method in BASELINES:
+        return 0
+    return SETS[-1] if plan_encoding(plan, settings, method, seconds, SETS[-1]).method == "refine" else 0
+
+
+def _chosen(plan, settings, method, seconds, along):
     """`plan_encoding` without the memory."""
-    costs, own = plan.phases, settings.method not in BASELINES
+    own, frames = settings.method not in BASELINES, resolved(settings).frames
     if method == "refine" and not own:
         raise InvalidInput(
             f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
         )
-    several = resolved(settings).frames > 1
-    enough = seconds is None or not own or _joint_least(costs) <= seconds
+    costs, several = _Costs(plan.phases, frames, along), frames > 1
+    enough = seconds is None or not own or costs.joint <= seconds
     plain = "joint" if several and enough else "sgd"
     if method not in ("auto", "refine"):
-        return EncodingPlan(method, 0, 0, _limited(costs.get(method, 0.0), seconds), "as asked")
+        return EncodingPlan(method, 0, 0, _limited(plan.phases.get(method, 0.0), seconds), "as asked")
     if not own:
         reason = "other people's methods have no more frames to go towards"
         return EncodingPlan(plain, 0, 0, seconds or 0.0, reason)
     if not several and method == "auto":
         reason = "one frame keeps its speckle, whatever it goes towards"
-        return EncodingPlan("sgd", 0, 0, _limited(costs["sgd"], seconds), reason)
+        return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     if seconds is not None:
-        sets = _sets(costs, seconds)
-        if sets or method == "refine":
+        frames = costs.within(seconds)
+        if frames or method == "refine":
             reason = "as asked" if method == "refine" else "the best that so many seconds allow"
-            # with one traversal for all wavelengths the clock itself says when there are enough
-            frames = SET * (MOST if plan.traversals == 1 else max(sets, LEAST))
+            frames = max(frames, costs.least)
+            if plan.traversals == 1 and frames > along:
+                # with one traversal for all wavelengths the clock itself says when there are enough
+                frames = costs.least + BY_CLOCK[0] * SETS[-1]
             return EncodingPlan("refine", frames, 0, seconds, reason)
-        least = _refining(costs, LEAST, LEAST_STEPS)
+        least = costs.worth()
         reason = f"more frames of the same light, which show more, take {_seconds(least)} to be worth it"
-        better = _upwards(_refining(costs, *ENOUGH))
-        return EncodingPlan(plain, 0, 0, _limited(costs[plain], seconds), reason, better)
+        better = _upwards(costs.better(*ENOUGH))
+        return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
-    sets, steps = ALL if most else ENOUGH
+    frames, steps = ALL if most else ENOUGH
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
-    better = None if most else _upwards(_refining(costs, *ALL))
-    return EncodingPlan("refine", sets * SET, steps, _refining(costs, sets, steps), reason, better)
+    better = None if most else _upwards(costs.better(*ALL))
+    return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
 
 
-def _joint_least(costs):
-    """Seconds from which on `joint` is worth it: all views are wanted, and looked at twice."""
-    return costs["sgd"] + 3 * costs["views"] + WORTH * costs["step"]
+@dataclass(frozen=True)
+class _Costs:
+    """Seconds of encodings, see `costs.phases`.
 
+    Attributes
+    ----------
+    each : dict of str to float
+    own : int
+        Frames of the hologram.
+    along : int
+        More that the render traces with these.
+    """
 
-def _refining(costs, sets, steps):
-    """Seconds of `refine`."""
-    return costs["sgd"] + costs["light"] + sets * costs["set"] + steps * costs["step"]
+    each: dict[str, float]
+    own: int
+    along: int
 
+    @property
+    def least(self) -> int:
+        """More frames that `refine` begins with."""
+        return self.along or LEAST
 
-def _sets(costs, seconds):
-    """Sets of more frames that are worth their seconds; 0 where none are."""
-    sets = MOST
-    while sets >= LEAST:
-        traced = costs["light"] + sets * costs["set"]
-        if _refining(costs, sets, LEAST_STEPS) <= seconds and (sets == LEAST or traced <= TRACED * seconds):
-            return sets
-        sets //= 2
-    return 0
+    @property
+    def joint(self) -> float:
+        """From which on `joint` is worth it."""
+        return self._enough(0, WORTH)
+
+    def frames(self, count: int) -> float:
+        """Of more frames; paths are found again for those that were not traced along."""
+        rest = count - self.along
+        again = self.each["light"] + math.ceil(rest / SETS[-1]) * self.each["rays"] if rest > 0 else 0.0
+        return again + rest * self.each["frame"] + count * self.each["look"]
+
+    def refine(self, frames: int, steps: int) -> float:
+        """To its end."""
+        return self.each["sgd"] + self._together(frames, steps)
+
+    def better(self, frames: int, steps: int) -> float:
+        """From which on there are so many frames and steps in them, or more."""
+        return self._enough(self.least + frames, steps)
+
+    def worth(self) -> float:
+        """From which on `refine` is."""
+        return self._enough(self.least, LEAST_STEPS)
+
+    def within(self, seconds: float) -> int:
+        """More frames that are worth their seconds; 0 where none are."""
+        for count in (self.least + sets * SETS[-1] for sets in BY_CLOCK):
+            fits = count == self.least or self.frames(count) <= TRACED * seconds
+            if fits and self._enough(count, LEAST_STEPS) <= seconds:
+                return count
+        return 0
+
+    def _together(self, frames, steps):
+        """Of all frames together. Views are of their own frames, too, and are looked at at both ends."""
+        looks = 3 * self.own * self.each["look"]
+        return looks + (self.frames(frames) if frames else 0.0) + steps * self.each["step"]
+
+    def _enough(self, frames, steps):
+        """Seconds given in which there is time for so many; where they are few, `sgd` has a share of them."""
+        together = self._together(frames, steps)
+        return min(self.each["sgd"] + together, together / (1 - FIRST))
 
 
 def _limited(taken, seconds):

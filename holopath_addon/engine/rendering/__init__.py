@@ -14,6 +14,7 @@ from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..wavefield import WaveField
 from .fields import Tracing, at_slm
+from .many import along
 from .planned import PlannedRender, added, report_of
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def render(
     plan: Plan | None = None,
     progress: Progress | None = None,
     store: BakeStore | None = None,
+    more: int = 0,
 ) -> WaveField:
     """Render the wave field of a scene.
 
@@ -57,6 +59,9 @@ def render(
         `Cancelled`.
     store : BakeStore, optional
         Where baked light is kept for other views and other times.
+    more : int
+        Frames that are traced along with the hologram's own for an encoding, see `WaveField.more`; not of settings with
+        steps against speckle or phases at random, nor of other people's methods.
 
     Returns
     -------
@@ -83,28 +88,29 @@ def render(
     planned = PlannedRender(scene, camera, hologram, settings, plan, clock)
     stages = Stages(progress, BAKED if plan.cached else TRACED)
     stages["phase fields"](0.0, "Phase fields")
-    phasors = planned.phasors
+    sets = (planned.phasors, along(more)) if more else (planned.phasors,)
     planned.bake(store, stages["baking"])
     fields, errors, passes, rays = [], [], None, {}
     for group, at in zip(planned.groups, parts(stages["waves"], len(planned.groups)), strict=True):
         with planned.recording(group) as recording:
-            fields.append(_waves(recording, phasors, at))
+            fields.append(_waves(recording, sets, at))
         errors.append(recording.error)
         passes, rays = recording.passes, added(rays, recording.rays_traced)
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
     baked = None if planned.baked is None else asdict(planned.baked)
     error = planned.error(errors)
     report = report_of(plan, settings.frames, clock.seconds, rays, passes, error, baked)
-    return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
+    rendered = WaveField(field[: settings.frames], hologram, camera, plan.near, plan.to_dict(), report)
+    return replace(rendered, more=field[settings.frames :]) if more else rendered
 
 
-def _waves(recording, phasors, progress):
+def _waves(recording, sets, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
     stages = Stages(progress, DESPECKLED if recording.settings.despeckle else PLAIN)
     lighting = named(stages["radiance"], "Radiance")
     lighting(0.0)
     radiance = recording.radiance(lighting)
-    return at_slm(recording, Tracing(recording, radiance, phasors), stages["fields"])
+    return at_slm(recording, Tracing(recording, radiance, *sets), stages["fields"])
 
 
 def baked_picture(

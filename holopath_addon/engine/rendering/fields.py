@@ -48,8 +48,8 @@ class Recorded(Protocol):
         """Frames of the set of phasors with a number, see `OWN`."""
         ...
 
-    def recordable(self, number: int) -> float:
-        """Their energy that a field keeps, see `kept_energy`."""
+    def recordable(self, number: int) -> float | np.ndarray:
+        """Their energy that a field keeps, see `kept_energy`; of each, where that is not one for all."""
         ...
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
@@ -64,16 +64,17 @@ class Tracing:
     ----------
     recording : Recording
     radiance : RadianceMap or PathsPerRay
-    phasors : numpy.ndarray, complex64, shape (frames, rows, columns)
-        The hologram's own.
+    *sets : numpy.ndarray, complex64, shape (frames, rows, columns)
+        Phasors of the hologram's own frames, and of others that share their rays.
     """
 
     def __init__(
-        self, recording: Recording, radiance: RadianceMap | PathsPerRay, phasors: np.ndarray
+        self, recording: Recording, radiance: RadianceMap | PathsPerRay, *sets: np.ndarray
     ) -> None:
         self.hologram = recording.hologram
-        self._recording, self._radiance, self._own = recording, radiance, phasors
-        self._last = OWN, phasors
+        self._recording, self._radiance, self._sets = recording, radiance, sets
+        self._own = sets[0] if len(sets) == 1 else np.concatenate(sets)
+        self._last = OWN, self._own
 
     def _phasors(self, number):
         if number != self._last[0]:
@@ -83,9 +84,11 @@ class Tracing:
     def frames(self, number: int) -> int:
         return len(self._phasors(number))
 
-    def recordable(self, number: int) -> float:
+    def recordable(self, number: int) -> np.ndarray:
+        sets = self._sets if number == OWN else (self._phasors(number),)
         with self._recording.clock("phase fields"):
-            return kept_energy(self._phasors(number), self._recording.settings.estimator)
+            kept = [kept_energy(each, self._recording.settings.estimator) for each in sets]
+        return np.repeat(kept, [len(each) for each in sets])
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
         tracing = named(progress, "Wave tracing")
@@ -158,7 +161,7 @@ def _in_scene(recording, recorded, number, progress):
                     field[m, k] = wave
         z = plane.z
         recorded.add(number, plane, field, told)
-    field *= np.float32(1 / np.sqrt(recorded.recordable(number)))
+    field *= np.float32(1 / np.sqrt(recorded.recordable(number))).reshape(-1, 1, 1, 1)
     return field
 
 

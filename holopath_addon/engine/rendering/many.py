@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..errors import InvalidInput
 from ..memory import AT_ONCE
 from ..planning import planner
+from ..planning.phases import LEAST
 from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
 from ..settings import BASELINES
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import mitsuba as mi
-    import numpy as np
 
     from ..camera import Camera
     from ..hologram import Hologram
@@ -43,7 +44,8 @@ def many_frames(
     progress: Progress,
     store: BakeStore | None = None,
     count: int = FRAMES,
-    at_once: int | None = None,
+    begin: int = 0,
+    clocked: bool = False,
 ) -> Iterator[tuple[list[int], np.ndarray]]:
     """Fields of frames with other phases than a hologram's, a batch at a time; paths are found once for all.
 
@@ -61,8 +63,11 @@ def many_frames(
     store : BakeStore, optional
         Where baked light is kept.
     count : int
-    at_once : int, optional
-        Most frames of a batch, for one who may want no more of them. Default: as many as memory allows.
+    begin : int
+        How many there are already, see `along`.
+    clocked : bool
+        In batches of a set, or `phases.LEAST` in the first, for one who may want no more of them. Default: as many at
+        once as memory allows.
 
     Yields
     ------
@@ -81,17 +86,38 @@ def many_frames(
     settings = replace(planner.resolved(settings), despeckle=0)
     planned = PlannedRender(scene, camera, hologram, settings, plan, Clock())
     planned.bake(store, stage(progress, 0.0, BAKED))
-    phasors = designed_phasors(count, seed=1)  # seed 0 has the hologram's own
-    pixel_bytes = 8 * len(hologram.wavelengths)
-    batch = max(SETS[-1], AT_ONCE // (hologram.height * hologram.width * pixel_bytes))
-    batch = min(batch, at_once or batch)
-    starts = range(0, count, math.ceil(count / math.ceil(count / batch)))
+    batches = _batches(count, begin, clocked, hologram)
     groups = planned.groups
     for group, at in zip(groups, parts(stage(progress, BAKED, 1.0), len(groups)), strict=True):
         stages = Stages(at, LIT)
         numbers = [hologram.wavelengths.index(wavelength) for wavelength in group]
         with planned.recording(group) as recording:
             radiance = recording.radiance(named(stages["radiance"], "Radiance"))
-            for start, told in zip(starts, parts(stages["waves"], len(starts)), strict=True):
-                some = phasors[start : start + starts.step]
-                yield numbers, at_slm(recording, Tracing(recording, radiance, some), told)
+            for phasors, told in zip(batches, parts(stages["waves"], len(batches)), strict=True):
+                yield numbers, at_slm(recording, Tracing(recording, radiance, phasors), told)
+
+
+def along(count: int) -> np.ndarray:
+    """Phasors of the first of many frames, for a render that traces them with a hologram's own.
+
+    Parameters
+    ----------
+    count : int
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (count, rows, columns)
+    """
+    return designed_phasors(count, seed=1)  # seed 0 has the hologram's own
+
+
+def _batches(count, begin, clocked, hologram):
+    """Phasors of each batch; the first is what a render may have traced along, so that all is the same if it has."""
+    size, some = SETS[-1], []
+    if not clocked:
+        size = max(size, AT_ONCE // (8 * hologram.height * hologram.width * len(hologram.wavelengths)))
+    elif not begin:
+        some, count = [designed_phasors(LEAST, seed=2)], count - LEAST
+    phasors = along(count)[begin:] if count else np.empty((0, 1, 1), np.complex64)
+    ends = range(size if begin or some else SETS[-1], len(phasors), size)
+    return some + [batch for batch in np.split(phasors, ends) if len(batch)]

@@ -1,31 +1,69 @@
 """Which encoding is chosen for the seconds that there are."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
 
 from holopath_addon import engine
 
-COSTS = {"sgd": 1.0, "joint": 8.0, "views": 0.1, "light": 2.0, "set": 1.0, "step": 0.1}
+COSTS = {
+    "sgd": 1.0,  "joint": 8.0, "look": 0.0125, "light": 2.0, "rays": 0.4, "frame": 0.0125, "step": 0.1
+}  # fmt: skip
+SET = 0.4 + 24 * (0.0125 + 0.0125)  # seconds
 MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 
 
-def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, **settings):
+def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, along=0, **settings):
     plan = SimpleNamespace(phases=costs, phases_memory=MEMORY, traversals=traversals)
-    return engine.plan_encoding(plan, engine.Settings(**settings), encoding, seconds)
+    return engine.plan_encoding(plan, engine.Settings(**settings), encoding, seconds, along)
 
 
 def test_more_seconds_go_towards_more_frames():
     """All that is foretold fits, and the descent has most of it; where all wavelengths share rays, the clock tells."""
-    assert [chosen(seconds=seconds, traversals=1).frames for seconds in (5, 8, 50)] == [0, 192, 192]
-    found = {seconds: chosen(seconds=seconds) for seconds in (1, 5, 8, 20, 50, 1000)}
+    assert [chosen(seconds=seconds, traversals=1).frames for seconds in (4, 8, 50)] == [0, 176, 176]
+    found = {seconds: chosen(seconds=seconds) for seconds in (1, 4, 8, 20, 50, 1000)}
     assert [each.method for each in found.values()] == ["sgd", "joint", *["refine"] * 4]
     frames = [each.frames for each in found.values()]
-    assert frames == sorted(frames) and frames[:3] == [0, 0, 24] and frames[-1] == 192
+    assert frames == sorted(frames) and frames[:3] == [0, 0, 8] and frames[-1] == 176
     for seconds, each in found.items():
         assert each.seconds <= seconds and not each.steps
-        if each.frames > 24:
-            assert COSTS["light"] + each.frames / 24 * COSTS["set"] <= 0.4 * seconds
+        if each.frames > 8:
+            assert COSTS["light"] + each.frames / 24 * SET <= 0.4 * seconds
+
+
+def test_frames_traced_along_need_no_paths():
+    """So that fewer seconds are enough, and more frames come only where there is time for paths."""
+    found = {seconds: chosen(seconds=seconds, along=24, traversals=1) for seconds in (2, 3, 5, 20)}
+    assert [(each.method, each.frames) for each in found.values()] == [
+        ("joint", 0),
+        ("refine", 24),
+        ("refine", 24),
+        ("refine", 192),
+    ]
+    assert chosen(along=24).frames == 96
+    assert chosen().seconds - chosen(along=24).seconds == pytest.approx(0.4 + 24 * COSTS["frame"])
+
+
+@pytest.mark.parametrize(
+    ("method", "seconds", "settings", "size", "along"),
+    [
+        ("auto", None, {}, 256, 24),
+        ("refine", 1, {}, 256, 24),
+        ("auto", 1, {}, 256, 0),  # is sgd
+        ("joint", None, {}, 256, 0),
+        ("none", None, {}, 256, 0),
+        ("auto", None, {"despeckle": 20}, 256, 0),
+        ("auto", None, {"phase_field": "random"}, 256, 0),
+        ("auto", None, {"method": "point"}, 256, 0),
+        ("auto", None, {"frames": 1}, 256, 0),
+        ("auto", None, {}, 2048, 0),  # would take 2.4 GB
+    ],
+)
+def test_what_renders_trace_along(method, seconds, settings, size, along):
+    plan = SimpleNamespace(phases=COSTS, phases_memory=MEMORY, traversals=1)
+    hologram = engine.Hologram(size, size, 8e-6)
+    assert engine.frames_along(plan, engine.Settings(**settings), hologram, method, seconds) == along
 
 
 @pytest.mark.parametrize("given", [{}, {"seconds": 3}, {"seconds": 3, "speckle": 0.1}])
@@ -36,9 +74,11 @@ def test_advice_is_what_the_advised_seconds_bring(given):
     assert before.advice.startswith(f"{before.better:.0f} s of encoding would gain")
     after = chosen(**{**given, "seconds": before.better})
     assert after.method == "refine" and after.frames > before.frames and after.advice == ""
-    steps = (after.seconds - COSTS["sgd"] - COSTS["light"] - after.frames / 24 * COSTS["set"]) / COSTS["step"]
+    before_frames = 22 if "speckle" in given else 8
+    frames = COSTS["light"] + math.ceil(after.frames / 24) * COSTS["rays"] + after.frames * 0.025
+    steps = (after.seconds - COSTS["sgd"] - 3 * before_frames * COSTS["look"] - frames) / COSTS["step"]
     assert steps >= max(100, 4 * before.steps) - 1e-6
-    assert "seconds" not in given or "7.0 s to be worth" in before.reason
+    assert "seconds" not in given or "to be worth" in before.reason
 
 
 def test_without_a_limit():
@@ -54,10 +94,10 @@ def test_without_a_limit():
     assert chosen(frames=1).method == "sgd" and not chosen(frames=1).advice
     assert {chosen(frames=1, **more).method for more in ({"seconds": 50}, {"method": "full"})} == {"sgd"}
     assert chosen("refine", frames=1).method == "refine"  # as asked
-    assert chosen().seconds == 1 + 2 + 4 + 100 * 0.1
+    assert chosen().seconds == pytest.approx(1 + 0.3 + 2 + 4 * SET + 100 * 0.1)
     assert chosen("sgd").seconds == 1 and chosen("sgd", seconds=0.3).seconds == 0.3
     assert (
-        chosen("refine").steps == 400 and chosen("refine", seconds=0.1).frames == 24
+        chosen("refine").steps == 400 and chosen("refine", seconds=0.1).frames == 8
     )  # as asked, however short
     assert str(chosen("joint").decision) == "encoding: joint, about 8.0 s, 90 MB (as asked)"
 
@@ -96,3 +136,12 @@ def test_costs_of_a_real_plan(build, camera, small):
     assert set(one) == set(COSTS) and min(one.values()) > 0
     for name in ("sgd", "joint", "step"):
         assert many[name] == pytest.approx(4 * one[name])
+
+
+def test_a_plan_of_another_version_is_none(build, camera, small):
+    """So that it is planned again, as its costs have other names."""
+    plan = engine.plan(build.two_planes(build.emissive), camera, small)
+    values = plan.to_dict()
+    assert engine.Plan.from_dict(values) == plan
+    with pytest.raises(KeyError):
+        engine.Plan.from_dict({**values, "phases": {"sgd": 1.0, "set": 2.0}})
