@@ -68,9 +68,7 @@ class Tracing:
         Phasors of the hologram's own frames, and of others that share their rays.
     """
 
-    def __init__(
-        self, recording: Recording, radiance: RadianceMap | PathsPerRay, *sets: np.ndarray
-    ) -> None:
+    def __init__(self, recording: Recording, radiance: RadianceMap | PathsPerRay, *sets: np.ndarray) -> None:
         self.hologram = recording.hologram
         self._recording, self._radiance, self._sets = recording, radiance, sets
         self._own = sets[0] if len(sets) == 1 else np.concatenate(sets)
