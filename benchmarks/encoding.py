@@ -338,6 +338,9 @@ def seconds(names=("three planes", "two planes under a lamp", "suzanne"), given=
             ("refine", {}),
             *(("auto", limit) for limit in limits),
         ] + [("joint", limit) for limit in limits[:-1]]:
+            plan = engine.plan(*view, settings)
+            along = engine.frames_along(plan, settings, subject.hologram, method, options.get("seconds"))
+            field = engine.render(*view, settings, plan, more=along)
             start = time.perf_counter()
             phase = pipeline.encode(field, method, lambda *_: None, subject.scene, settings, **options)
             taken, stages = time.perf_counter() - start, phase.report["stages"]

@@ -84,6 +84,9 @@ class Still:
         That the SLM has at each wavelength.
     display : list of engine.DisplayModel, or None
         What the display does to light at each wavelength, see `engine.encode`.
+    opened : dict
+        The scene's frame and the name of the camera that was asked for, None each where there is none: with them it can
+        be opened again.
     """
 
     name: str
@@ -106,6 +109,7 @@ class Still:
     levels: list | None = None
     quilt: tuple | None = None
     display: list | None = None
+    opened: dict = dataclasses.field(default_factory=dict)
 
     @cached_property
     def asked(self):
@@ -202,6 +206,7 @@ def write(
         at = stage(progress, rendered_at, end)
         with clock("encoding"):
             phase, told = _encode(still, result.field, at, stoppable)
+        result.field = replace(result.field, more=None)  # which has done what it was for
     if phase is not None:
         with clock("files"):
             phase.save(folder / "hologram")
@@ -210,6 +215,7 @@ def write(
     report = {
         "scene": still.name,
         "scene_path": os.path.abspath(still.name) if os.path.isfile(still.name) else None,
+        "opened": still.opened,
         **asked,
         "plan": result.plan.to_dict(),
         "focus_m": result.focus,

@@ -425,6 +425,31 @@ def test_encoding_afterwards_is_encoding_with_the_render(xml, tmp_path, capfd):
     refused(cli.main([*again, "--scene", str(xml)]), capfd.readouterr().err, 2, "does not exist")
 
 
+def test_the_camera_and_the_frame_of_a_render_are_found_again(empty_scene, tmp_path, capfd):
+    """So that its scene is the same one: far from the origin that depends on the camera."""
+    import bpy
+
+    for name, place in (("Camera", (0.0, 0.0, 0.0)), ("Far", (500.0, 0.0, 0.0))):
+        camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
+        camera.location = place
+        empty_scene.collection.objects.link(camera)
+    empty_scene.camera = bpy.data.objects["Camera"]
+    bpy.ops.mesh.primitive_plane_add(size=1.0)
+    for frame, depth in ((1, -3.0), (6, -1.0)):
+        bpy.context.object.location = 500, 0, depth
+        bpy.context.object.keyframe_insert("location", frame=frame)
+    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
+    light.location = 500, 0, 0
+    empty_scene.collection.objects.link(light)
+    blend, out = tmp_path / "far.blend", tmp_path / "out"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    words = ["--camera", "Far", "--at-frame", "3", "--wavelengths", "516.5", "--method", "full"]
+    assert cli.main(["render", str(blend), *SMALL, *words, "--out", str(out), "--quiet"]) == 0
+    assert cli.main(["encode", str(out), "--encode-seconds", "2"]) == 0
+    assert "note:" not in capfd.readouterr().err
+    assert engine.PhaseHologram.load(out / "hologram").report["plan"]["method"] == "refine"
+
+
 def test_encode_in_other_ways(rendered, tmp_path, capfd):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     words = ["encode", str(rendered), "--method", "sgd", "--quiet", "--steps", "6"]
@@ -476,15 +501,22 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
 
 
 @pytest.mark.parametrize(("method", "frames", "steps"), [("auto", 96, 100), ("full", 192, 400)])
-def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, method, frames, steps):
-    """`auto`, and more of them with the method full."""
-    out = tmp_path / "out"
+def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, monkeypatch, method, frames, steps):
+    """`auto`, and more of them with the method full; the first were traced with the hologram's own."""
+    out, traced, begun = tmp_path / "out", engine.many_frames, []
+
+    def many_frames(*words):
+        begun.append(words[-2])
+        return traced(*words)
+
+    monkeypatch.setattr(engine, "many_frames", many_frames)
     words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--method", method, "--encode", "auto"]
     assert cli.main([*words, "--out", str(out), "--quiet"]) == 0
     phase = engine.PhaseHologram.load(out / "hologram")
     assert phase.method == "refine"
     stages = {stage["stage"]: stage for stage in phase.report["stages"]}
     assert stages["many frames"]["frames"] == frames and stages["refine"]["steps"] == steps
+    assert begun == [24]
 
 
 def test_seconds_of_encoding(xml, tmp_path, capfd):

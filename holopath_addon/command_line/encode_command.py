@@ -48,7 +48,7 @@ def add(command, store):
         help="that the field was rendered of (default: the one that DIR/report.json names, where it is there and "
         "unchanged); none: leave it alone",
     )
-    render_command.add_at_frame(encode)
+    render_command.add_at_frame(encode, "the one of the field")
     render_command.add_cache(encode, store)
     render_command.add_encode_seconds(encode)
     render_command.add_levels(encode)

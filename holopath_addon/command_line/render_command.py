@@ -158,12 +158,12 @@ def add_scene(parser, store):
     add_at_frame(parser)
 
 
-def add_at_frame(parser):
+def add_at_frame(parser, default="the file's current one"):
     parser.add_argument(
         "--at-frame",
         type=argument(_one_frame),
         metavar="N",
-        help="frame of a Blender scene (default: the file's current one)",
+        help=f"frame of a Blender scene (default: {default})",
     )
 
 
@@ -380,6 +380,7 @@ def still_of(args, source, job=None):
         levels=levels_of(args, hologram),
         quilt=args.quilt,
         display=display,
+        opened={"frame": source.frame, "camera": args.camera},
     )
 
 

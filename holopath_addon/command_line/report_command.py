@@ -38,7 +38,7 @@ def add(command):
         help="also compare with path-traced pictures, over focus and over the pupil; of this scene, by default the one "
         "that DIR/report.json names",
     )
-    render_command.add_at_frame(report)
+    render_command.add_at_frame(report, "the one of the field")
     report.add_argument(
         "--paths",
         type=options.argument(_paths),

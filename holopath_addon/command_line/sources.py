@@ -71,6 +71,11 @@ class BlenderSource:
         return properties.settings_of(properties.of(_scene()))
 
     @property
+    def frame(self):
+        """Number of the current frame."""
+        return _scene().frame_current
+
+    @property
     def frames(self):
         """Numbers of the frames of the animation."""
         scene = _scene()
@@ -168,6 +173,8 @@ def _scene():
 
 class MitsubaSource:
     """A Mitsuba scene file; the viewer stands at its first sensor."""
+
+    frame = None
 
     def __init__(self, path):
         self.path = path
@@ -391,7 +398,7 @@ def reopen(folder, field, name=None, at_frame=None) -> Reopened:
     name : str, optional
         Default: what its report says.
     at_frame : int, optional
-        Frame of a Blender scene.
+        Frame of a Blender scene. Default: that of the field.
 
     Raises
     ------
@@ -399,11 +406,14 @@ def reopen(folder, field, name=None, at_frame=None) -> Reopened:
         If there is none, or it cannot be opened.
     """
     report = output.read_report(folder)
+    opened = report.get("opened") or {}  # versions before 0.3 do not tell
     name = name or named(report)
     if not name:
         raise engine.InvalidInput(f"{folder} does not say which scene it is of: name it with --scene.")
     settings = _settings(folder, report)
     source = open_source(name)
+    if at_frame is None and isinstance(source, BlenderSource):
+        at_frame = opened.get("frame")
     to_frame(at_frame, name, source)
     variants.activate()
     from ..engine.scene.fingerprint import scene_digest
@@ -415,9 +425,14 @@ def reopen(folder, field, name=None, at_frame=None) -> Reopened:
     def same(scene):
         return scene_digest(scene) == report.get("scene_digest")
 
-    scene = loaded(None)
+    try:
+        scene = loaded(opened.get("camera"))  # what is exported depends on the camera a little
+    except engine.InvalidInput:
+        if not opened.get("camera"):
+            raise
+        scene = loaded(None)  # another scene than the field's may have another camera
     if not same(scene) and isinstance(source, BlenderSource):
-        scene = loaded(field.camera)  # what is exported depends on the camera a little
+        scene = loaded(field.camera)
     return Reopened(name, scene, settings, same(scene))
 
 

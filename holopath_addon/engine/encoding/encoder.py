@@ -343,20 +343,22 @@ class _Work:
             else:
                 self.phases[:, colour] = np.mod(np.angle(data[:, colour]), 2 * math.pi)
 
-    def sgd(self, colour):
-        """Each frame for itself."""
+    def sgd(self, colour, on=None):
+        """Each frame for itself; `on` goes on with it, from one share of the progress to another until it is over."""
         field, asked = self.field, self._asked
         white, name = _white(self._fields(0, colour)), self._named(colour)
         groups = _groups(len(field.data), field.data[0, colour].size * BYTES["sgd"])
         whole = SHARE.get(asked.method, 1.0)
-        part, limit = whole / len(self.colours) / len(groups), FIRST / whole if whole < 1 else 1
-        rate = descent.WARM if isinstance(asked.start, PhaseHologram) else descent.RATE
+        place, share = self.colours.index(colour), whole / len(self.colours)
+        begin, end = on or (place * share, (place + 1) * share)
+        part, limit = (end - begin) / len(groups), FIRST / whole if whole < 1 and not on else 1
+        rate = descent.WARM if on or isinstance(asked.start, PhaseHologram) else descent.RATE
         levels = self._coarse[colour] if asked.method == "sgd" else None  # else the next stage's
         for number, group in enumerate(groups):
             target = self._target(self._fields(group, colour), colour)
             if not target.energy:
                 continue
-            begun = part * (self.colours.index(colour) * len(groups) + number)
+            begun = begin + part * number
 
             def told(done, loss, begun=begun):
                 psnr = 10 * math.log10(white**2 / max(loss, 1e-30))
@@ -427,9 +429,13 @@ class _Work:
     def _towards(self, views, colour, begun, number):
         """Bring phases of one wavelength to views, of which its own frames are some; wavelengths share the time left.
 
-        Nothing is done where nothing of it can be seen, or the time is too short.
+        Nothing is done where nothing of it can be seen. Where the time is too short, each frame goes on for itself.
         """
-        if not self.gains[colour] or not self._worth(views, number):
+        if not self.gains[colour]:
+            return
+        if not self._worth(views, number):
+            if self._left(1) > 0:
+                self.sgd(colour, [self._at(begun, number + n) for n in (0, 1)])
             return
         self._progress(self._at(begun, number), "Views of the field")
         for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):

@@ -193,12 +193,14 @@ def phases_memory(survey: Survey) -> dict[str, float]:
     kept = [sum(each) for each in zip(targets, transfers, strict=True)]
     grid = max(grid for grid, _ in grids)
     steps = min(most, encoder.BYTES["together"] * frames * grid)
-    traced = CHUNK_BYTES + 2 * max(AT_ONCE, SETS[-1] * 8 * pixels * colours)
+    along = SETS[-1] * 8 * pixels * colours
+    traced = CHUNK_BYTES + 2 * max(AT_ONCE, along)
+    along = along if along <= AT_ONCE else 0  # see `phases.frames_along`
     return {
         "dpac": own + 8 * frames * pixels,
         "sgd": own + min(most, encoder.BYTES["sgd"] * frames * pixels),
         "joint": own + max(kept) + steps,
-        "refine": own + sum(kept) + max(steps, traced),
+        "refine": own + sum(kept) + max(steps, traced) + along,
     }
 
 

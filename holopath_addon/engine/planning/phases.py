@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..encoding.encoder import FIRST, TRACED
+from ..encoding.encoder import FIRST, LATEST, TRACED
 from ..encoding.encoder import LEAST_STEPS as WORTH
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 
 # More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything. And where
 # seconds do, frames of which the most are chosen that fit: those that were traced along or `LEAST`, and whole sets. And
-# steps from which on phases are better than those of `joint` (docs/measurements.md, Seconds of encoding).
+# steps from which on phases are better than those of `joint`, with frames traced along and without
+# (docs/measurements.md, Seconds of encoding).
 ENOUGH, ALL = (96, 100), (192, 400)
-LEAST, LEAST_STEPS = SETS[-2], 12
+LEAST, LEAST_STEPS = SETS[-2], (12, 20)
 BY_CLOCK = 7, 4, 2, 1, 0  # whole sets beside the first frames
 GAINS = "up to 4 dB", "up to 2 dB"  # of `ENOUGH` over `joint`, and of `ALL` over that; the same measurement
 
@@ -134,7 +135,9 @@ def frames_along(
     """
     set_bytes = 8 * SETS[-1] * hologram.width * hologram.height * len(hologram.wavelengths)
     own = resolved(settings)
-    fits = set_bytes <= AT_ONCE and not own.despeckle and own.phase_field == "designed"
+    # what draws its random numbers by the chunks that fit, would be another field with more frames
+    same = own.radiance == "grain" and own.estimator == "lattice"
+    fits = set_bytes <= AT_ONCE and same and not own.despeckle and own.phase_field == "designed"
     if not fits or method not in ("auto", "refine") or settings.method in BASELINES:
         return 0
     return SETS[-1] if plan_encoding(plan, settings, method, seconds, SETS[-1]).method == "refine" else 0
@@ -162,7 +165,7 @@ def _chosen(plan, settings, method, seconds, along):
         frames = costs.within(seconds)
         if frames or method == "refine":
             reason = "as asked" if method == "refine" else "the best that so many seconds allow"
-            frames = max(frames, costs.least)
+            frames = frames or costs.least
             if plan.traversals == 1 and frames > along:
                 # with one traversal for all wavelengths the clock itself says when there are enough
                 frames = costs.least + BY_CLOCK[0] * SETS[-1]
@@ -173,6 +176,7 @@ def _chosen(plan, settings, method, seconds, along):
         return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
     frames, steps = ALL if most else ENOUGH
+    frames = max(frames, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most else _upwards(costs.better(*ALL))
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
@@ -207,29 +211,32 @@ class _Costs:
 
     def frames(self, count: int) -> float:
         """Of more frames; paths are found again for those that were not traced along."""
-        rest = count - self.along
+        rest = max(0, count - self.along)
         again = self.each["light"] + math.ceil(rest / SETS[-1]) * self.each["rays"] if rest > 0 else 0.0
         return again + rest * self.each["frame"] + count * self.each["look"]
 
     def refine(self, frames: int, steps: int) -> float:
-        """To its end."""
-        return self.each["sgd"] + self._together(frames, steps)
+        """To its end, with what the render takes longer for frames along."""
+        return self.each["sgd"] + self.along * self.each["frame"] + self._together(frames, steps)
 
     def better(self, frames: int, steps: int) -> float:
-        """From which on there are so many frames and steps in them, or more."""
-        return self._enough(self.least + frames, steps)
+        """From which on there are about so many frames, as whole sets, and steps in them."""
+        return self._enough(self.least + min(frames // SETS[-1], BY_CLOCK[0]) * SETS[-1], steps)
 
     def worth(self) -> float:
         """From which on `refine` is."""
-        return self._enough(self.least, LEAST_STEPS)
+        return self._enough(self.least, self._least_steps)
 
     def within(self, seconds: float) -> int:
         """More frames that are worth their seconds; 0 where none are."""
         for count in (self.least + sets * SETS[-1] for sets in BY_CLOCK):
-            fits = count == self.least or self.frames(count) <= TRACED * seconds
-            if fits and self._enough(count, LEAST_STEPS) <= seconds:
+            if self._enough(count, self._least_steps) <= seconds:
                 return count
         return 0
+
+    @property
+    def _least_steps(self):
+        return LEAST_STEPS[not self.along]
 
     def _together(self, frames, steps):
         """Of all frames together. Views are of their own frames, too, and are looked at at both ends."""
@@ -237,9 +244,16 @@ class _Costs:
         return looks + (self.frames(frames) if frames else 0.0) + steps * self.each["step"]
 
     def _enough(self, frames, steps):
-        """Seconds given in which there is time for so many; where they are few, `sgd` has a share of them."""
-        together = self._together(frames, steps)
-        return min(self.each["sgd"] + together, together / (1 - FIRST))
+        """Seconds given in which there is time for so many, and frames are there before the clock ends them."""
+        enough = self._within_share(1, self._together(frames, steps))
+        if frames > self.along:
+            traced = self._within_share(LATEST if frames == self.least else TRACED, self.frames(frames))
+            enough = max(enough, traced)
+        return enough
+
+    def _within_share(self, share, rest):
+        """Seconds of which a share is enough for `sgd` and the rest; where they are few, `sgd` has a part of them."""
+        return min((self.each["sgd"] + rest) / share, rest / (share - FIRST))
 
 
 def _limited(taken, seconds):

@@ -100,7 +100,8 @@ def render(
     baked = None if planned.baked is None else asdict(planned.baked)
     error = planned.error(errors)
     report = report_of(plan, settings.frames, clock.seconds, rays, passes, error, baked)
-    rendered = WaveField(field[: settings.frames], hologram, camera, plan.near, plan.to_dict(), report)
+    own = field[: settings.frames].copy() if more else field  # a view would keep the others in memory
+    rendered = WaveField(own, hologram, camera, plan.near, plan.to_dict(), report)
     return replace(rendered, more=field[settings.frames :]) if more else rendered
 
 

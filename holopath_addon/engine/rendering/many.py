@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from ..settings import Settings
 
-FRAMES = 8 * SETS[-1]  # of which a hologram's own are none
+FRAMES = 8 * SETS[-1]
+# Of their phases, and of those of the first batch by the clock: no settings have these, so none is a hologram's own.
+SEEDS = (1 << 62) + 1, (1 << 62) + 2
 BAKED = 0.2  # of the work is done when light is baked
 LIT = {"radiance": 0.3, "waves": 1.0}
 
@@ -93,8 +95,14 @@ def many_frames(
         numbers = [hologram.wavelengths.index(wavelength) for wavelength in group]
         with planned.recording(group) as recording:
             radiance = recording.radiance(named(stages["radiance"], "Radiance"))
+            # the first are apart, as when a render traced them along: then all that is made of them is the same
+            first = 0 if begin or clocked else SETS[-1]
             for phasors, told in zip(batches, parts(stages["waves"], len(batches)), strict=True):
-                yield numbers, at_slm(recording, Tracing(recording, radiance, phasors), told)
+                sets = [some for some in np.split(phasors, [first]) if len(some)]
+                fields = at_slm(recording, Tracing(recording, radiance, *sets), told)
+                for part in np.split(fields, [first]) if len(sets) > 1 else [fields]:
+                    yield numbers, part
+                first = 0
 
 
 def along(count: int) -> np.ndarray:
@@ -108,16 +116,17 @@ def along(count: int) -> np.ndarray:
     -------
     numpy.ndarray, complex64, shape (count, rows, columns)
     """
-    return designed_phasors(count, seed=1)  # seed 0 has the hologram's own
+    return designed_phasors(count, seed=SEEDS[0])
 
 
 def _batches(count, begin, clocked, hologram):
-    """Phasors of each batch; the first is what a render may have traced along, so that all is the same if it has."""
+    """Phasors of each batch."""
     size, some = SETS[-1], []
     if not clocked:
         size = max(size, AT_ONCE // (8 * hologram.height * hologram.width * len(hologram.wavelengths)))
     elif not begin:
-        some, count = [designed_phasors(LEAST, seed=2)], count - LEAST
-    phasors = along(count)[begin:] if count else np.empty((0, 1, 1), np.complex64)
-    ends = range(size if begin or some else SETS[-1], len(phasors), size)
-    return some + [batch for batch in np.split(phasors, ends) if len(batch)]
+        some, count = [designed_phasors(LEAST, seed=SEEDS[1])], count - LEAST
+    if begin >= count:
+        return some
+    ends = range(size, count, size)
+    return some + np.split(along(count)[begin:], [end - begin for end in ends if end > begin])

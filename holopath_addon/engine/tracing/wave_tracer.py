@@ -114,7 +114,9 @@ def blocks_of(parts: Sequence[tuple[int, int]], frames: int, colours: int, chunk
     for start in range(0, frames, FRAMES_TOGETHER):
         stop = min(frames, start + FRAMES_TOGETHER)
         for number, (pixels, rays) in enumerate(parts):
-            together = max(1, min(CHUNK_RAYS // rays, chunk // (8 * (stop - start) * colours)))
+            together = min(CHUNK_RAYS // rays, chunk // (8 * (stop - start) * colours))
+            # of whole packets rays meet the same surfaces, however many frames they are for
+            together = max(1, together // PACKET * PACKET or together)
             for first in range(0, pixels, together):
                 count = min(together, pixels - first)
                 found.append(Block(number, first, count, start, stop, count * rays))

@@ -468,6 +468,20 @@ def test_frames_that_are_not_there_in_time_are_done_without():
     assert refined["psnr_db"] > sgd["psnr_db"] + 2
 
 
+def test_time_that_is_too_short_for_all_views_is_each_frame_s(monkeypatch):
+    """Which otherwise has a tenth of it; nothing of what is given is left."""
+    field, seconds = wave_field(np.concatenate([smooth(2, n, (128, 128)) for n in (0, 5)], axis=1)), 0.6
+    enough = engine.encode(field, "joint", seconds=seconds, tolerance=0)
+    assert sum(each["seconds"] for each in enough.report["stages"] if each["stage"] == "sgd") < 0.3 * seconds
+    monkeypatch.setattr(encoder, "LEAST_STEPS", 10**9)
+    begun = time.perf_counter()
+    phase = engine.encode(field, "joint", seconds=seconds, tolerance=0)
+    assert 0.7 * seconds < time.perf_counter() - begun < seconds + 2
+    stages = phase.report["stages"]
+    assert [each["stage"] for each in stages] == ["sgd"] * 4
+    assert all(after["psnr_db"] > before["psnr_db"] for before, after in zip(stages[:2], stages[2:], strict=True))
+
+
 def test_no_step_is_taken_that_is_not_worth_its_time():
     """Phases are those of `sgd` where there is no time to look at all views."""
     phase = engine.encode(wave_field(smooth(4, shape=(96, 96))), "joint", seconds=1e-3)

@@ -42,7 +42,9 @@ def test_frames_traced_along_need_no_paths():
         ("refine", 192),
     ]
     assert chosen(along=24).frames == 96
-    assert chosen().seconds - chosen(along=24).seconds == pytest.approx(0.4 + 24 * COSTS["frame"])
+    assert chosen().seconds - chosen(along=24).seconds == pytest.approx(COSTS["rays"])
+    assert chosen(along=24, seconds=9, traversals=3).frames == 24  # 48 would be there after four tenths of it
+    assert chosen(along=120).frames == 120
 
 
 @pytest.mark.parametrize(
@@ -56,6 +58,7 @@ def test_frames_traced_along_need_no_paths():
         ("auto", None, {"despeckle": 20}, 256, 0),
         ("auto", None, {"phase_field": "random"}, 256, 0),
         ("auto", None, {"method": "point"}, 256, 0),
+        ("auto", None, {"radiance": "ray"}, 256, 0),
         ("auto", None, {"frames": 1}, 256, 0),
         ("auto", None, {}, 2048, 0),  # would take 2.4 GB
     ],
