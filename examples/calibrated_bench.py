@@ -2,8 +2,8 @@
 
 import bpy
 import numpy as np
-from PIL import Image
 from pictures import asked, save_rows, shown
+from PIL import Image
 
 from holopath_addon import demo, engine, slm
 from holopath_addon.engine.scene import variants

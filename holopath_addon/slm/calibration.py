@@ -15,7 +15,7 @@ import numpy as np
 from ..engine.errors import InvalidInput
 from ..engine.scene import variants
 from ..engine.waves.display_model import DisplayModel
-from ..engine.waves.modulator import Levels, grey_levels
+from ..engine.waves.modulator import Levels, grey_levels, varying
 from .sensor import Sensor
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 FORMAT, FORMAT_VERSION = "HoloPath SLM calibration", 1
 STEPS = 1 << 16  # of a turn, in the table from phase to level
+# Where a response varies: shares of it between the least and the largest, each with a table of fewer steps
+SHARES, COARSE_STEPS = 256, 1 << 12
 LARGEST = 1 << 15  # pixels of a side
 FITTED = 3e-9  # metres from the wavelength at which a model was fitted, within which it holds
 MOST_TURNS = 20  # of a response
@@ -141,6 +143,8 @@ class Calibration:
         What else the display does to light, fitted at one or more wavelengths; see `slm.fit`.
     sensors : tuple of Sensor
         The camera of each of them.
+    variation : numpy.ndarray, float32, shape (y, x), optional
+        How many times the response each of the device's pixels shows, counted from level 0; see `engine.Levels`.
 
     Raises
     ------
@@ -158,6 +162,7 @@ class Calibration:
     correction_wavelength: float | None = None
     models: tuple = ()
     sensors: tuple = ()
+    variation: np.ndarray | None = field(default=None, repr=False)
 
     def __post_init__(self):
         if not 1 <= self.bits <= 16:
@@ -179,20 +184,32 @@ class Calibration:
                     f"The correction is not finite, or goes beyond {MOST_CORRECTION:.0f}: give its radians."
                 )
             correction = np.ascontiguousarray(correction, np.float32)
-            if self.size is not None and correction.shape != tuple(self.size)[::-1]:
-                raise InvalidInput(
-                    f"The correction has {correction.shape[1]} x {correction.shape[0]} pixels, the device "
-                    f"{self.size[0]} x {self.size[1]}: give one of the device's size."
-                )
+            self._check_size("correction", correction)
             if self.correction_wavelength is None:
                 raise InvalidInput("The correction lacks the wavelength at which it was measured.")
             _check_wavelength(self.correction_wavelength)
             object.__setattr__(self, "correction", correction)
+        if self.variation is not None:
+            object.__setattr__(self, "variation", varying(self.variation))
+            self._check_size("variation", self.variation)
+            if self.models:
+                raise InvalidInput(
+                    "A response that varies over the device does not go with a display that was fitted: leave out the "
+                    "variation or the displays."
+                )
+
+    def _check_size(self, name, values):
+        if self.size is not None and values.shape != tuple(self.size)[::-1]:
+            raise InvalidInput(
+                f"The {name} has {values.shape[1]} x {values.shape[0]} pixels, the device "
+                f"{self.size[0]} x {self.size[1]}: give one of the device's size."
+            )
 
     @property
     def plain(self) -> bool:
-        """Whether levels are shown where and as they are found: not mirrored, moved or corrected."""
-        return not (self.flip_x or self.flip_y or any(self.shift)) and self.correction is None
+        """Whether levels are shown where and as they are found: not mirrored, moved, corrected or varying."""
+        moved = self.flip_x or self.flip_y or any(self.shift)
+        return not moved and self.correction is None and self.variation is None
 
     def response(self, wavelength: float) -> Response:
         """The `Response` that was measured nearest to a wavelength."""
@@ -206,16 +223,20 @@ class Calibration:
         Raises
         ------
         InvalidInput
-            If the correction does not fit the device, or the hologram lies beside it.
+            If a map does not fit the device, or the hologram lies beside it.
         """
         shape = hologram.height, hologram.width
         device = shape if self.size is None else self.size[::-1]
-        found = []
+        found, variation = [], self._shown_variation(device)
+        if variation is not None:
+            variation = self._under(variation - 1, shape) + 1
         for wavelength in hologram.wavelengths:
             correction = self._scaled_correction(wavelength, device)
             if correction is not None:
                 correction = self._under(correction, shape)
-            found.append(Levels(self.response(wavelength).phases(self.bits, wavelength), correction))
+            found.append(
+                Levels(self.response(wavelength).phases(self.bits, wavelength), correction, variation)
+            )
         return found
 
     def display(self, wavelengths: Sequence[float]) -> list[DisplayModel] | None:
@@ -249,15 +270,27 @@ class Calibration:
         )
 
     def table(self, wavelength: float) -> np.ndarray:
-        """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle."""
+        """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle.
+
+        With a variation a table for each of `SHARES` between the least and the largest, shape (`SHARES`,
+        `COARSE_STEPS`): phases are right to 0.01 rad where it is within a tenth of 1.
+        """
         phases = self.response(wavelength).phases(self.bits, wavelength)
+        if self.variation is not None:
+            shares = np.linspace(self.variation.min(), self.variation.max(), SHARES)
+            return np.stack(
+                [self._table(phases[0] + share * (phases - phases[0]), COARSE_STEPS) for share in shares]
+            )
         if self.models:  # crosstalk blurs over what is more than a turn
             phases = phases[phases < phases[0] + 2 * math.pi]
+        return self._table(phases, STEPS)
+
+    def _table(self, phases, steps):
         phases = np.mod(phases, 2 * math.pi)
         order = np.argsort(phases, kind="stable")
         ring = phases[order]
         edges = np.append((ring[1:] + ring[:-1]) / 2, (ring[0] + 2 * math.pi + ring[-1]) / 2)
-        wanted = np.arange(STEPS) * (2 * math.pi / STEPS)
+        wanted = np.arange(steps) * (2 * math.pi / steps)
         wanted = np.where(wanted < edges[-1] - 2 * math.pi, wanted + 2 * math.pi, wanted)
         nearest = np.searchsorted(edges, wanted, side="left") % len(ring)
         return order[nearest].astype(np.uint8 if self.bits <= 8 else np.uint16)
@@ -288,10 +321,27 @@ class Calibration:
         correction = self._scaled_correction(wavelength, phases.shape)
         if correction is not None:
             phases = np.mod(phases + correction, np.float32(2 * math.pi))
-        if self.response(wavelength).linear(wavelength):
+        variation = self._shown_variation(phases.shape)
+        if variation is None and self.response(wavelength).linear(wavelength):
             return grey_levels(phases, self.bits).astype(np.uint8 if self.bits <= 8 else np.uint16)
         table = self.table(wavelength) if table is None else table
-        return table[np.round(phases * np.float32(STEPS / (2 * math.pi))).astype(np.uint32) & (STEPS - 1)]
+        steps = table.shape[-1]
+        step = np.round(phases * np.float32(steps / (2 * math.pi))).astype(np.uint32) & (steps - 1)
+        if variation is None:
+            return table[step]
+        low, high = variation.min(), variation.max()
+        return table[
+            np.round((variation - low) * ((SHARES - 1) / max(high - low, 1e-6))).astype(np.uint8), step
+        ]
+
+    def _shown_variation(self, shape):
+        """The variation of a device of such a shape; None where all pixels are alike."""
+        if self.variation is not None and self.variation.shape != shape:
+            raise InvalidInput(
+                f"The variation has {self.variation.shape[1]} x {self.variation.shape[0]} pixels, what is shown "
+                f"{shape[1]} x {shape[0]}: give the device's size in the calibration."
+            )
+        return self.variation
 
     def _scaled_correction(self, wavelength, shape):
         if self.correction is None or self.correction_wavelength is None:
@@ -350,7 +400,11 @@ class Calibration:
         numpy.ndarray, float32, shape (y, x)
             Phases in [0, 2 pi) at the hologram's pixels; 0 where they lie beside the device.
         """
-        phases = self.response(wavelength).phases(self.bits, wavelength).astype(np.float32)[levels]
+        response = self.response(wavelength).phases(self.bits, wavelength).astype(np.float32)
+        phases = response[levels]
+        variation = self._shown_variation(phases.shape)
+        if variation is not None:
+            phases = response[0] + variation * (phases - response[0])
         correction = self._scaled_correction(wavelength, phases.shape)
         if correction is not None:
             phases = phases - correction
@@ -364,21 +418,21 @@ class Calibration:
         return under[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
 
     def save(self, path: Path | str) -> None:
-        """Write a JSON file, and beside it ``.npy`` for the correction.
+        """Write a JSON file, and beside it ``.npy`` for the correction and the variation.
 
         Raises
         ------
         OSError
         """
         path = Path(path)
-        correction = None
+        correction = variation = None
         if self.correction is not None and self.correction_wavelength is not None:
-            name = path.stem + ".correction.npy"
-            part = path.with_name(f".part-{name}")
-            with open(part, "wb") as file:
-                np.save(file, self.correction)
-            os.replace(part, path.with_name(name))
-            correction = {"file": name, "wavelength_nm": self.correction_wavelength * 1e9}
+            correction = {
+                "file": _write_map(path, "correction", self.correction),
+                "wavelength_nm": self.correction_wavelength * 1e9,
+            }
+        if self.variation is not None:
+            variation = {"file": _write_map(path, "variation", self.variation)}
         said = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
@@ -393,6 +447,7 @@ class Calibration:
                 for r in self.responses
             ],
             "correction": correction,
+            "variation": variation,
             "displays": [
                 {**model.to_dict(), "camera": sensor.to_dict()}
                 for model, sensor in zip(self.models, self.sensors, strict=True)
@@ -415,10 +470,12 @@ class Calibration:
         """
         path = Path(path)
         with _calibration(path) as said:
-            correction, at = None, None
+            correction = at = variation = None
             if said.get("correction"):
                 at = float(said["correction"]["wavelength_nm"]) * 1e-9
-                correction = _read_map(_map_file(path, said))
+                correction = _read_map(_map_file(path, said, "correction"))
+            if said.get("variation"):
+                variation = np.load(_map_file(path, said, "variation"), allow_pickle=False)
             size = said.get("size")
             found = cls(
                 str(said.get("device", "")),
@@ -435,6 +492,7 @@ class Calibration:
                 at,
                 tuple(DisplayModel.from_dict(each) for each in said.get("displays", ())),
                 tuple(Sensor.from_dict(each["camera"]) for each in said.get("displays", ())),
+                variation,
             )
         return found
 
@@ -496,8 +554,9 @@ def response_files(path: Path | str) -> dict[str, Path]:
     files = {"response": Path(path)}
     if _calibrates(files["response"]):
         with _calibration(files["response"]) as said:
-            if said.get("correction"):
-                files["correction"] = _map_file(files["response"], said)
+            for name in ("correction", "variation"):
+                if said.get(name):
+                    files[name] = _map_file(files["response"], said, name)
     return files
 
 
@@ -505,8 +564,18 @@ def _calibrates(path):
     return path.suffix.lower() == ".json"
 
 
-def _map_file(path, said):
-    return path.with_name(str(said["correction"]["file"]))
+def _map_file(path, said, name):
+    return path.with_name(str(said[name]["file"]))
+
+
+def _write_map(path, name, values):
+    """A map beside a file; gives its name."""
+    file_name = f"{path.stem}.{name}.npy"
+    part = path.with_name(f".part-{file_name}")
+    with open(part, "wb") as file:
+        np.save(file, values)
+    os.replace(part, path.with_name(file_name))
+    return file_name
 
 
 def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[DisplayModel] | None:

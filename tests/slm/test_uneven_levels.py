@@ -8,7 +8,7 @@ import pytest
 
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
-from holopath_addon.slm.calibration import measured_levels
+from holopath_addon.slm.calibration import measured_levels, response_files
 from holopath_addon.slm.drivers.virtual import VirtualDriver
 from tests.engine.encoding.test_descent import GREEN, smooth, wave_field
 
@@ -152,3 +152,67 @@ def test_a_correction_of_another_size(field):
     small = slm.Calibration(correction=np.zeros((2, 3)), correction_wavelength=GREEN)
     with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, what is shown"):
         small.levels_of(field.hologram)
+
+
+def thickness(height, width):
+    """How many times its mean response each pixel makes, as where a cell is thinner at one side."""
+    y, x = np.mgrid[:height, :width] / max(height, width)
+    return 1 + 0.25 * (x - 0.5) + 0.1 * np.sin(5 * y)
+
+
+@pytest.mark.parametrize(("name", "gain"), [("plm", 2), ("bent", 5)])
+def test_a_response_that_varies_over_the_panel(name, gain, field):
+    """On a larger panel, mirrored, moved and bent: nothing is lost where it is known, decibels where it is not."""
+    height, width = field.hologram.height, field.hologram.width
+    plain = calibration(name)
+    device = replace(
+        plain,
+        size=(width + 9, height + 6),
+        flip_x=True,
+        shift=(3, -2),
+        correction=bowl(height + 6, width + 9),
+        correction_wavelength=1.2 * GREEN,
+        variation=thickness(height + 6, width + 9),
+    )
+    alike = replace(device, variation=None)
+    known, unknown, even = (
+        engine.encode(field, "joint", levels=each.levels_of(field.hologram))
+        for each in (device, alike, plain)
+    )
+    found = [
+        decibels(field, known, device),
+        decibels(field, unknown, device, alike),
+        decibels(field, even, plain),
+    ]
+    assert found[0] > found[1] + gain and found[0] > found[2] - 0.5, found
+    if name == "plm":  # 16 levels of which none is missed: the device shows exactly what was encoded
+        levels = slm.Sequence([known], device).picture(0).pixels
+        seen = device.seen(levels, GREEN, (height, width))
+        assert np.abs(np.exp(1j * seen) - np.exp(1j * known.data[0, 0])).max() < 1e-4
+
+
+def test_files_of_a_response_that_varies(field, tmp_path, capsys):
+    height, width = field.hologram.height, field.hologram.width
+    device = replace(calibration("plm"), variation=thickness(height, width))
+    path = tmp_path / "plm.json"
+    device.save(path)
+    again = slm.Calibration.load(path)
+    assert again.variation.tobytes() == device.variation.tobytes() and not again.plain
+    assert set(response_files(path)) == {"response", "variation"}
+    levels = again.levels_of(field.hologram)
+    assert levels[0].to_dict() == device.levels_of(field.hologram)[0].to_dict()
+    field.save(tmp_path / "out" / "wavefield")
+    words = ["encode", str(tmp_path / "out"), "--method", "sgd", "--steps", "2", "--quiet"]
+    assert cli.main([*words, "--response", str(path)]) == 0
+    np.save(tmp_path / "plm.variation.npy", np.full((height, width), 9.0))
+    assert cli.main([*words, "--response", str(path)]) == 2
+    assert "0.5 to 2 times" in capsys.readouterr().err
+    (tmp_path / "plm.variation.npy").unlink()
+    assert cli.main([*words, "--response", str(path)]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    with pytest.raises(engine.InvalidInput, match="variation of the levels has 3 x 2"):
+        engine.encode(field, "sgd", levels=[engine.Levels((0, 1), variation=np.ones((2, 3)))])
+    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, what is shown"):
+        slm.Calibration(variation=np.ones((2, 3))).levels(np.zeros((4, 4)), GREEN)
+    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, the device"):
+        slm.Calibration(variation=np.ones((2, 3)), size=(4, 4))

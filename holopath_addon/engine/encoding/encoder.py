@@ -87,7 +87,7 @@ def encode(
         Of an SLM so coarse that it matters: phases are the best of its 2^bits levels. Default: not rounded.
     levels : sequence of array_like or Levels, optional
         Instead, the phases in radians that the SLM really has at each wavelength, measured; in any order, of any turn.
-        With a correction of its pixels: `Levels`.
+        With a correction of its pixels, or a response that varies over them: `Levels`.
     display : sequence of DisplayModel, optional
         What the display makes of phases at each wavelength: the descents make up for what is not ideal. Default: light
         of phases alone.
@@ -210,12 +210,13 @@ class _Asked:
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
         for each in self.levels or ():
-            correction = each.correction if isinstance(each, Levels) else None
-            if correction is not None and correction.shape != field.data.shape[-2:]:
-                raise InvalidInput(
-                    f"The correction of the levels has {_pixels(correction)}, the field {_pixels(field.data)}: give "
-                    "one of its size."
-                )
+            for name in ("correction", "variation"):
+                values = getattr(each, name, None)
+                if values is not None and values.shape != field.data.shape[-2:]:
+                    raise InvalidInput(
+                        f"The {name} of the levels has {_pixels(values)}, the field {_pixels(field.data)}: give one of "
+                        "its size."
+                    )
         if not 1 <= self.planes <= 64:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.ndimage
 
 from ..errors import InvalidInput
 from .propagation import filtered
+
+VARIES = 0.5, 2.0  # times its mean response that a pixel's may be
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,10 @@ class Levels:
     correction : array_like, shape (y, x), optional
         Radians that are added at each pixel before its level is found, as for a panel that is not flat: what a pixel
         shows is one of `phases` less its correction.
+    variation : array_like, shape (y, x), optional
+        How many times the step from the first of `phases`, as they are given, each pixel makes: liquid crystal is not
+        as thick everywhere, and a pixel shows phi_0 + v (phi_n - phi_0) (Engström et al., Opt. Express 21, 16086
+        (2013)).
 
     Raises
     ------
@@ -119,12 +125,20 @@ class Levels:
 
     phases: np.ndarray
     correction: np.ndarray | None = None
+    variation: np.ndarray | None = None
+    _first: float = field(init=False, repr=False)
+    _steps: np.ndarray = field(init=False, repr=False)  # from the first, rising, of any turn
 
     def __post_init__(self):
-        phases = np.unique(np.mod(np.asarray(self.phases, float).ravel(), 2 * math.pi))
+        given = np.asarray(self.phases, float).ravel()
+        phases = np.unique(np.mod(given, 2 * math.pi))
         if len(phases) < 2 or not np.isfinite(phases).all():
             raise InvalidInput("Levels of an SLM are two or more different phases in radians.")
         object.__setattr__(self, "phases", phases)
+        object.__setattr__(self, "_first", given[0])
+        object.__setattr__(self, "_steps", np.unique(given - given[0]))
+        if self.variation is not None:
+            object.__setattr__(self, "variation", varying(self.variation))
         if self.correction is not None:
             correction = np.mod(np.asarray(self.correction, float), 2 * math.pi)
             object.__setattr__(self, "correction", correction.astype(np.float32))
@@ -143,7 +157,7 @@ class Levels:
         Parameters
         ----------
         phases : numpy.ndarray, float
-            Radians, of any turn; where there is a correction, of as many pixels.
+            Radians, of any turn; where there is a correction or a variation, of as many pixels.
 
         Returns
         -------
@@ -154,26 +168,68 @@ class Levels:
         turn, correction = 2 * math.pi, 0
         if self.correction is not None:
             correction = self.correction.reshape(phases.shape)
-        ring = np.concatenate([[self.phases[-1] - turn], self.phases, [self.phases[0] + turn]])
+        if self.variation is not None:
+            correction = correction - self._first
         wanted = phases + correction
         begun = np.floor(wanted / turn) * turn
         within = wanted - begun
-        above = np.clip(np.searchsorted(ring, within), 1, len(ring) - 1)
-        low, high = ring[above - 1], ring[above]
+        low, high = self._around(within) if self.variation is None else self._around_each(within)
         level = np.where(within - low <= high - within, low, high) + begun - correction
         return level.astype(phases.dtype), (high - low).astype(phases.dtype)
 
+    def _around(self, within):
+        """Levels on both sides of phases in [0, 2 pi)."""
+        turn = 2 * math.pi
+        ring = np.concatenate([[self.phases[-1] - turn], self.phases, [self.phases[0] + turn]])
+        above = np.clip(np.searchsorted(ring, within), 1, len(ring) - 1)
+        return ring[above - 1], ring[above]
+
+    def _around_each(self, within):
+        """The same of steps from the first level, where each pixel has its own."""
+        turn, steps, share = 2 * math.pi, self._steps, self.variation.reshape(within.shape)
+        low, high = np.full(within.shape, -math.inf), np.full(within.shape, math.inf)
+        ends = steps[[0, -1]] * share.max() / turn
+        for turns in range(math.floor(ends[0]) - 1, math.ceil(ends[1]) + 2):
+            above = np.searchsorted(steps, (within + turns * turn) / share)
+            shown = share * steps[np.maximum(above - 1, 0)] - turns * turn
+            low = np.where(above > 0, np.maximum(low, shown), low)
+            shown = share * steps[np.minimum(above, len(steps) - 1)] - turns * turn
+            high = np.where(above < len(steps), np.minimum(high, shown), high)
+        return low, high
+
     def to_dict(self) -> dict:
-        """JSON-able form; of the correction its SHA-256."""
-        correction = (
-            None if self.correction is None else hashlib.sha256(self.correction.tobytes()).hexdigest()
-        )
-        return {"phases": self.phases.tolist(), "correction": correction}
+        """JSON-able form; of maps their SHA-256."""
+        maps = {"correction": self.correction, "variation": self.variation}
+        told = {
+            name: None if each is None else hashlib.sha256(each.tobytes()).hexdigest()
+            for name, each in maps.items()
+            if name == "correction" or each is not None  # as in reports of versions that did not know it
+        }
+        return {"phases": self.phases.tolist(), **told}
 
     @property
     def widest_gap(self) -> float:
         """Radians between those neighbors that are farthest apart, around the circle."""
-        return float(np.diff(self.phases, append=self.phases[0] + 2 * math.pi).max())
+        shares = (1.0,) if self.variation is None else np.quantile(self.variation, np.linspace(0, 1, 33))
+        rings = (np.unique(np.mod(share * self._steps, 2 * math.pi)) for share in shares)
+        return float(max(np.diff(ring, append=ring[0] + 2 * math.pi).max() for ring in rings))
+
+
+def varying(variation: np.ndarray) -> np.ndarray:
+    """A map of how many times a step each pixel makes, float32, see `Levels`.
+
+    Raises
+    ------
+    InvalidInput
+        If it is none.
+    """
+    variation = np.asarray(variation)
+    low, high = VARIES
+    if variation.ndim != 2 or not variation.size or variation.dtype.kind not in "fiu":
+        raise InvalidInput("The variation is no map of numbers near 1, one a pixel.")
+    if not (low <= variation.min() and variation.max() <= high):  # NaN is neither
+        raise InvalidInput(f"The variation of a pixel's response is {low:g} to {high:g} times the mean.")
+    return np.ascontiguousarray(variation, np.float32)
 
 
 def wrapped(phases: np.ndarray) -> np.ndarray:

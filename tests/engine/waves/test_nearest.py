@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from holopath_addon.engine.errors import InvalidInput
 from holopath_addon.engine.waves.modulator import Levels
 
 TURN = 2 * math.pi
@@ -36,3 +37,37 @@ def test_the_nearest_that_a_corrected_pixel_shows():
     assert found.dtype == np.float32 and (np.abs(found - phases) <= np.pi + 1e-5).all()
     flat, _ = Levels(levels, correction).nearest(phases.ravel())
     assert np.array_equal(flat, found.ravel())
+
+
+@pytest.mark.parametrize("turns", [0.4, 0.9, 1.0, 2.3])
+def test_the_nearest_where_the_response_varies(turns):
+    """Each pixel makes its own share of the steps from the first level, which may be more than a turn."""
+    rng = np.random.default_rng(2)
+    given = 1.1 + np.append(0, rng.permutation(np.sort(rng.uniform(-0.2, 1, 15)))) * turns * TURN
+    phases, correction = rng.uniform(-20, 20, (6, 7)), rng.uniform(-40, 40, (6, 7)).astype(np.float32)
+    variation = rng.uniform(0.7, 1.4, (6, 7)).astype(np.float32)
+    levels = Levels(given, correction, variation)
+    found, gaps = levels.nearest(phases)
+    correction = np.mod(correction.astype(float), TURN)
+    each = given[0] + variation[..., None] * (given - given[0]) - correction[..., None]
+    chords = np.abs(np.exp(1j * phases[..., None]) - np.exp(1j * each))
+    best = np.take_along_axis(each, chords.argmin(axis=-1)[..., None], -1)[..., 0]
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * best), atol=1e-5)
+    assert (np.abs(found - phases) <= gaps / 2 + 1e-9).all()
+    for at in np.ndindex(6, 7):
+        ring = np.unique(np.mod(each[at], TURN))
+        arcs = np.diff(ring, append=ring[0] + TURN)
+        assert np.abs(arcs - gaps[at]).min() < 1e-5
+    assert levels.widest_gap >= gaps.max() - 0.1 and "variation" in levels.to_dict()
+    even = Levels(given, variation=np.ones((6, 7)))
+    np.testing.assert_allclose(even.nearest(phases)[0], Levels(given).nearest(phases)[0], atol=1e-6)
+    assert "variation" not in Levels(given).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("variation", "says"),
+    [(np.ones(3), "no map"), (np.full((2, 2), 3.0), "0.5 to 2"), (np.full((2, 2), np.nan), "0.5 to 2")],
+)
+def test_variations_that_cannot_be(variation, says):
+    with pytest.raises(InvalidInput, match=says):
+        Levels((0, 1), variation=variation)
