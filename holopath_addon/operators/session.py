@@ -111,6 +111,7 @@ class Task:
     focus: float | None  # metres; None finds it
     pupil: engine.Pupil | None
     store: engine.BakeStore
+    frame: int | None = None  # of the scene
 
     @cached_property
     def exported(self):
@@ -140,6 +141,7 @@ class Task:
             self.pupil,
             self.store,
             [note.to_dict() for note in exported.notes],
+            opened={"frame": self.frame, "camera": None},
         )
 
     def compute(self, progress, offer=None):
@@ -187,6 +189,7 @@ def prepare(depsgraph, props, resolution=None):
         None if props.focus_auto else properties.focus_of(props),
         properties.pupil_or_none(props),
         preferences.store(),
+        depsgraph.scene.frame_current,
     )
 
 

@@ -273,7 +273,7 @@ class Calibration:
         """Level for each of `STEPS` phases of a turn: the one whose phase is nearest, around the circle.
 
         With a variation a table for each of `SHARES` between the least and the largest, shape (`SHARES`,
-        `COARSE_STEPS`): phases are right to 0.01 rad where it is within a tenth of 1.
+        `COARSE_STEPS`): phases are right to 0.01 rad where it is within a tenth of 1, of a response of a turn.
         """
         phases = self.response(wavelength).phases(self.bits, wavelength)
         if self.variation is not None:

@@ -71,6 +71,26 @@ def test_torchoptics(tmp_path):
     assert alike(ours, theirs) > 0.99 and alike(ours[::-1], theirs) < 0.9 and alike(ours.T, theirs) < 0.9
 
 
+def test_odak(tmp_path, monkeypatch):
+    """Its arrays are [wavelength, y, x], row 0 at the top; not among what the tests install.
+
+    Light that leaves its grid comes back from the other side, so that it is given a wider one. It keeps the corners of
+    the square band, which are not within our circle.
+    """
+    torch = pytest.importorskip("torch")
+    monkeypatch.chdir(tmp_path)  # it writes a log there when it is imported
+    wave = pytest.importorskip("odak.learn.wave")
+    light = torch.tensor(np.exp(1j * phases())).to(torch.complex64)
+    wide = torch.nn.functional.pad(light, (N // 2,) * 4)
+    there = wave.propagate_beam(wide, wave.wavenumber(WAVELENGTH), AT, PITCH, WAVELENGTH, "Angular Spectrum")
+    theirs = (there.abs() ** 2).numpy().reshape(2 * N, 2 * N)[N // 2 : -N // 2, N // 2 : -N // 2]
+    file = tmp_path / "u.safetensors"
+    __import__("safetensors.torch", fromlist=["torch"]).save_file({"u": light[None].contiguous()}, str(file))
+    ours = shown(file, tmp_path / "out", "--convention", "odak")
+    assert psnr(ours) == pytest.approx(psnr(theirs), abs=0.05)
+    assert psnr(theirs) > 15 and alike(ours, theirs) > 0.96 and alike(ours[::-1], theirs) < 0.9
+
+
 def test_slmsuite(tmp_path):
     """Its phases, and its propagation: a lens as kernel, and a Fourier transform."""
     algorithms = pytest.importorskip("slmsuite.holography.algorithms")

@@ -212,6 +212,8 @@ class _Asked:
         for each in self.levels or ():
             for name in ("correction", "variation"):
                 values = getattr(each, name, None)
+                if values is not None and self.display is not None:
+                    raise InvalidInput(f"A display model knows no {name} of the levels: leave out either.")
                 if values is not None and values.shape != field.data.shape[-2:]:
                     raise InvalidInput(
                         f"The {name} of the levels has {_pixels(values)}, the field {_pixels(field.data)}: give one of "
@@ -354,7 +356,7 @@ class _Work:
         begin, end = on or (place * share, (place + 1) * share)
         part, limit = (end - begin) / len(groups), FIRST / whole if whole < 1 and not on else 1
         rate = descent.WARM if on or isinstance(asked.start, PhaseHologram) else descent.RATE
-        levels = self._coarse[colour] if asked.method == "sgd" else None  # else the next stage's
+        levels = self._coarse[colour] if on or asked.method == "sgd" else None  # else the next stage's
         for number, group in enumerate(groups):
             target = self._target(self._fields(group, colour), colour)
             if not target.energy:

@@ -115,6 +115,8 @@ def stages(
 ) -> dict[str, float]:
     """Estimated seconds of each stage of a render, by the names that its report gives them; see `machine.slowness`.
 
+    Without those in which programs are compiled: see `compiled`.
+
     Parameters
     ----------
     survey : Survey
@@ -145,10 +147,6 @@ def stages(
         out["radiance"] = traversals * map_seconds(light, columns_of(survey, margin), *taken, slowness)
     else:
         out |= baking
-    if light.compiling > slowness * COMPILED:
-        out["wave tracing"] += slowness * COMPILING[0] + COMPILING[1] * seen.compiling
-        shared = slowness * COMPILING[2] * _shares(light)
-        out["radiance"] = out.get("radiance", 0.0) + shared + COMPILING[3] * light.compiling
     if settings.despeckle:
         many = despeckle.BATCHES * SETS[-1]
         out["despeckle"] = (
@@ -157,6 +155,17 @@ def stages(
             + slowness * pixels * frames * colours * settings.despeckle * 25e-9
         )
     return out
+
+
+def compiled(survey: Survey, taken: dict[str, float]) -> dict[str, float]:
+    """`stages` with what compiling adds to them, where the pilot's own programs had to be compiled, too."""
+    seen, light, slowness = survey.seen, survey.light, survey.slowness
+    if light.compiling <= slowness * COMPILED:
+        return taken
+    rays = slowness * COMPILING[0] + COMPILING[1] * seen.compiling
+    paths = slowness * COMPILING[2] * _shares(light) + COMPILING[3] * light.compiling
+    more = {"wave tracing": rays, "radiance": paths}
+    return taken | {name: taken.get(name, 0.0) + seconds for name, seconds in more.items()}
 
 
 def phases(

@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..settings import Settings
 
-# More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything. And where
-# seconds do, frames of which the most are chosen that fit: those that were traced along or `LEAST`, and whole sets. And
-# steps from which on phases are better than those of `joint`, with frames traced along and without
-# (docs/measurements.md, Seconds of encoding).
+# More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything.
 ENOUGH, ALL = (96, 100), (192, 400)
-LEAST, LEAST_STEPS = SETS[-2], (12, 20)
-BY_CLOCK = 7, 4, 2, 1, 0  # whole sets beside the first frames
+# Where seconds do: the first frames, if none were traced along, and whole sets beside them, of which the most are
+# chosen that fit. And steps from which on phases are better than those of `joint`, with frames traced along and without
+# (docs/measurements.md, Seconds of encoding).
+LEAST = SETS[-2]
+BY_CLOCK = 7, 4, 2, 1, 0
+LEAST_STEPS = 12, 20
 GAINS = "up to 4 dB", "up to 2 dB"  # of `ENOUGH` over `joint`, and of `ALL` over that; the same measurement
 
 

@@ -99,7 +99,7 @@ def plan(
     warnings += [warning for choice in choices for warning in choice.warnings]
     warnings += _cautions(survey) + shortage(memory, "This hologram")
     chains, most = survey.chains, noise.most_passes(settings)
-    stages = costs.stages(survey, planes.value, margin, traversals, baking.value)
+    taken = costs.stages(survey, planes.value, margin, traversals, baking.value)
     return Plan(
         near=survey.near,
         z_low=survey.z_low,
@@ -131,8 +131,8 @@ def plan(
         reach=FILTER_REACH[settings.quality] if settings.fixed.get("filter", 1) else 0,
         textures=noise.asked_textures(settings),
         chunk=chunk.value,
-        stages=stages,
-        phases=costs.phases(survey, planes.value, traversals, stages),
+        stages=costs.compiled(survey, taken),
+        phases=costs.phases(survey, planes.value, traversals, taken),
         phases_memory=costs.phases_memory(survey),
         error=error,
         memory_bytes=memory,

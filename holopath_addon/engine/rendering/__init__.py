@@ -60,8 +60,8 @@ def render(
     store : BakeStore, optional
         Where baked light is kept for other views and other times.
     more : int
-        Frames that are traced along with the hologram's own for an encoding, see `WaveField.more`; not of settings with
-        steps against speckle or phases at random, nor of other people's methods.
+        Frames that are traced along with the hologram's own for an encoding, see `WaveField.more`; as many as
+        `frames_along` says.
 
     Returns
     -------

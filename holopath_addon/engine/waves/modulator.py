@@ -205,6 +205,8 @@ class Levels:
             for name, each in maps.items()
             if name == "correction" or each is not None  # as in reports of versions that did not know it
         }
+        if self.variation is not None:  # for which the order counts, and the turns
+            told |= {"first": self._first, "steps": self._steps.tolist()}
         return {"phases": self.phases.tolist(), **told}
 
     @property
