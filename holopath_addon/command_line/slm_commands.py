@@ -430,7 +430,8 @@ def _calibrate(args):
     before = slm.Calibration.load(path) if path.exists() else None
     if before is not None and not before.plain:
         raise engine.InvalidInput(
-            f"{path} turns, moves, corrects or varies what the device shows, which a fit would not know: name another file."
+            f"{path} turns, moves, corrects or varies what the device shows, which a fit would not know: name another "
+            "file."
         )
     if not 16 <= args.window <= 512:
         raise engine.InvalidInput(f"A window of {args.window} pixels cannot be fitted: choose 16 to 512.")
