@@ -15,7 +15,8 @@ path, pixels = asked(__file__, 192)
 side = max(32, pixels // 4)  # of the SLM: to fit 59 parameters takes minutes with 48 x 48 pixels
 variants.activate()
 demo.build("suzanne")
-bpy.context.scene.camera.data.angle *= 0.45  # Suzanne alone
+lens = bpy.context.scene.camera.data
+lens.angle, lens.shift_x, lens.shift_y = 0.55 * lens.angle, -0.3, 0.05  # Suzanne alone
 exported = export_scene(bpy.context.evaluated_depsgraph_get(), (side, side))
 hologram = engine.Hologram(side, side, PITCH, (GREEN,), FOCI[0], FOCI[-1])
 field = engine.render(exported.scene, exported.camera, hologram, engine.Settings(frames=8))
