@@ -173,7 +173,10 @@ class Levels:
         wanted = phases + correction
         begun = np.floor(wanted / turn) * turn
         within = wanted - begun
-        low, high = self._around(within) if self.variation is None else self._around_each(within)
+        if self.variation is None:
+            low, high = self._around(within)
+        else:
+            low, high = self._around_each(within, self.variation.reshape(within.shape))
         level = np.where(within - low <= high - within, low, high) + begun - correction
         return level.astype(phases.dtype), (high - low).astype(phases.dtype)
 
@@ -184,9 +187,9 @@ class Levels:
         above = np.clip(np.searchsorted(ring, within), 1, len(ring) - 1)
         return ring[above - 1], ring[above]
 
-    def _around_each(self, within):
-        """The same of steps from the first level, where each pixel has its own."""
-        turn, steps, share = 2 * math.pi, self._steps, self.variation.reshape(within.shape)
+    def _around_each(self, within, share):
+        """The same of steps from the first level, of which each pixel makes a share."""
+        turn, steps = 2 * math.pi, self._steps
         low, high = np.full(within.shape, -math.inf), np.full(within.shape, math.inf)
         ends = steps[[0, -1]] * share.max() / turn
         for turns in range(math.floor(ends[0]) - 1, math.ceil(ends[1]) + 2):
