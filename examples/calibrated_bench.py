@@ -12,7 +12,7 @@ from holopath_addon.export import export_scene
 GREEN, PITCH, FOCI = 520e-9, 8e-6, (2e-3, 4.5e-3, 7e-3)
 
 path, pixels = asked(__file__, 192)
-side = max(32, pixels // 4)  # of the SLM: to fit 59 parameters takes minutes with 48 x 48 pixels
+side = max(16, pixels // 4)  # of the SLM: to fit 59 parameters takes minutes with 48 x 48 pixels
 variants.activate()
 demo.build("suzanne")
 lens = bpy.context.scene.camera.data
