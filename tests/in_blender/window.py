@@ -253,6 +253,7 @@ def disturbing():
 
     window = bpy.context.window_manager.windows[0]
     other = bpy.data.scenes.new("Other")
+    window.scene.holopath.quality = "high"  # takes long enough to be seen at work
     press(bpy.ops.holopath.render_hologram)
     while session().current.job.done == 0:
         yield 0.05
