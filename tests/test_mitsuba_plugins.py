@@ -133,3 +133,18 @@ def test_by_the_command_line(name, folder):
     assert cli.main(["render", *map(str, words)]) == 0
     warnings = json.loads((out / "report.json").read_text())["warnings"]
     assert bool(re.search(case.noted or "^$", " ".join(warnings)))
+
+
+@pytest.mark.parametrize(
+    ("variant", "radius", "told"),
+    [("cuda_ad_rgb", 0.01, 1), ("cuda_ad_rgb", 0.1, 0), ("llvm_ad_rgb", 0.01, 0)],
+)
+def test_small_spheres_light_too_little_on_graphics_cards(backend, monkeypatch, variant, radius, told):
+    from benchmarks.scenes import Scenes
+    from holopath_addon.engine.planning import unmodelled
+
+    build = Scenes()
+    monkeypatch.setattr(unmodelled.variants, "activate", lambda: variant)
+    lamp = {"type": "sphere", "center": [1, 2, 0.2], "radius": radius, **build.emissive(build.grey(1))}
+    scene = build.scene(wall=build.plane(2.0, build.diffuse(build.grey(0.5))), lamp=lamp)
+    assert sum("lamp may light too little" in note for note in unmodelled.unmodelled(scene)) == told

@@ -12,6 +12,7 @@ from itertools import pairwise
 Progress = Callable[[float, str], None]
 # ``progress(done)`` of work whose caller knows what to call it.
 PartProgress = Callable[[float], None]
+OFTEN = 0.2  # seconds between two looks at progress and cancel, where work can be divided so
 
 
 def stage(progress: Progress, start: float, end: float) -> Progress:
@@ -51,6 +52,21 @@ class Stages:
 
     def __getitem__(self, name: str) -> Progress:
         return self._told[name]
+
+
+def paced(units: range) -> Iterator[range]:
+    """Units of work in parts, so many at a time that progress is told, and cancel heard, several times a second.
+
+    A part takes one unit at first, and twice as many as the one before where that took little time: programs are
+    written down in Python before they run, which takes a fast graphics card ten times as long as to run one unit.
+    """
+    first, together = units.start, 1
+    while first < units.stop:
+        part, begun = range(first, min(first + together, units.stop)), time.perf_counter()
+        yield part
+        first = part.stop
+        if time.perf_counter() - begun < OFTEN:
+            together *= 2
 
 
 class Clock:

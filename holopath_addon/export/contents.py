@@ -9,6 +9,7 @@ import numpy as np
 
 from ..engine import InvalidInput
 from ..engine.light.unwrapping import LACKING, unwrap
+from ..engine.scene import variants
 from . import baking
 from .cache import MeshBake
 from .geometry import read_mesh, split_by_slot
@@ -388,7 +389,12 @@ class Contents:
         return [slot for slot in kept.slots if looks[slot].emission is not None]
 
     def _kept_group(self, key):
-        """The shape group that the cache has of a mesh with the same looks, or None."""
+        """The shape group that the cache has of a mesh with the same looks, or None.
+
+        On graphics cards Mitsuba 3.9 crashes where another scene has had a group before.
+        """
+        if variants.activate() == variants.CUDA:
+            return None
         looks, group = self.meshes[key].shapes.get("group", (None, None))
         return group if _same(looks, self._slots[key]) else None
 

@@ -136,6 +136,12 @@ class Triangles:
             scale[owner.number] = owner.scale
         self.scale = loaded(mi.Float, scale)
         meshes = [mesh for family in self.families for mesh in family.meshes]
+        self._index = None
+        if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
+            # of a mesh in an instance Embree tells the number in its group, OptiX which mesh it is
+            index = np.full(1 + max((mesh.shape for mesh in meshes), default=0), NONE, np.uint32)
+            index[[mesh.shape for mesh in meshes]] = [mesh.index for mesh in meshes]
+            self._index = loaded(mi.UInt32, index)
         self.meshes = sorted(meshes, key=lambda mesh: mesh.first)
         self.shape_of = self._rows(lambda mesh: np.full(len(mesh.faces), mesh.shape))
         self.index_of = self._rows(lambda mesh: np.full(len(mesh.faces), mesh.index))
@@ -185,7 +191,13 @@ class Triangles:
         known = active & surface.is_valid() & (owner < self.numbers)
         start = dr.gather(mi.UInt32, self._start, owner, known)
         known &= start != 0
-        start += dr.select(instance != 0, surface.shape_index, 0)
+        nested = known & (instance != 0)
+        index = surface.shape_index
+        if self._index is not None:
+            of_mesh = nested & (shape < dr.width(self._index))
+            index = dr.gather(mi.UInt32, self._index, shape, of_mesh)
+            known &= ~nested | (of_mesh & (index != NONE))
+        start += dr.select(nested, index, 0)
         first = dr.gather(mi.UInt32, self._children, start, known)
         known &= first != NONE
         return owner, first + surface.prim_index, known

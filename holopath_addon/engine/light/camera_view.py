@@ -13,6 +13,7 @@ from scipy.ndimage import binary_closing, minimum_filter
 
 from ..mapping import DepthMapping
 from ..scene.buffers import loaded
+from ..scene.random_numbers import Sampler
 from ..scene.rays import Rays
 from .atlas import BLOCK, NONE
 
@@ -94,9 +95,8 @@ class CameraView:
         hologram = self._hologram
         columns, rows = math.ceil(hologram.width / stride), math.ceil(hologram.height / stride)
         size = columns * rows
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(self._seed, size)
         index = dr.arange(mi.UInt32, size)
+        sampler = Sampler.seeded(self._seed, index)
         jitter = sampler.next_2d()
         column = (mi.Float(index % columns) + jitter.x) * stride - 0.5
         row = (mi.Float(index // columns) + jitter.y) * stride - 0.5

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 from scipy import ndimage
 
+from ..progress import paced
 from ..scene.buffers import loaded
 from .atlas import BLOCK
 from .path_tracer import PathTracer
@@ -92,17 +93,19 @@ class _Sampling:
         """
         sums, groups = np.empty((len(which), NUMBERS), np.float32), self._groups
         size = self._cache.lanes
-        for first in range(0, len(which), size):
-            part = slice(first, first + size)
+        unit = dr.opaque(mi.UInt32, size)
+        for units in paced(range(math.ceil(len(which) / size))):
+            part = slice(units.start * size, min(units.stop * size, len(which)))
             lanes = (groups.starts[which[part]], groups.counts[which[part]], done[part])
-            starts, counts, before = (loaded(mi.UInt32, np.resize(values, size)) for values in lanes)
-            found = self._cache.sample(
-                self._scene, self._tracer, self._pool, starts, counts, samples, before, seed * 9973 + first
-            )
+            starts, counts, before = (loaded(mi.UInt32, values) for values in lanes)
+            lane = dr.arange(mi.UInt32, part.stop - part.start) + dr.opaque(mi.UInt32, part.start)
+            own = dr.opaque(mi.UInt32, seed * 9973 & 0xFFFFFFFF) + lane // unit * unit
+            what = self._scene, self._tracer, self._pool, starts, counts, samples, before, own, lane % unit
+            found = self._cache.sample(*what)
             dr.eval(found)
             for k, values in enumerate(found):
-                sums[part, k] = np.array(values)[: len(sums[part])]
-            progress(min(1.0, (first + size) / len(which)))
+                sums[part, k] = np.array(values)
+            progress(part.stop / len(which))
         return sums
 
 

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scene.lobes import DIFFUSE, GLOSSY, SMOOTH
+from ..scene.random_numbers import Sampler
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +45,7 @@ class PathTracer:
     def radiance(
         self,
         scene: mi.Scene,
-        sampler: mi.Sampler,
+        sampler: Sampler,
         ray: mi.Ray3f,
         surface: mi.PreliminaryIntersection3f,
         whole: mi.Bool,
@@ -56,7 +57,7 @@ class PathTracer:
         Parameters
         ----------
         scene : mitsuba.Scene
-        sampler : mitsuba.Sampler
+        sampler : Sampler
         ray : mitsuba.Ray3f
         surface : mitsuba.PreliminaryIntersection3f
             From the ray.
@@ -76,7 +77,7 @@ class PathTracer:
     def by_vertices(
         self,
         scene: mi.Scene,
-        sampler: mi.Sampler,
+        sampler: Sampler,
         ray: mi.Ray3f,
         surface: mi.PreliminaryIntersection3f,
         whole: mi.Bool,
@@ -92,7 +93,7 @@ class PathTracer:
     def scattered(
         self,
         scene: mi.Scene,
-        sampler: mi.Sampler,
+        sampler: Sampler,
         si: mi.SurfaceInteraction3f,
         context: mi.BSDFContext,
         turn: tuple[mi.Point2f, mi.Point2f],
@@ -102,7 +103,7 @@ class PathTracer:
         Parameters
         ----------
         scene : mitsuba.Scene
-        sampler : mitsuba.Sampler
+        sampler : Sampler
         si : mitsuba.SurfaceInteraction3f
         context : mitsuba.BSDFContext
             Which lobes.
@@ -292,17 +293,15 @@ class PathsPerRay:
     tracer: PathTracer
     paths: int
 
-    def sampler(self, seed: int, size: int) -> mi.Sampler:
+    def sampler(self, seed: int, size: int) -> Sampler:
         """Random numbers for `size` pixels."""
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed, size)
-        return sampler
+        return Sampler.seeded(seed, dr.arange(mi.UInt32, size))
 
     def amplitudes(
         self,
         scene: mi.Scene,
         rays: Rays,
-        sampler: mi.Sampler,
+        sampler: Sampler,
         seen: ImagePoint,
         grain: tuple[mi.Int, mi.Int, mi.Float],
         slope: tuple[mi.Float, mi.Float],

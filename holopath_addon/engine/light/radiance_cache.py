@@ -24,6 +24,7 @@ import numpy as np
 
 from ..scene.buffers import loaded
 from ..scene.lobes import DIFFUSE
+from ..scene.random_numbers import Sampler
 from .atlas import BLOCK, NONE
 from .groups import Groups
 
@@ -67,7 +68,7 @@ class RadianceCache:
     coarse : Groups
         Of all texels.
     lanes : int
-        Groups that one kernel samples: always as many, since Mitsuba's sampler makes another size another kernel.
+        Groups that draw their random numbers together.
     groups : list of Groups
         Those in `fine`, in their order.
     others, own : mitsuba.BSDFContext
@@ -137,7 +138,7 @@ class RadianceCache:
         surface: mi.PreliminaryIntersection3f,
         si: mi.SurfaceInteraction3f,
         bsdf: mi.BSDFPtr,
-        sampler: mi.Sampler,
+        sampler: Sampler,
         first: mi.Bool,
         active: mi.Bool,
     ) -> tuple[mi.Color3f, mi.Bool]:
@@ -148,7 +149,7 @@ class RadianceCache:
         surface : mitsuba.PreliminaryIntersection3f
         si : mitsuba.SurfaceInteraction3f
         bsdf : mitsuba.BSDFPtr
-        sampler : mitsuba.Sampler
+        sampler : Sampler
         first : mitsuba.Bool
             Whether it is seen directly: the source is too coarse for that, but for a few places.
         active : mitsuba.Bool
@@ -183,7 +184,8 @@ class RadianceCache:
         count: mi.UInt32,
         samples: int,
         done: mi.UInt32,
-        seed: int,
+        seed: mi.UInt32,
+        lane: mi.UInt32,
     ) -> list[mi.Float]:
         """Sums over samples of groups of texels, each of any of the group's; one kernel.
 
@@ -199,7 +201,8 @@ class RadianceCache:
             Of each group.
         done : mitsuba.UInt32
             How many it has had before.
-        seed : int
+        seed, lane : mitsuba.UInt32
+            Of each group's random numbers, see `Sampler`.
 
         Returns
         -------
@@ -207,10 +210,9 @@ class RadianceCache:
             The numbers of SUMS in turn.
         """
         size = dr.width(first)
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed % (1 << 32), size)
+        sampler = Sampler.seeded(seed, lane)
         # R4 sequences (Roberts 2018) from a start of each group's own
-        leader, key = dr.gather(mi.UInt32, pool, first), dr.opaque(mi.UInt32, 2 * seed % (1 << 32))
+        leader, key = dr.gather(mi.UInt32, pool, first), 2 * seed
         last = done + dr.opaque(mi.UInt32, samples)
         start = [mi.Float(word) * 2.0**-32 for k in (0, 1) for word in mi.sample_tea_32(leader, key + k)]
         steps = [dr.opaque(mi.Float, 1.1673039782614187 ** -(k + 1)) for k in range(4)]
@@ -255,8 +257,7 @@ def inseparable(triangles: Triangles, samples: int = 64) -> set[int]:
         return set()
     meshes = [mesh for mesh in triangles.meshes for _ in range(samples)]
     size = len(meshes)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, size)
+    sampler = Sampler.seeded(0, dr.arange(mi.UInt32, size))
     surface = dr.zeros(mi.PreliminaryIntersection3f, size)
     surface.valid, surface.t = mi.Bool(True), mi.Float(1)
     surface.shape = dr.reinterpret_array(mi.ShapePtr, mi.UInt32([mesh.shape for mesh in meshes]))

@@ -15,6 +15,7 @@ from ..errors import InvalidInput
 from ..light.path_tracer import DIRECT, PathTracer
 from ..mapping import DepthMapping
 from ..scene.lobes import is_specular
+from ..scene.random_numbers import Sampler
 from ..scene.rays import Rays
 from ..scene.specular_chains import nearly_smooth
 from ..tracing.grains import shown
@@ -362,9 +363,7 @@ class _Starts:
 
 def _sampler(seed, size):
     """Independent random numbers for so many lanes."""
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, size)
-    return sampler
+    return Sampler.seeded(seed, dr.arange(mi.UInt32, size))
 
 
 def _finite(values, shape):

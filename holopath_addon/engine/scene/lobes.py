@@ -16,6 +16,7 @@ DIFFUSE = int(mi.BSDFFlags.Diffuse)
 TRANSLUCENT = int(mi.BSDFFlags.DiffuseTransmission)
 GLOSSY_TRANSMISSION = int(mi.BSDFFlags.GlossyTransmission)
 GLOSSY = int(mi.BSDFFlags.GlossyReflection) | GLOSSY_TRANSMISSION
+FAINT = 1e-6  # shares of less are rounding: on graphics cards total reflection lets 6e-8 through
 SMOOTH = int(mi.BSDFFlags.Smooth)  # Mitsuba's word for all lobes that are not δ
 
 
@@ -39,8 +40,8 @@ class Lobe:
 
     @property
     def exists(self) -> mi.Bool:
-        """Whether any light comes this way."""
-        return dr.max(self.weight) > 0
+        """Whether any light comes this way, and not only what rounding leaves of 1 - 1."""
+        return dr.max(self.weight) > FAINT
 
 
 class SpecularLobes:

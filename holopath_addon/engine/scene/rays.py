@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from ..hologram import Hologram
     from ..mapping import DepthMapping
 
-
+# Rays that Embree may intersect as one, at most: what it finds depends, in the last bit, on which are together.
+PACKET = 64
 OUTSIDE, LEAST_RAMP = 1e6, 1e-9  # metres: stand for infinity and for nothing
 STEEPEST = 8.0  # slope in hologram space: planes that are seen from their edge
 

@@ -25,6 +25,8 @@ WIDTH = 2.0  # columns: standard deviation of the Gaussian
 # Standard deviations that two grains may differ by beyond what noise makes them: with those around them, and alone,
 # for lines of a column's width
 STRICT, ALONE = 0.7, 1.5
+# What two programs may make of the same numbers, relatively: light without noise is the same then, too.
+ROUNDING = 1e-6
 LEAST = 1e-30
 
 
@@ -197,7 +199,7 @@ def squared_error(halves: Halves, kept: Halves) -> mi.Float:
 def _alike(mine, noise, other, its_noise, strict):
     """Weight of a grain that another was found for, from 0 to 1."""
     beyond = dr.squared_norm(mine - other) - (noise + dr.minimum(noise, its_noise))
-    scale = strict**2 * (noise + its_noise) + LEAST
+    scale = strict**2 * (noise + its_noise) + ROUNDING**2 * dr.squared_norm(mine) + LEAST
     return dr.exp(-dr.maximum(beyond, 0) / scale)
 
 

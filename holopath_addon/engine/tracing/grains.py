@@ -11,6 +11,8 @@ import mitsuba as mi
 
 from ..scene.buffers import gather_row
 from ..scene.lobes import DIFFUSE, SHARP, SMOOTH
+from ..scene.random_numbers import Sampler
+from ..scene.rays import PACKET
 from .grain_grid import GrainGrid
 from .regions import Sightings
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from ..scene.rays import ImagePoint, Rays
     from ..scene.specular_chains import FirstHits, SpecularChains
 
-CHUNK_PATHS = 1 << 20  # between two looks at progress and cancel
+CHUNK_PATHS = 1 << 20  # about half a second on two cores
 TILT = 2  # slopes before the radiances in a row of means
 # added to reflectances: of black surfaces, and for light that no diffuse lobe scatters
 BLACK, SPECULAR = 1e-3, 0.04
@@ -126,7 +128,7 @@ class Grains:
     it is on the grid and shows anything, and whether its surface looks different across the pupil.
     """
 
-    sampler: mi.Sampler
+    sampler: Sampler
     first: mi.Float
     number: mi.UInt32
     column: mi.Float
@@ -141,11 +143,12 @@ class Grains:
 
 def chunk_count(grid: GrainGrid, passes: int) -> int:
     """Parts that the pixels of a grid are asked in, so many rays each."""
-    return math.ceil(grid.columns * grid.rows / _together(passes))
+    return math.ceil(grid.columns * grid.rows / _chunk(passes))
 
 
-def _together(passes):
-    return max(1, CHUNK_PATHS // passes)
+def _chunk(passes):
+    """Pixels of a part: rays meet the same surfaces whatever parts go together."""
+    return max(1, CHUNK_PATHS // (passes * PACKET)) * PACKET
 
 
 def grains_of(
@@ -153,18 +156,18 @@ def grains_of(
     rays: Rays,
     optics: FirstHits | SpecularChains,
     grid: GrainGrid,
-    chunk: int,
+    chunks: range,
     passes: int,
     seed: int,
     before: int,
 ) -> Grains:
-    """The `Grains` of the pixels of a chunk, all passes; the same at every call.
+    """The `Grains` of the pixels of some chunks, all passes; the same at every call, whatever chunks go together.
 
     Parameters
     ----------
     scene, rays, optics, grid :
         As of `measurement.Measurement`.
-    chunk : int
+    chunks : range
         Below `chunk_count`.
     passes : int
         Rays of a pixel.
@@ -172,14 +175,15 @@ def grains_of(
     before : int
         Number of the first of them.
     """
-    first = chunk * _together(passes)
-    count = min(_together(passes), grid.columns * grid.rows - first)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed((seed * 9973 + first + 0x9E3779B1 * before) & 0xFFFFFFFF, count * passes)
+    first = chunks.start * _chunk(passes)
+    count = min(len(chunks) * _chunk(passes), grid.columns * grid.rows - first)
     # the passes of a pixel side by side: their rays stay near each other, which fine meshes repay
     index, each = dr.arange(mi.UInt32, count * passes), dr.opaque(mi.UInt32, passes)
     number = index % each + dr.opaque(mi.UInt32, before)
     pixel = index // each + dr.opaque(mi.UInt32, first)
+    chunk = dr.opaque(mi.UInt32, _chunk(passes))
+    own = dr.opaque(mi.UInt32, (seed * 9973 + 0x9E3779B1 * before) & 0xFFFFFFFF)
+    sampler = Sampler.seeded(own + pixel // chunk * chunk, index % (chunk * each))
     jitter = sampler.next_2d()
     columns, margin = dr.opaque(mi.UInt32, grid.columns), dr.opaque(mi.Float, grid.margin)
     column = mi.Float(pixel % columns) - margin + jitter.x - 0.5

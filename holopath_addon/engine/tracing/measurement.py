@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..hologram import channel
+from ..progress import paced
 from ..scene.buffers import loaded, row_stride
 from ..scene.rays import OUTSIDE
 from .filtering import Half, filtered, squared_error
@@ -133,11 +134,11 @@ class Measurement:
         assert question is not None
         add = {"cells": self._cells_of, "light": self._light_of, "textures": self._textures_of}[question.kind]
         what = self._scene, self._rays, self._optics, self._grid
-        for number in chunks:
-            add(grains_of(*what, number, question.passes, self._seed, question.before), totals)
+        for some in paced(chunks):
+            add(grains_of(*what, some, question.passes, self._seed, question.before), totals)
             dr.eval(totals)
             dr.sync_thread()
-            progress((number + 1 - chunks.start) / len(chunks))
+            progress((some.stop - chunks.start) / len(chunks))
 
     def _cells_of(self, grains, totals):
         kind = dr.select(grains.binned, mi.UInt32(self._grid.bins**2), 1)

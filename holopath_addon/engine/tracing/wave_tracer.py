@@ -17,6 +17,7 @@ import numpy as np
 
 from ..hologram import channel
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
+from ..scene.rays import PACKET
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
 CHUNK_RAYS = 1 << 22  # between two looks at progress and cancel; well below a second on two cores
 BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
-# Rays that Embree may intersect as one, at most: what it finds depends, in the last bit, on which are together.
-PACKET = 64
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
 
@@ -224,8 +223,9 @@ def trace_blocks(
         field = trace_chunk(part, block.first, block.count, packed[1], frames)
         values = np.empty((frames, colours, block.count), np.complex64)
         for k, m in np.ndindex(colours, frames):
-            real, imaginary = (np.asarray(field[2 * (k * frames + m) + n]) for n in (0, 1))
-            values[m, k] = (real + 1j * imaginary) * np.float32(1 / PHASOR_SCALE)
+            for n, half in enumerate((values[m, k].real, values[m, k].imag)):
+                sums = np.asarray(field[2 * (k * frames + m) + n])
+                np.multiply(sums, np.float32(1 / PHASOR_SCALE), out=half)
         yield block, part.pixels[block.first : block.first + block.count], values
         done += block.work
         progress(done / work)
@@ -245,7 +245,7 @@ def add_pixels(out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: 
     """
     across, flat = out.shape[-1], out.reshape(*out.shape[:2], -1)
     begin = (out.shape[-2] - hologram.height) // 2 * across + (across - hologram.width) // 2
-    places = begin + pixels // hologram.width * across + pixels % hologram.width
+    places = (begin + pixels // hologram.width * across + pixels % hologram.width).astype(np.intp)
     for each in np.ndindex(out.shape[:2]):
         flat[each][places] += values[each]
 

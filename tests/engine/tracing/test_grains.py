@@ -85,3 +85,24 @@ def test_rare_bright_paths_do_not_destroy_grains(build, camera):
         means.append(picture.mean())
     assert spots[0] < 5 < 10 < spots[1]
     assert 0.6 * means[1] < means[0] < means[1]  # what is cut is lost
+
+
+def test_chunks_together_or_apart(build, camera, monkeypatch):
+    """However many a machine traces at once, the same light."""
+    from holopath_addon.engine.tracing import grains, measurement
+
+    monkeypatch.setattr(grains, "CHUNK_PATHS", 1 << 13)
+    hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9,), 1e-3, 2e-3)
+    settings = engine.Settings(frames=1, method="full", fixed={"passes": 6})
+    view = build.two_planes(build.emissive), camera, hologram, settings
+    plan, found, parts = engine.plan(*view), [], []
+    for size in (1, 2, 100):
+
+        def paced(chunks, size=size):
+            parts.append(len(chunks))
+            return (chunks[first : first + size] for first in range(0, len(chunks), size))
+
+        monkeypatch.setattr(measurement, "paced", paced)
+        found.append(engine.render(*view, plan).data)
+    assert min(parts) > 2
+    assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
