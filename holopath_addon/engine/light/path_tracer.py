@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import mitsuba as mi
 
+from ..scene.buffers import mean
 from ..scene.lobes import DIFFUSE, GLOSSY, SMOOTH
 from ..scene.random_numbers import Sampler
 
@@ -213,7 +214,7 @@ class PathTracer:
             def body(number, chance, total, best, light, place):
                 along = turn.x + mi.Float(number) * step
                 found, point = scattered(mi.Point2f(along - dr.floor(along), turn.y))
-                bright = dr.mean(found)
+                bright = mean(found)
                 bright = dr.select(dr.isfinite(bright), bright, 0)
                 total += bright
                 share = dr.select(bright > 0, bright / total, 0)

@@ -22,7 +22,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.buffers import loaded
+from ..scene.buffers import loaded, mean
 from ..scene.lobes import DIFFUSE
 from ..scene.random_numbers import Sampler
 from .atlas import BLOCK, NONE
@@ -234,14 +234,14 @@ class RadianceCache:
             for light in lights:
                 valid &= dr.all(dr.isfinite(light))
             # in a channel that the surface does not reflect, its light is not known
-            grey = [dr.mean(light) / dr.maximum(dr.mean(g), 1e-30) for light in lights]
+            grey = [mean(light) / dr.maximum(mean(g), 1e-30) for light in lights]
             lights = [
                 dr.select(valid, dr.select(g > 1e-4 * dr.max(g), light / g, mi.Color3f(rest)), 0)
                 for light, rest in zip(lights, grey, strict=True)
             ]
             inverse = dr.rcp(dr.maximum(distance, LEAST_DISTANCE))
             more = [*lights[0], *lights[1], dr.select(valid, 1.0, 0.0), dr.select(valid, inverse, 0)]
-            more += [dr.select(number % 2 == 0, dr.mean(light), 0) for light in lights]
+            more += [dr.select(number % 2 == 0, mean(light), 0) for light in lights]
             return number + 1, [total + m for total, m in zip(sums, more, strict=True)], sampler
 
         state = (mi.UInt32(done), [dr.zeros(mi.Float, size) for _ in range(NUMBERS)], sampler)

@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..light.path_tracer import DIRECT, PathTracer
 from ..mapping import DepthMapping
+from ..scene.buffers import mean
 from ..scene.lobes import is_specular
 from ..scene.random_numbers import Sampler
 from ..scene.rays import Rays
@@ -190,7 +191,7 @@ class Pilot:
         # light that is seen at its image hardly differs across the pupil
         flags = view.surface.shape.bsdf().flags()
         glossy = view.surface.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Glossy) & (view.image < 1)
-        beyond = dr.select(view.cut & ~view.exists, dr.mean(view.weight), 0)
+        beyond = dr.select(view.cut & ~view.exists, mean(view.weight), 0)
         dr.eval(depth, bent, glossy, beyond)
         depth, hit, hits = (np.asarray(values) for values in (depth, view.hit, view.hits))
         exists = np.broadcast_to(view.exists, self.size)
@@ -263,7 +264,7 @@ class Pilot:
     def _light_through(self, optics, branch):
         """Sum of the shares of light that come to the viewer over whole chains."""
         view = optics.view(self.scene, self.ray, branch, drawn=True)
-        share = dr.select(view.exists & ~view.cut, dr.mean(view.weight), 0)
+        share = dr.select(view.exists & ~view.cut, mean(view.weight), 0)
         return float(np.asarray(share, np.float64).sum())
 
     def _places(self, depth, hit, exists, chains, first=None):

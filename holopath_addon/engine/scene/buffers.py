@@ -33,6 +33,14 @@ def constant(kind: type, values: Iterable[float]) -> Any:
     return vector
 
 
+def mean(color: mi.Color3f) -> mi.Float:
+    """Mean of a color's channels.
+
+    `drjit.mean` writes the number of lanes into the program, which is then compiled anew for each.
+    """
+    return (color.x + color.y + color.z) * (1 / 3)
+
+
 ALIGNMENT = 64  # bytes, of the widest vectors of any processor
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from .buffers import mean
 from .fingerprint import text_of_properties
 from .microfacet import (
     Beckmann,
@@ -467,7 +468,7 @@ def _chance(reflected, transmitted, reflects, transmits):
     """Chance of reflection rather than transmission, by their shares and by what is asked for."""
     if not (reflects and transmits):
         return mi.Float(1.0 if reflects else 0.0)
-    reflected, both = dr.mean(reflected), dr.mean(reflected + transmitted)
+    reflected, both = mean(reflected), mean(reflected + transmitted)
     return dr.select(both > 0, reflected / both, 0)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from .buffers import mean
 from .fingerprint import text_of_properties
 
 ALL_COMPONENTS = 0xFFFFFFFF
@@ -88,7 +89,7 @@ class Mixture(mi.BSDF):
         albedos = self._albedos(si, active)
         shares = self._shares(si, albedos, active)
         chances = [
-            _grey(share) * dr.mean(albedos.get(leaf, 1.0))
+            _grey(share) * _grey(albedos.get(leaf, 1.0))
             for leaf, share in zip(self._leaves, shares, strict=True)
         ]
         total = sum(chances)
@@ -187,7 +188,7 @@ def _is_mixture(part):
 
 
 def _grey(share):
-    return dr.mean(share) if isinstance(share, mi.Color3f) else share
+    return mean(share) if isinstance(share, mi.Color3f) else share
 
 
 mi.register_bsdf("mixture", Mixture)

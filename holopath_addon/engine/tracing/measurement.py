@@ -16,7 +16,7 @@ import numpy as np
 
 from ..hologram import channel
 from ..progress import paced
-from ..scene.buffers import loaded, row_stride
+from ..scene.buffers import loaded, mean, row_stride
 from ..scene.rays import OUTSIDE
 from .filtering import Half, filtered, squared_error
 from .grains import TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
@@ -364,7 +364,7 @@ def _field_error(halves, kept, shared, looks, white):
     every second path, two halves that know nothing of each other; where they are filtered, see `squared_error`.
     """
     own, light = halves[0] + halves[1], kept[0] + kept[1]
-    bright, both = dr.mean(own.radiance), (halves[0].count > 0) & (halves[1].count > 0)
+    bright, both = mean(own.radiance), (halves[0].count > 0) & (halves[1].count > 0)
     weight = (
         dr.select(both & (bright > 0), own.count * dr.minimum(bright, white), 0) / 12
     )  # channels, and 2^2
@@ -376,13 +376,13 @@ def _field_error(halves, kept, shared, looks, white):
         return 0.25 * dr.squared_norm(a - b)
 
     # textures and edges, of which a few paths show a part, and the rays that look at them a larger one
-    over, seen = dr.mean(light.over), own.count / dr.maximum(own.count + looks, 1)
+    over, seen = mean(light.over), own.count / dr.maximum(own.count + looks, 1)
     parts = [
         weight,
         part(~shared, apart(*(half.radiance for half in halves)), bright),
         part(shared, apart(*(half.over for half in kept)), over),
         part(shared, squared_error(halves, kept), over),
-        part(shared, seen * apart(*(half.reflectance for half in halves)), dr.mean(own.reflectance)),
+        part(shared, seen * apart(*(half.reflectance for half in halves)), mean(own.reflectance)),
     ]
     dr.eval(parts)  # in one kernel
     whole, alone, least, differing, texture = (float(dr.sum(values)[0]) for values in parts)
