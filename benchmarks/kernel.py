@@ -81,7 +81,7 @@ def run(size=512, repeats=5):
 
     def trace(frames):
         blocks = blocks_of([(size * size, part.rays_per_pixel)], frames, 1, plan.chunk)
-        what = {0: part}, blocks, radiance, phasors[:frames], 0, lambda done: None
+        what = {0: part}, blocks, radiance, phasors[:frames], 0, plan.chunk, lambda done: None
         for _ in trace_blocks(scene, hologram, *what):
             pass
 

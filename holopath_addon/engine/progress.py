@@ -54,19 +54,38 @@ class Stages:
         return self._told[name]
 
 
-def paced(units: range) -> Iterator[range]:
-    """Units of work in parts, so many at a time that progress is told, and cancel heard, several times a second.
+class Pace:
+    """How many units of work to do at a time, for progress to be told, and cancel heard, several times a second.
 
-    A part takes one unit at first, and twice as many as the one before where that took little time: programs are
-    written down in Python before they run, which takes a fast graphics card ten times as long as to run one unit.
+    One at first, and twice as many as before where these took little time: programs are written down in Python before
+    they run, which takes a fast graphics card ten times as long as to run one unit.
+
+    Attributes
+    ----------
+    together : int
+        Units to do next.
     """
-    first, together = units.start, 1
-    while first < units.stop:
-        part, begun = range(first, min(first + together, units.stop)), time.perf_counter()
-        yield part
-        first = part.stop
+
+    def __init__(self) -> None:
+        self.together = 1
+
+    @contextmanager
+    def __call__(self) -> Iterator[None]:
+        """Units are done inside."""
+        begun = time.perf_counter()
+        yield
         if time.perf_counter() - begun < OFTEN:
-            together *= 2
+            self.together *= 2
+
+
+def paced(units: range) -> Iterator[range]:
+    """Units of work in parts that are done at a time, see `Pace`."""
+    pace, first = Pace(), units.start
+    while first < units.stop:
+        part = range(first, min(first + pace.together, units.stop))
+        with pace():
+            yield part
+        first = part.stop
 
 
 class Clock:

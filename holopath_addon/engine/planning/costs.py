@@ -14,7 +14,7 @@ from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
 from ..waves.pictures import STRAYS
-from ..waves.propagation import grid_bytes, padded_shape
+from ..waves.propagation import grid_bytes, moving_bytes, padded_shape
 from .noise import likely
 from .planes import columns_of, mean_rays
 from .probe import LEAST_SHARE
@@ -241,7 +241,7 @@ def memory(
     texels = min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES if cached else 0
     size, farthest = (hologram.height, hologram.width), max(abs(survey.z_low), abs(survey.z_high))
     grid = max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
-    return fields + tables + radiance + texels + CHUNK_BYTES + grid
+    return fields + tables + radiance + texels + CHUNK_BYTES + moving_bytes(grid, frames)
 
 
 def _numbers(survey):

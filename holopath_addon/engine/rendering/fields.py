@@ -9,7 +9,7 @@ import numpy as np
 from ..progress import Stages, named, parts
 from ..waves import despeckle
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
-from ..waves.propagation import carrier, field_of, padded_shape, spectrum, transfer_function
+from ..waves.propagation import carrier, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -192,5 +192,5 @@ def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, 
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
-        for m in range(len(field)):
-            yield k, m, field_of(spectrum(field[m, k], padded) * transfer, shape)
+        for m, wave in enumerate(moved(field[:, k], transfer)):
+            yield k, m, wave

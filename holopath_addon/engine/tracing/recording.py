@@ -145,8 +145,8 @@ class Recording:
             parts = {number: self._part(plane, radiance, number) for number in {b.part for b in blocks}}
         count = sum(block.rays for block in blocks)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
-        what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.settings.seed, progress
-        traced = trace_blocks(*what)
+        what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.settings.seed
+        traced = trace_blocks(*what, self.plan.chunk, progress)
         while True:
             with self.clock("wave tracing"):
                 found = next(traced, None)

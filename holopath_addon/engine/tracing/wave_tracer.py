@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..hologram import channel
+from ..progress import Pace
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
 from ..scene.rays import PACKET
 
@@ -130,9 +131,12 @@ def trace_blocks(
     radiance: RadianceMap | PathsPerRay,
     phasors: np.ndarray,
     seed: int,
+    chunk: int,
     progress: PartProgress,
 ) -> Iterator[tuple[Block, np.ndarray, np.ndarray]]:
     """The wave field on the recording plane, block by block: all wavelengths from one traversal.
+
+    Blocks side by side are traced as one while that is quick, with the same result.
 
     Parameters
     ----------
@@ -147,6 +151,8 @@ def trace_blocks(
         One period of the phase maps.
     seed : int
         Of the radiance paths.
+    chunk : int
+        As of `blocks_of`.
     progress : callable
         ``progress(done)``, may raise.
 
@@ -216,19 +222,42 @@ def trace_blocks(
         return field
 
     work, done, packed = sum(block.work for block in blocks), 0, (-1, None)
-    for block in blocks:
-        part, frames = parts[block.part], block.stop - block.start
+    pace, left = Pace(), list(blocks)
+    while left:
+        block, part, frames = left[0], parts[left[0].part], left[0].stop - left[0].start
         if packed[0] != block.start:  # the frames that are traced together
             packed = block.start, packed_phasors(phasors[block.start : block.stop])
-        field = trace_chunk(part, block.first, block.count, packed[1], frames)
-        values = np.empty((frames, colours, block.count), np.complex64)
-        for k, m in np.ndindex(colours, frames):
-            for n, half in enumerate((values[m, k].real, values[m, k].imag)):
-                sums = np.asarray(field[2 * (k * frames + m) + n])
-                np.multiply(sums, np.float32(1 / PHASOR_SCALE), out=half)
-        yield block, part.pixels[block.first : block.first + block.count], values
-        done += block.work
-        progress(done / work)
+        # random numbers are each block's own
+        drawn = part.estimator.random(0, 1) is not None or radiance.sampler(0, 1) is not None
+        joined = _joined(left[: 1 if drawn else pace.together], chunk // (8 * frames * colours))
+        size = sum(each.count for each in joined)
+        with pace():
+            field = trace_chunk(part, block.first, size, packed[1], frames)
+            values = np.empty((frames, colours, size), np.complex64)
+            for k, m in np.ndindex(colours, frames):
+                for n, half in enumerate((values[m, k].real, values[m, k].imag)):
+                    sums = np.asarray(field[2 * (k * frames + m) + n])
+                    np.multiply(sums, np.float32(1 / PHASOR_SCALE), out=half)
+        for each in joined:
+            at = slice(each.first - block.first, each.first - block.first + each.count)
+            yield each, part.pixels[each.first : each.first + each.count], values[..., at]
+            done += each.work
+            progress(done / work)
+        del left[: len(joined)]
+
+
+def _joined(blocks, most):
+    """The first of some blocks, and those after it that can be traced with it: so many pixels in a row at most."""
+    joined = blocks[:1]
+    for block in blocks[1:]:
+        last = joined[-1]
+        alike = (block.part, block.start, block.stop) == (last.part, last.start, last.stop)
+        if not alike or block.first != last.first + last.count:
+            break
+        if block.first + block.count - joined[0].first > most:
+            break
+        joined.append(block)
+    return joined
 
 
 def add_pixels(out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: np.ndarray) -> None:

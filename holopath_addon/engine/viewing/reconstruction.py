@@ -92,7 +92,7 @@ class Refocuser:
             for m in range(frames):
                 waves = self._spectrum(k, m, padded)
                 for total, transfer in zip(sums, transfers, strict=True):
-                    at_focus = field_of(waves * transfer, shape)
+                    at_focus = field_of(waves * transfer, shape, overwrite=True)
                     total += at_focus.real**2 + at_focus.imag**2
                 progress((k * frames + m + 1) / (frames * colours), "Refocusing")
             images[..., k] = sums / frames

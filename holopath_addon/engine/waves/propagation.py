@@ -6,7 +6,9 @@ Sign convention exp(-i omega t): going forward by z multiplies a plane wave by e
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import scipy.fft
@@ -14,6 +16,7 @@ import scipy.fft
 from ..scene.variants import threads
 
 BLOCK = 1 << 18  # numbers that are worked on at a time
+MOVING_BYTES = 1 << 29  # of fields that are moved at once
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
@@ -157,9 +160,57 @@ def grid_bytes(
     return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance, strays))
 
 
-def spectrum(field: np.ndarray, shape: Sequence[int]) -> np.ndarray:
-    """FFT of the last two axes, zero-padded to `shape`; complex64."""
-    return scipy.fft.fft2(np.asarray(field, np.complex64), s=shape, workers=threads())
+def moving_bytes(grid: int, fields: int) -> int:
+    """Memory that `moved` takes for so many fields, whose grid takes `grid` bytes each."""
+    return grid * _at_once(grid, fields)
+
+
+def _at_once(grid, fields):
+    return max(1, min(threads(), fields, MOVING_BYTES // grid))
+
+
+def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.ndarray]:
+    """Each of some fields times a transfer function, cropped to its own shape, in turn; several are moved at once.
+
+    Parameters
+    ----------
+    fields : sequence of numpy.ndarray, shape (y, x)
+        None may change before it has come.
+    transfer : numpy.ndarray, complex64
+        On a grid of `padded_shape`.
+    """
+
+    def one(field, workers):
+        waves = spectrum(field, transfer.shape, workers)
+        waves *= transfer
+        return field_of(waves, field.shape, workers, overwrite=True)
+
+    count = _at_once(BYTES * transfer.size, len(fields))
+    if count == 1:
+        yield from (one(field, threads()) for field in fields)
+        return
+    with ThreadPoolExecutor(count) as pool:
+        coming = deque()
+        try:
+            for field in fields:
+                coming.append(pool.submit(one, field, 1))
+                if len(coming) > count:
+                    yield coming.popleft().result()
+            while coming:
+                yield coming.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def spectrum(field: np.ndarray, shape: Sequence[int], workers: int | None = None) -> np.ndarray:
+    """FFT of the last two axes, zero-padded to `shape`; complex64. Rows of zeros are not transformed."""
+    field, workers = np.asarray(field, np.complex64), workers or threads()
+    rows = scipy.fft.fft(field, shape[1], workers=workers)
+    if shape[0] > field.shape[-2]:
+        padded = np.zeros((*field.shape[:-2], *shape), np.complex64)
+        padded[..., : field.shape[-2], :] = rows
+        rows = padded
+    return scipy.fft.fft(rows, axis=-2, overwrite_x=True, workers=workers)
 
 
 def filtered(field: np.ndarray, response: np.ndarray) -> np.ndarray:
@@ -167,10 +218,14 @@ def filtered(field: np.ndarray, response: np.ndarray) -> np.ndarray:
     return scipy.fft.ifft2(scipy.fft.fft2(field, workers=threads()) * response, workers=threads())
 
 
-def field_of(spectrum_: np.ndarray, shape: Sequence[int]) -> np.ndarray:
-    """Inverse of `spectrum`, cropped to the window `shape`."""
-    field = scipy.fft.ifft2(spectrum_, workers=threads())
-    return field[..., : shape[0], : shape[1]]
+def field_of(
+    spectrum_: np.ndarray, shape: Sequence[int], workers: int | None = None, overwrite: bool = False
+) -> np.ndarray:
+    """Inverse of `spectrum`, cropped to the window `shape`, whose rows alone are transformed."""
+    workers = workers or threads()
+    columns = scipy.fft.ifft(spectrum_, axis=-2, overwrite_x=overwrite, workers=workers)
+    rows = scipy.fft.ifft(columns[..., : shape[0], :], overwrite_x=True, workers=workers)
+    return rows[..., : shape[1]]
 
 
 def carrier(wavelength: float, distance: float) -> np.complex64:
@@ -202,7 +257,7 @@ def propagate(
     shape = field.shape[-2:]
     padded = padded_shape(shape, pitch, wavelength, distance)
     transfer = transfer_function(padded, pitch, wavelength, distance, band) * carrier(wavelength, distance)
-    out = np.empty(field.shape, np.complex64)
-    for index in np.ndindex(field.shape[:-2]):
-        out[index] = field_of(spectrum(field[index], padded) * transfer, shape)
-    return out
+    out = np.empty((math.prod(field.shape[:-2]), *shape), np.complex64)
+    for place, wave in zip(out, moved(field.reshape(out.shape), transfer), strict=True):
+        place[:] = wave
+    return out.reshape(field.shape)

@@ -106,3 +106,28 @@ def test_chunks_together_or_apart(build, camera, monkeypatch):
         found.append(engine.render(*view, plan).data)
     assert min(parts) > 2
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
+
+
+def test_blocks_together_or_apart(build, camera, monkeypatch):
+    """Neighbouring blocks are traced as one where that is quick: the same field, and each of the blocks is given."""
+    from holopath_addon.engine.tracing import wave_tracer
+
+    hologram = engine.Hologram(72, 64, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
+    settings = engine.Settings(frames=3, method="full", quality="preview")
+    view = build.two_planes(build.emissive), camera, hologram, settings
+    plan, fields, launches = engine.plan(*view), [], []
+    traced = wave_tracer._joined
+    for rays, at_once in ((1 << 22, 1), (1 << 14, 1), (1 << 14, 100)):
+
+        def joined(blocks, most, at_once=at_once):
+            found = traced(blocks[:at_once], most)
+            launches.append(len(found))
+            return found
+
+        monkeypatch.setattr(wave_tracer, "CHUNK_RAYS", rays)
+        monkeypatch.setattr(wave_tracer, "_joined", joined)
+        monkeypatch.setattr(wave_tracer.Pace, "together", 100, raising=False)
+        monkeypatch.setattr(wave_tracer.Pace, "__init__", lambda self: None)
+        fields.append(engine.render(*view, plan).data)
+    assert launches.count(1) > 4 and max(launches) > 2
+    assert np.array_equal(fields[0], fields[1]) and np.array_equal(fields[0], fields[2])
