@@ -481,7 +481,7 @@ def test_time_that_is_too_short_for_all_views_is_each_frame_s(monkeypatch, bits)
     clock = types.SimpleNamespace(perf_counter=lambda: 2e-3 * next(ticks))
     monkeypatch.setattr(encoder, "time", clock)
     monkeypatch.setattr(descent, "time", clock)
-    field, seconds = wave_field(np.concatenate([smooth(2, n, (64, 64)) for n in (0, 5)], axis=1)), 0.6
+    field, seconds = wave_field(np.concatenate([smooth(2, n, (128, 128)) for n in (0, 5)], axis=1)), 0.6
     enough = engine.encode(field, "joint", seconds=seconds, bits=bits)
     assert sum(each["seconds"] for each in enough.report["stages"] if each["stage"] == "sgd") < 0.2 * seconds
     monkeypatch.setattr(encoder, "LEAST_STEPS", 10**9)
