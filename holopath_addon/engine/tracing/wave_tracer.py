@@ -8,6 +8,7 @@ accumulation (here).
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from ..hologram import channel
 from ..progress import Pace
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
 from ..scene.rays import PACKET
+from ..scene.variants import threads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -275,8 +277,13 @@ def add_pixels(out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: 
     across, flat = out.shape[-1], out.reshape(*out.shape[:2], -1)
     begin = (out.shape[-2] - hologram.height) // 2 * across + (across - hologram.width) // 2
     places = (begin + pixels // hologram.width * across + pixels % hologram.width).astype(np.intp)
-    for each in np.ndindex(out.shape[:2]):
-        flat[each][places] += values[each]
+
+    def add(frame):
+        for wave, more in zip(flat[frame], values[frame], strict=True):
+            wave[places] += more
+
+    with ThreadPoolExecutor(threads()) as pool:
+        list(pool.map(add, range(len(values))))
 
 
 def _wrapped(index, size):
