@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 import scipy.ndimage
-from scipy.stats import norm, qmc
 
 from ..engine.waves.display_model import DisplayModel, zernike
 from ..engine.waves.propagation import padded_shape
@@ -107,6 +106,9 @@ class Bench:
     def _points(self):
         if not self.model.size and not self.model.bandwidth:
             return np.zeros((3, 1))
+
+        from scipy.stats import norm, qmc  # which takes a third of the time to start
+
         points = norm.ppf(qmc.Sobol(3, rng=self.seed).random(self.rays)).T
         points -= points.mean(axis=1, keepdims=True)
         return points / points.std(axis=1, keepdims=True)

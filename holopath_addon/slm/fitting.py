@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.ndimage
-from scipy.interpolate import CubicSpline
 
 from ..engine.waves.display_model import GRID, DisplayLight, DisplayModel
 from .sensor import Sensor
@@ -86,6 +85,8 @@ class Setup:
 
     def phases(self, bits: int) -> np.ndarray:
         """Phase of each level, radians: a cubic spline through the knots."""
+        from scipy.interpolate import CubicSpline  # late, as it takes long to load
+
         at = np.linspace(0, 2**bits - 1, KNOTS + 1)
         return CubicSpline(at, (0.0, *self.knots), bc_type="natural")(np.arange(2**bits))
 

@@ -13,10 +13,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import scipy.fft
 
+from ..memory import installed
 from ..scene.variants import threads
 
 BLOCK = 1 << 18  # numbers that are worked on at a time
-MOVING_BYTES = 1 << 29  # of fields that are moved at once
+MOVING = 1 / 16  # of the machine's memory, at most, that fields take that are moved at once
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
@@ -166,7 +167,7 @@ def moving_bytes(grid: int, fields: int) -> int:
 
 
 def _at_once(grid, fields):
-    return max(1, min(threads(), fields, MOVING_BYTES // grid))
+    return max(1, min(threads(), fields, int(MOVING * (installed() or 0) / grid)))
 
 
 def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.ndarray]:
