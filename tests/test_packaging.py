@@ -74,9 +74,7 @@ HEAVY = ("mitsuba", "drjit", "torch", "scipy.stats", "scipy.interpolate")
     "name", ["holopath_addon", "holopath_addon.cli", "holopath_addon.engine", "holopath_addon.slm"]
 )
 def test_import_is_light(name):
-    code = (
-        BLOCK_BPY + f"import {name}\nprint(*(m for m in {HEAVY} if m in sys.modules))"
-    )
+    code = BLOCK_BPY + f"import {name}\nprint(*(m for m in {HEAVY} if m in sys.modules))"
     result = run_python(code)
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip() == ""
