@@ -44,6 +44,8 @@ SLAB = 0.15  # of the depth of focus: thickness of a grain
 # 0.006. Measured speeds would decide otherwise now and then, and hits differ in their last bits.
 COHERENT = 0.02
 BENT = 1e-3  # of the vergence, and dioptres
+# Of the light of lamps that are seen: what all light is measured by, shares, says nothing of how bright they are.
+LEAST_LAMPS = 0.01
 HITS_TRIED = (1, 2, 3, 4, 6)  # of a chain
 ALIKE = 1.3  # times as long: calls that nothing held up
 TIMED = 0.06  # seconds after which a call is not timed again; none that compiles takes less
@@ -226,9 +228,9 @@ class Pilot:
         dr.eval(branch)
         whole = self._light_through(optics_of(most), branch)
         for hits in (fewer for fewer in HITS_TRIED if fewer < most):
-            lost = 1 - self._light_through(optics_of(hits), branch) / max(whole, 1e-30)
-            if lost < LEAST_SHARE:
-                return hits, max(lost, 0.0)
+            lost = (whole - self._light_through(optics_of(hits), branch)) / np.maximum(whole, 1e-30)
+            if (lost < (LEAST_SHARE, LEAST_LAMPS)).all():
+                return hits, max(lost[0], 0.0)
         return most, 0.0
 
     def light(
@@ -262,10 +264,14 @@ class Pilot:
         return replace(light, short_per_second=max(light.paths_per_second, speed))
 
     def _light_through(self, optics, branch):
-        """Sum of the shares of light that come to the viewer over whole chains."""
+        """Sums of the shares of light that come to the viewer over whole chains, and of lamps' light that does."""
         view = optics.view(self.scene, self.ray, branch, drawn=True)
-        share = dr.select(view.exists & ~view.cut, mean(view.weight), 0)
-        return float(np.asarray(share, np.float64).sum())
+        whole = view.exists & ~view.cut
+        si = view.surface.compute_surface_interaction(view.ray, mi.RayFlags.All, whole)
+        lamps = si.emitter(self.scene, whole).eval(si, whole)
+        found = [dr.select(whole, mean(color), 0) for color in (view.weight, view.weight * lamps)]
+        dr.eval(found)
+        return np.array([np.asarray(values, np.float64).sum() for values in found])
 
     def _places(self, depth, hit, exists, chains, first=None):
         """The `Places` that rays saw, of world depths in metres; `first` as of `Places`, where it is not the same."""

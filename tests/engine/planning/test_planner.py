@@ -185,6 +185,20 @@ def test_chains_are_followed_where_mirrors_are_seen(build, camera):
     assert difference(field, whole) < 0.1
 
 
+@pytest.mark.parametrize(("seen", "hits"), [(True, 3), (False, 2)])
+def test_a_lamp_seen_inside_glass_counts_by_its_light(build, camera, seen, hits):
+    """A ball's back mirrors a lamp: 4 % in few pixels, of which each is as bright as the wall."""
+    place = build.T().look_at(origin=[1.2, 2, 0.6], target=[0, 0, -1.4], up=[0, 1, 0]).scale(1.2)
+    area = {"type": "rectangle", "to_world": place, **build.emissive(build.grey(3))}
+    point = {"type": "point", "position": [1.2, 2, 0.6], "intensity": build.grey(20)}
+    scene = build.scene(
+        ball={"type": "sphere", "center": [0, -0.02, -0.6], "radius": 0.05, "bsdf": {"type": "dielectric"}},
+        wall=build.plane(2.05, build.diffuse(build.texture(256, 1))),
+        lamp=area if seen else point,
+    )
+    assert engine.plan(scene, camera, small_display(128), engine.Settings()).chain == hits
+
+
 def test_a_chain_that_is_too_short_is_told_of(build, camera):
     """Between two facing mirrors whose light, but for the middle, is reflected once to four times."""
     half = 2 * math.tan(camera.fov_x / 2) / 9
