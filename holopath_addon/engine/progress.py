@@ -60,14 +60,19 @@ class Pace:
     One at first, and twice as many as before where these took little time: programs are written down in Python before
     they run, which takes a fast graphics card ten times as long as to run one unit.
 
+    Parameters
+    ----------
+    most : int
+        Units at a time, at most.
+
     Attributes
     ----------
     together : int
         Units to do next.
     """
 
-    def __init__(self) -> None:
-        self.together = 1
+    def __init__(self, most: int) -> None:
+        self.together, self._most = 1, most
 
     @contextmanager
     def __call__(self) -> Iterator[None]:
@@ -75,12 +80,12 @@ class Pace:
         begun = time.perf_counter()
         yield
         if time.perf_counter() - begun < OFTEN:
-            self.together *= 2
+            self.together = min(2 * self.together, self._most)
 
 
-def paced(units: range) -> Iterator[range]:
+def paced(units: range, most: int) -> Iterator[range]:
     """Units of work in parts that are done at a time, see `Pace`."""
-    pace, first = Pace(), units.start
+    pace, first = Pace(most), units.start
     while first < units.stop:
         part = range(first, min(first + pace.together, units.stop))
         with pace():

@@ -19,7 +19,7 @@ from ..progress import paced
 from ..scene.buffers import loaded, mean, row_stride
 from ..scene.rays import OUTSIDE
 from .filtering import Half, filtered, squared_error
-from .grains import TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
+from .grains import CHUNK_PATHS, TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
 from .questions import ROUNDS, Question
 from .regions import DEPTHS, TILE, Sightings, tiles_of
 
@@ -47,6 +47,7 @@ OTHERS = 1 << 13  # number of the first of the rays that see textures alone, whi
 TEXTURES = 0.35  # of the wanted error: what textures may have of it
 MOST_LOOKS = 256  # rays of a pixel that see textures alone
 NOISIER = 1.1  # than wished is good enough
+AT_ONCE = 1 << 30  # paths of a launch, whose lanes are numbered with 32 bits
 CELLS = 0.1  # of the time goes to find them
 
 Totals = dict[str, Any]  # flat arrays of whole numbers by name, Dr.Jit's
@@ -134,7 +135,7 @@ class Measurement:
         assert question is not None
         add = {"cells": self._cells_of, "light": self._light_of, "textures": self._textures_of}[question.kind]
         what = self._scene, self._rays, self._optics, self._grid
-        for some in paced(chunks):
+        for some in paced(chunks, AT_ONCE // CHUNK_PATHS):
             add(grains_of(*what, some, question.passes, self._seed, question.before), totals)
             dr.eval(totals)
             dr.sync_thread()

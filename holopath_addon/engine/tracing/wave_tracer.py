@@ -224,7 +224,7 @@ def trace_blocks(
         return field
 
     work, done, packed = sum(block.work for block in blocks), 0, (-1, None)
-    pace, left = Pace(), list(blocks)
+    pace, left = Pace(len(blocks)), list(blocks)
     while left:
         block, part, frames = left[0], parts[left[0].part], left[0].stop - left[0].start
         if packed[0] != block.start:  # the frames that are traced together

@@ -98,7 +98,7 @@ def test_chunks_together_or_apart(build, camera, monkeypatch):
     plan, found, parts = engine.plan(*view), [], []
     for size in (1, 2, 100):
 
-        def paced(chunks, size=size):
+        def paced(chunks, most, size=size):
             parts.append(len(chunks))
             return (chunks[first : first + size] for first in range(0, len(chunks), size))
 
@@ -127,7 +127,7 @@ def test_blocks_together_or_apart(build, camera, monkeypatch):
         monkeypatch.setattr(wave_tracer, "CHUNK_RAYS", rays)
         monkeypatch.setattr(wave_tracer, "_joined", joined)
         monkeypatch.setattr(wave_tracer.Pace, "together", 100, raising=False)
-        monkeypatch.setattr(wave_tracer.Pace, "__init__", lambda self: None)
+        monkeypatch.setattr(wave_tracer.Pace, "__init__", lambda self, most: setattr(self, "_most", most))
         fields.append(engine.render(*view, plan).data)
     assert launches.count(1) > 4 and max(launches) > 2
     assert np.array_equal(fields[0], fields[1]) and np.array_equal(fields[0], fields[2])
