@@ -57,13 +57,13 @@ class Stages:
 class Pace:
     """How many units of work to do at a time, for progress to be told, and cancel heard, several times a second.
 
-    One at first, and twice as many as before where these took little time: programs are written down in Python before
-    they run, which takes a fast graphics card ten times as long as to run one unit.
+    One at first, twice as many as before where these took little time, and half as many where they took long: programs
+    are written down in Python before they run, which takes a fast graphics card ten times as long as to run one unit.
 
     Parameters
     ----------
     most : int
-        Units at a time, at most.
+        Units at a time, at most: those to come may be dearer.
 
     Attributes
     ----------
@@ -79,8 +79,11 @@ class Pace:
         """Units are done inside."""
         begun = time.perf_counter()
         yield
-        if time.perf_counter() - begun < OFTEN:
+        elapsed = time.perf_counter() - begun
+        if elapsed < OFTEN:
             self.together = min(2 * self.together, self._most)
+        elif elapsed > 2 * OFTEN:
+            self.together = max(self.together // 2, 1)
 
 
 def paced(units: range, most: int) -> Iterator[range]:

@@ -98,8 +98,9 @@ class CameraView:
         index = dr.arange(mi.UInt32, size)
         sampler = Sampler.seeded(self._seed, index)
         jitter = sampler.next_2d()
-        column = (mi.Float(index % columns) + jitter.x) * stride - 0.5
-        row = (mi.Float(index // columns) + jitter.y) * stride - 0.5
+        across, step = dr.opaque(mi.UInt32, columns), dr.opaque(mi.Float, float(stride))
+        column = (mi.Float(index % across) + jitter.x) * step - 0.5
+        row = (mi.Float(index // across) + jitter.y) * step - 0.5
         limit = hologram.widest_slope
         slope = limit * mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
         rays = Rays(hologram, self._camera, self._mapping, self._mapping.z_far)

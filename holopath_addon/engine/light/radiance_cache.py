@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .path_tracer import PathTracer
 
 GROUPS = 1 << 18  # about how many groups of texels the source has: coarser ones leak light at edges
-MOST_LANES = 1 << 17  # groups or texels between two looks at progress and cancel
+MOST_LANES = 1 << 17  # groups or texels that draw random numbers together
 LEAST_LANES = 1 << 12
 SEPARABLE = 0.05  # most relative error of the product form of a BSDF's diffuse lobes
 LEAST_DISTANCE = 1e-20  # of a surface that another touches

@@ -203,7 +203,7 @@ def phases_memory(survey: Survey) -> dict[str, float]:
     grid = max(grid for grid, _ in grids)
     steps = min(most, encoder.BYTES["together"] * frames * grid)
     along = SETS[-1] * 8 * pixels * colours
-    traced = CHUNK_BYTES + 2 * max(AT_ONCE, along)
+    traced = CHUNK_BYTES + 2 * max(AT_ONCE, along) + _moving(survey, SETS[-1])
     along = along if along <= AT_ONCE else 0  # see `phases.frames_along`
     return {
         "dpac": own + 8 * frames * pixels,
@@ -228,7 +228,7 @@ def memory(
     survey: Survey, planes: Sequence[RecordingPlane], margin: int, slabs: int, bins: int, cached: bool
 ) -> float:
     """Estimated bytes of the arrays at most, with so many slabs and bins of the radiance map; see `stages`."""
-    hologram, settings = survey.hologram, survey.settings
+    settings = survey.settings
     pixels, frames, colours = _numbers(survey)
     images = any(plane.sees == "images" for plane in planes)  # which are brought to the others
     fields = pixels * frames * (colours * (1 + images) + 1) * 8
@@ -239,9 +239,16 @@ def memory(
     surfaces = SURFACES * (1 + (bins**2 - 1) * survey.seen.binned) * CELL_BYTES
     radiance = columns_of(survey, margin) * ((16 * slabs << survey.chains.splits) + surfaces)
     texels = min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES if cached else 0
-    size, farthest = (hologram.height, hologram.width), max(abs(survey.z_low), abs(survey.z_high))
+    moving = _moving(survey, max(frames, SETS[-1]) if settings.despeckle else frames)
+    return fields + tables + radiance + texels + CHUNK_BYTES + moving
+
+
+def _moving(survey, frames):
+    """Bytes of so many frames on their way to other planes and to the SLM."""
+    hologram, farthest = survey.hologram, max(abs(survey.z_low), abs(survey.z_high))
+    size = hologram.height, hologram.width
     grid = max(grid_bytes(size, hologram.pitch, w, farthest) for w in hologram.wavelengths)
-    return fields + tables + radiance + texels + CHUNK_BYTES + moving_bytes(grid, frames)
+    return moving_bytes(grid, frames)
 
 
 def _numbers(survey):

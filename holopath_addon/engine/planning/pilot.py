@@ -269,7 +269,10 @@ class Pilot:
         whole = view.exists & ~view.cut
         si = view.surface.compute_surface_interaction(view.ray, mi.RayFlags.All, whole)
         lamps = si.emitter(self.scene, whole).eval(si, whole)
-        found = [dr.select(whole, mean(color), 0) for color in (view.weight, view.weight * lamps)]
+        lamps = mean(view.weight * lamps)
+        # the sky is seen by all that leaves the scene
+        lamps = dr.select(si.is_valid() & dr.isfinite(lamps), lamps, 0)
+        found = [dr.select(whole, value, 0) for value in (mean(view.weight), lamps)]
         dr.eval(found)
         return np.array([np.asarray(values, np.float64).sum() for values in found])
 

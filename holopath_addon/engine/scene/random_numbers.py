@@ -14,7 +14,8 @@ class Sampler:
     """Independent random numbers: those of Mitsuba's sampler of that name, drawn as from it.
 
     Mitsuba's makes the number of lanes a part of the compiled program, and numbers lanes from 0. Of this one the caller
-    numbers them, so that they draw the same numbers whatever else is traced beside them.
+    numbers them, so that they draw the same numbers whatever else is traced beside them. Where a loop of Dr.Jit's
+    draws, the sampler goes on after it, too, whether or not the one that the loop returns is taken.
 
     Attributes
     ----------

@@ -135,6 +135,16 @@ def threads() -> int:
     return int(text)
 
 
+def units_at_once() -> int:
+    """Units of work that a launch has at most: about 4 s of two slow cores, or half a second of a fast card.
+
+    Returns
+    -------
+    int
+    """
+    return 64 if activate() == CUDA else 4
+
+
 def describe() -> list[dict]:
     """List the backends of this machine; raises nothing and activates nothing.
 

@@ -189,7 +189,8 @@ def grains_of(
     column = mi.Float(pixel % columns) - margin + jitter.x - 0.5
     row = mi.Float(pixel // columns) - margin + jitter.y - 0.5
     # the R2 sequence spreads a pixel's passes over the pupil, from a start of its own
-    turn = mi.Point2f(*(mi.Float(word) * 2.0**-32 for word in mi.sample_tea_32(pixel, seed)))
+    key = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+    turn = mi.Point2f(*(mi.Float(word) * 2.0**-32 for word in mi.sample_tea_32(pixel, key)))
     u = mi.Point2f(number * 0.7548776662466927 + turn.x, number * 0.5698402909980532 + turn.y)
     slope = grid.max_slope * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
     ray, depth_rate = rays.world(*rays.place(column, row), slope.x, slope.y)
@@ -217,14 +218,10 @@ def numbered(occupied: mi.UInt32, grid: GrainGrid) -> tuple[mi.UInt32, int]:
     numbers = dr.select(occupied != 0, numbers, 0)
     dr.eval(numbers)
     cell = dr.arange(mi.Int, dr.width(numbers))
-    column, row = cell % grid.columns, (cell // grid.columns) % grid.rows
-    slab = cell // (grid.columns * grid.rows) % grid.slabs
+    columns, rows_, slabs = (dr.opaque(mi.Int, size) for size in (grid.columns, grid.rows, grid.slabs))
+    column, row, slab = cell % columns, cell // columns % rows_, cell // (columns * rows_) % slabs
     filled = mi.UInt32(numbers)
-    axes = (
-        (slab, grid.slabs, grid.columns * grid.rows),
-        (column, grid.columns, 1),
-        (row, grid.rows, grid.columns),
-    )
+    axes = (slab, slabs, columns * rows_), (column, columns, 1), (row, rows_, columns)
     for position, size, step in axes:
         for side in (-1, 1):
             there = (position + side >= 0) & (position + side < size) & (filled == 0)

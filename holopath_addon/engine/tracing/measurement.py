@@ -18,8 +18,9 @@ from ..hologram import channel
 from ..progress import paced
 from ..scene.buffers import loaded, mean, row_stride
 from ..scene.rays import OUTSIDE
+from ..scene.variants import units_at_once
 from .filtering import Half, filtered, squared_error
-from .grains import CHUNK_PATHS, TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
+from .grains import TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
 from .questions import ROUNDS, Question
 from .regions import DEPTHS, TILE, Sightings, tiles_of
 
@@ -47,7 +48,6 @@ OTHERS = 1 << 13  # number of the first of the rays that see textures alone, whi
 TEXTURES = 0.35  # of the wanted error: what textures may have of it
 MOST_LOOKS = 256  # rays of a pixel that see textures alone
 NOISIER = 1.1  # than wished is good enough
-AT_ONCE = 1 << 30  # paths of a launch, whose lanes are numbered with 32 bits
 CELLS = 0.1  # of the time goes to find them
 
 Totals = dict[str, Any]  # flat arrays of whole numbers by name, Dr.Jit's
@@ -135,7 +135,7 @@ class Measurement:
         assert question is not None
         add = {"cells": self._cells_of, "light": self._light_of, "textures": self._textures_of}[question.kind]
         what = self._scene, self._rays, self._optics, self._grid
-        for some in paced(chunks, AT_ONCE // CHUNK_PATHS):
+        for some in paced(chunks, units_at_once()):
             add(grains_of(*what, some, question.passes, self._seed, question.before), totals)
             dr.eval(totals)
             dr.sync_thread()
@@ -405,6 +405,8 @@ class _Tiles:
             dr.opaque(mi.Int, number) for number in (grid.width, grid.height, self._shape[1])
         )
         self._pitch, self._from = rays.pitch, rays.plane
+        tiles = self._shape[0] * self._shape[1]
+        self._firsts = [dr.opaque(mi.UInt32, number * tiles) for number in range(len(planes))]
         self._numbers = [
             [
                 dr.opaque(mi.Float, float(number))
@@ -430,10 +432,7 @@ class _Tiles:
             recorded = inside & lit & (z > images_far) & (z < images_near)
             if self._planes[number].sees != "all":
                 recorded &= (grains.seen.hits > 0) == (self._planes[number].sees == "images")
-            tile = (
-                mi.UInt32(row // TILE * self._across + column // TILE)
-                + number * self._shape[0] * self._shape[1]
-            )
+            tile = mi.UInt32(row // TILE * self._across + column // TILE) + self._firsts[number]
             part = 1 + mi.UInt32(dr.minimum(dr.abs(z - plane) / limit, 1) * (DEPTHS - 1))
             dr.scatter_reduce(dr.ReduceOp.Max, totals["depth"], part, tile, recorded, mode=ATOMIC)
             chained = inside & (grains.seen.hits > 0)

@@ -20,7 +20,7 @@ from ..hologram import channel
 from ..progress import Pace
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
 from ..scene.rays import PACKET
-from ..scene.variants import threads
+from ..scene.variants import threads, units_at_once
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .estimators import LatticeEstimator, RandomEstimator
     from .grains import RadianceMap
 
-CHUNK_RAYS = 1 << 22  # between two looks at progress and cancel; well below a second on two cores
+CHUNK_RAYS = 1 << 22  # of a block; well below a second on two cores
 BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
@@ -224,8 +224,10 @@ def trace_blocks(
         return field
 
     work, done, packed = sum(block.work for block in blocks), 0, (-1, None)
-    pace, left = Pace(len(blocks)), list(blocks)
+    pace, traced, left = Pace(units_at_once()), -1, list(blocks)
     while left:
+        if left[0].part != traced:  # whose rays may be dearer
+            pace, traced = Pace(units_at_once()), left[0].part
         block, part, frames = left[0], parts[left[0].part], left[0].stop - left[0].start
         if packed[0] != block.start:  # the frames that are traced together
             packed = block.start, packed_phasors(phasors[block.start : block.stop])
@@ -245,7 +247,7 @@ def trace_blocks(
             yield each, part.pixels[each.first : each.first + each.count], values[..., at]
             done += each.work
             progress(done / work)
-        del left[: len(joined)]
+        del left[: len(joined)], field, values
 
 
 def _joined(blocks, most):

@@ -167,11 +167,12 @@ def moving_bytes(grid: int, fields: int) -> int:
 
 
 def _at_once(grid, fields):
+    # one where the machine does not tell its memory
     return max(1, min(threads(), fields, int(MOVING * (installed() or 0) / grid)))
 
 
 def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.ndarray]:
-    """Each of some fields times a transfer function, cropped to its own shape, in turn; several are moved at once.
+    """Each of some fields times a transfer function; several are moved at once.
 
     Parameters
     ----------
@@ -179,6 +180,11 @@ def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.nda
         None may change before it has come.
     transfer : numpy.ndarray, complex64
         On a grid of `padded_shape`.
+
+    Yields
+    ------
+    numpy.ndarray, complex64, shape (y, x)
+        In order.
     """
 
     def one(field, workers):
@@ -204,7 +210,10 @@ def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.nda
 
 
 def spectrum(field: np.ndarray, shape: Sequence[int], workers: int | None = None) -> np.ndarray:
-    """FFT of the last two axes, zero-padded to `shape`; complex64. Rows of zeros are not transformed."""
+    """FFT of the last two axes, zero-padded to `shape`; complex64. Rows of zeros are not transformed.
+
+    `workers` is how many threads do it: by default all.
+    """
     field, workers = np.asarray(field, np.complex64), workers or threads()
     rows = scipy.fft.fft(field, shape[1], workers=workers)
     if shape[0] > field.shape[-2]:
@@ -222,7 +231,10 @@ def filtered(field: np.ndarray, response: np.ndarray) -> np.ndarray:
 def field_of(
     spectrum_: np.ndarray, shape: Sequence[int], workers: int | None = None, overwrite: bool = False
 ) -> np.ndarray:
-    """Inverse of `spectrum`, cropped to the window `shape`, whose rows alone are transformed."""
+    """Inverse of `spectrum`, cropped to the window `shape`, whose rows alone are transformed.
+
+    `workers` is how many threads do it, by default all; with `overwrite` the spectrum's memory is used for it.
+    """
     workers = workers or threads()
     columns = scipy.fft.ifft(spectrum_, axis=-2, overwrite_x=overwrite, workers=workers)
     rows = scipy.fft.ifft(columns[..., : shape[0], :], overwrite_x=True, workers=workers)

@@ -36,6 +36,27 @@ def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
     return baking.bake(scene, camera, HOLOGRAM, plan, optics, settings, store=store, progress=progress)
 
 
+def test_groups_together_or_apart(build, camera, monkeypatch):
+    """However many are sampled at once, the same light."""
+    from holopath_addon.engine.light import gathering, radiance_cache
+
+    monkeypatch.setattr(radiance_cache, "MOST_LANES", 1 << 9)
+    monkeypatch.setattr(radiance_cache, "LEAST_LANES", 1 << 9)
+    scene, found, parts = build.closed_box(), [], []
+    for size in (1, 3, 100):
+
+        def paced(units, most, size=size):
+            parts.append(len(units))
+            return (units[first : first + size] for first in range(0, len(units), size))
+
+        monkeypatch.setattr(gathering, "paced", paced)
+        cache, _ = bake(scene, camera, noise=0.3)
+        found.append((np.array(cache.source), np.array(cache.fine)))
+    assert max(parts) > 3
+    for source, fine in found[1:]:
+        assert np.array_equal(source, found[0][0]) and np.array_equal(fine, found[0][1])
+
+
 def rays(build, camera, each):
     """Through every pixel of the view of a pinhole, and random numbers for them."""
     import drjit as dr

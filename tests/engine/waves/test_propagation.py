@@ -1,6 +1,7 @@
 """The angular spectrum method against the Gaussian beam, torchoptics, and its own invariants."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -156,3 +157,37 @@ def test_no_light_wraps_around():
     field[:, :8] = 1
     there = propagation.propagate(field, 20e-3, PITCH, WAVELENGTH)
     assert np.abs(there[:, -32:]).max() < 0.02
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_fields_that_are_moved_at_once(monkeypatch, count):
+    """As one by one, in order, where what has come is written over what is still to be moved."""
+    monkeypatch.setattr(propagation, "threads", lambda: count)
+    rng = np.random.default_rng(0)
+    fields = (rng.normal(size=(8, 40, 50)) + 1j * rng.normal(size=(8, 40, 50))).astype(np.complex64)
+    distance, pitch, wavelength = 1e-3, 8e-6, 516.5e-9
+    alone = np.stack([propagation.propagate(field, distance, pitch, wavelength) for field in fields])
+    assert np.array_equal(propagation.propagate(fields, distance, pitch, wavelength), alone)
+    shape = propagation.padded_shape(fields.shape[1:], pitch, wavelength, distance)
+    transfer = propagation.transfer_function(shape, pitch, wavelength, distance)
+    expected = np.stack(list(propagation.moved(fields.copy(), transfer)))
+    for field, wave in zip(fields, propagation.moved(fields, transfer), strict=True):
+        field[:] = wave
+    assert np.array_equal(fields, expected)
+
+
+def test_moving_that_is_given_up_leaves_no_thread(monkeypatch):
+    monkeypatch.setattr(propagation, "threads", lambda: 3)
+    before = threading.active_count()
+    moving = propagation.moved(np.ones((8, 16, 16), np.complex64), np.ones((16, 16), np.complex64))
+    next(moving)
+    assert threading.active_count() > before
+    moving.close()
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize(("memory", "fields"), [(None, 1), (1 << 30, 1), (16 << 30, 4), (1 << 50, 8)])
+def test_no_more_fields_are_moved_than_memory_is_for(monkeypatch, memory, fields):
+    monkeypatch.setattr(propagation, "installed", lambda: memory)
+    monkeypatch.setattr(propagation, "threads", lambda: 8)
+    assert propagation.moving_bytes(250 << 20, 100) == fields * (250 << 20)
