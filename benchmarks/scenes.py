@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from holopath_addon.engine.scene.variants import made
+
 FOV = math.radians(20)
 GREEN = 516.5e-9
 
@@ -53,7 +55,7 @@ class Scenes:
         )
         properties, smooth = self.mi.Properties(), normals is not None
         for key, plugin in surface.items():
-            properties[key] = self.mi.load_dict(plugin)
+            properties[key] = made(plugin)
         mesh = self.mi.Mesh(
             "mesh", u.size, len(faces), properties, has_vertex_normals=smooth, has_vertex_texcoords=True
         )
@@ -98,7 +100,7 @@ class Scenes:
         return {"bsdf": {"type": "diffuse", "reflectance": reflectance}}
 
     def scene(self, **shapes):
-        return self.mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, **shapes})
+        return made({"type": "scene", "embree_use_robust_intersections": True, **shapes})
 
     def two_planes(self, surface):
         """A textured plane at 2 m behind one at 0.5 m that covers the left half; `surface` emissive or diffuse."""

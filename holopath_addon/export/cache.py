@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import bpy
 
+from ..engine.scene.variants import made
 from . import baking
 from .materials import export_material
 from .notes import Notes
@@ -212,10 +213,8 @@ class Appearances:
 
     def emitter(self, look, share):
         """A new `mitsuba.Emitter` of an area with an `ExportedMaterial`'s emission and share of the light samples."""
-        import mitsuba as mi
-
         radiance = self.textures.build(look.emission)
-        return mi.load_dict({"type": "area", "radiance": radiance, "sampling_weight": share})
+        return made({"type": "area", "radiance": radiance, "sampling_weight": share})
 
     def forget(self, uids):
         """Drop what was read from any of these datablocks."""

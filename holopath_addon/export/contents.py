@@ -494,10 +494,8 @@ def _is_mesh(object):
 
 
 def _group(surfaces, looks, name):
-    import mitsuba as mi
-
     parts = {f"slot_{slot}": surface.to_mitsuba(name, looks[slot].bsdf) for slot, surface in surfaces.items()}
-    return mi.load_dict({"type": "shapegroup", **parts})
+    return variants.made({"type": "shapegroup", **parts})
 
 
 def _same(looks, others):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..engine.scene.variants import made
 from .node_graph import Pin, first_link, follow, output_node, uses_nodes
 from .notes import Notes
 from .textures import LUMINANCE, ImageValue, MaterialReading
@@ -102,8 +103,6 @@ def export_material(material, textures, baked):
     -------
     ExportedMaterial
     """
-    import mitsuba as mi
-
     reading = MaterialReading(baked)
     name = "default material" if material is None else material.name
     notes = Notes(name)
@@ -118,13 +117,13 @@ def export_material(material, textures, baked):
         if isinstance(look.emission, ImageValue):
             uv_names.append(look.emission.uv_name)
     if reading.incomplete:
-        bsdf = mi.load_dict(_BLACK)
+        bsdf = made(_BLACK)
         return ExportedMaterial(name, bsdf, None, "", False, Notes(), reading.wanted)
     distinct = list(dict.fromkeys(uv_names))
     if len(distinct) > 1:
         notes.add(name, "Several UV maps in one material", f"all use {distinct[0] or 'the active one'}")
     uv_name = distinct[0] if distinct else ""
-    bsdf = mi.load_dict(look.both_sides)
+    bsdf = made(look.both_sides)
     return ExportedMaterial(name, bsdf, look.emission, uv_name, look.smooth, notes, {})
 
 

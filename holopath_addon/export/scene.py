@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..engine import Camera, InvalidInput
-from ..engine.scene.variants import activate
+from ..engine.scene.variants import activate, made
 from .cache import ExportCache
 from .camera import about, export_camera, find_camera
 from .contents import Contents
@@ -74,9 +74,7 @@ class Reading:
         -------
         Exported
         """
-        import mitsuba as mi
-
-        scene = mi.load_dict(self.parts)
+        scene = made(self.parts)
         _note_precision(scene, self.name, self.notes)
         return Exported(scene, self.camera, list(self.notes))
 

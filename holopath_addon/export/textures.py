@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..engine.scene.variants import made
 from .baking import ATLAS, COLOUR, EMISSION, NORMAL, NUMBER, Output
 from .node_graph import follow, upstream
 from .notes import Notes
@@ -481,7 +482,7 @@ class Textures:
             colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
         wrap = {"REPEAT": "repeat", "MIRROR": "mirror"}.get(value.extension, "clamp")
         # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
-        texture = mi.load_dict(
+        texture = made(
             {
                 "type": "bitmap",
                 "bitmap": mi.Bitmap(np.ascontiguousarray(colour, np.float32)),

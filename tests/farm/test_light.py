@@ -109,6 +109,7 @@ def test_frames_are_alike_by_however_many(count, asked, blend, tmp_path):
 def slow_paths(monkeypatch):
     """Makes this a machine on which long paths take for ever, and all else longer."""
     from holopath_addon.engine.planning import survey
+    from holopath_addon.engine.planning.machine import Slowness
     from holopath_addon.engine.planning.pilot import Pilot
 
     def slow():
@@ -119,7 +120,7 @@ def slow_paths(monkeypatch):
             return replace(found, paths_per_second=found.paths_per_second / 1e6, compiling=9.0)
 
         monkeypatch.setattr(Pilot, "light", slowed)
-        monkeypatch.setattr(survey, "slowness", lambda folder: 30.0)
+        monkeypatch.setattr(survey, "slowness", lambda folder: Slowness(30.0, 30.0, 30.0))
 
     return slow
 

@@ -10,7 +10,11 @@ from ..encoding import encoder, views
 from ..encoding.views import MOST_DEPTHS, STEP, transforms
 from ..memory import AT_ONCE
 from ..plan import PHASES
+from ..progress import OFTEN
+from ..scene.variants import units_at_once
+from ..tracing.grains import CHUNK_PATHS
 from ..tracing.kernel_table import LEVELS
+from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
 from ..waves.pictures import STRAYS
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..plan import RecordingPlane
+    from .machine import Slowness
     from .pilot_light import Light
     from .survey import Survey
 
@@ -35,27 +40,30 @@ MOST_TEXELS = 1 << 25
 TEXEL_BYTES = 48  # with what making them takes
 
 # Of the time that the probe's rays and paths take, alone in their kernels; over ten scenes (docs/measurements.md).
-RAY, CHAIN, PATH = 0.6, 0.85, 0.85
+RAY, CHAIN, PATH = 0.35, 1.0, 0.95
 
-# Seconds on the machine that `machine.slowness` compares with.
-SUM = 2.0e-9, 0.3e-9  # of a ray, and of each of its frames and wavelengths
-TRACING, PATHS = 0.05, 0.08  # to begin with rays, and with paths
-TABLES = 0.01, 0.025  # of kernel tables and regions, and of each plane's
-TEXTURE = 0.2  # of a path's time that a ray takes to see a texture alone
+# Seconds on the machine that `machine.Slowness` compares with. What programs take there:
+SUM = 2.0e-9, 0.15e-9  # of a ray, and of each of its frames and wavelengths
 SHARE = 1.2e-6  # of a column of the radiance map, whose grains look at their neighbors
+# What one core takes, to write programs down above all:
+LAUNCH = 0.05, 0.06  # each time that rays are launched, and paths
+TRACING = 0.04  # to begin with rays
+TABLES = 0.01, 0.045  # of kernel tables and regions, and of each plane's
 COMPILED = 0.05  # that the pilot's programs took to compile at least, where those of the rendering do, too
 # of rays, and times the pilot's; of what grains share, and times the pilot's of paths
 COMPILING = 0.1, 1.5, 0.6, 1.6
-MOVE = 0.024e-6  # of a pixel's way to another plane, of each frame and wavelength
 LOOK, CHARTS, ROW = 0.3, 1.6, 1.1e-6  # of baking: to begin, of meshes with charts, and of each triangle
 # The same of what was baked before, and of each texel of all.
 LOAD, LOAD_ROW, LOAD_TEXEL = 0.1, 0.7e-6, 0.04e-6
 FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
-# Of encodings, a pixel of each frame and wavelength: `sgd` to its end, and transforms of the padded grid with what is
-# around them, those of a step of all frames together and of looks at all views.
+# What transforms take:
+MOVE = 0.022e-6  # of a pixel's way to another plane, of each frame and wavelength
+# of encodings, a pixel of each frame and wavelength: `sgd` to its end, and transforms of the padded grid with what is
+# around them, those of a step of all frames together and of looks at all views
 SGD, TRANSFORM, LOOKED = 0.7e-6, 8e-9, 5e-9
 
+TEXTURE = 0.2  # of a path's time that a ray takes to see a texture alone
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
 # first surface that lamps light; and such paths that tell how much is left to trace.
@@ -80,19 +88,19 @@ def baking(
         bake = FOUND
     looks = replace(light, paths_per_second=light.short_per_second)
     return {
-        "bake": slowness * bake + SAMPLE * samples / light.short_per_second,
+        "bake": slowness.core * bake + SAMPLE * samples / light.short_per_second,
         "radiance": map_seconds(looks, columns, *few, slowness) + PILOT / light.short_per_second,
     }
 
 
-def loading(texels: int, triangles: int, slowness: float) -> float:
+def loading(texels: int, triangles: int, slowness: Slowness) -> float:
     """Seconds to load what was baked before: a texture of so many texels."""
-    return slowness * (LOAD + LOAD_ROW * triangles + LOAD_TEXEL * texels)
+    return slowness.core * (LOAD + LOAD_ROW * triangles + LOAD_TEXEL * texels)
 
 
-def map_seconds(light: Light, columns: int, passes: int, textures: int, slowness: float) -> float:
+def map_seconds(light: Light, columns: int, passes: int, textures: int, slowness: Slowness) -> float:
     """Seconds of the radiance map: of its paths, of rays that see textures alone, and of what grains share."""
-    share = slowness * SHARE * columns * _shares(light)
+    share = slowness.programs * SHARE * columns * _shares(light)
     return path_seconds(light, columns * (passes + TEXTURE * textures), slowness) + share
 
 
@@ -101,9 +109,17 @@ def _shares(light):
     return light.shining < 1 - LEAST_SHARE
 
 
-def path_seconds(light: Light, paths: float, slowness: float) -> float:
+def path_seconds(light: Light, paths: float, slowness: Slowness) -> float:
     """Seconds of radiance paths."""
-    return slowness * PATHS + PATH * paths / light.paths_per_second
+    traced = PATH * paths / light.paths_per_second
+    return traced + slowness.core * LAUNCH[1] * launches(traced, paths / CHUNK_PATHS)
+
+
+def launches(seconds: float, units: float) -> float:
+    """Times that work is launched whose programs take so many seconds, in so many units; see `progress.Pace`."""
+    units = max(units, 1.0)
+    together = min(max(1.4 * OFTEN * units / max(seconds, 1e-9), 1.0), units_at_once(), units)
+    return units / together + math.log2(together)
 
 
 def stages(
@@ -131,13 +147,15 @@ def stages(
     settings, seen, light, slowness = survey.settings, survey.seen, survey.light, survey.slowness
     pixels, frames, colours = _numbers(survey)
     plain, chained = mean_rays(planes, survey.chains.branches)
-    own = slowness * (SUM[0] + SUM[1] * frames * colours)
+    own = slowness.programs * (SUM[0] + SUM[1] * frames * colours)
     rays = plain * (RAY / seen.rays_per_second + own)
     rays += chained * (CHAIN / seen.chains_per_second + own)
+    blocks = pixels * (plain + chained) / CHUNK_RAYS
+    written = slowness.core * (TRACING + LAUNCH[0] * launches(pixels * rays, blocks))
     out = {
-        "kernel tables": slowness * (TABLES[0] + TABLES[1] * len(planes)),
-        "wave tracing": traversals * (slowness * TRACING + pixels * rays),
-        "propagation": slowness * pixels * frames * colours * MOVE * len(planes),
+        "kernel tables": slowness.core * (TABLES[0] + TABLES[1] * len(planes)),
+        "wave tracing": traversals * (written + pixels * rays),
+        "propagation": slowness.transforms * pixels * frames * colours * MOVE * len(planes),
     }
     if settings.radiance == "ray":
         paths = pixels * (plain + chained) * settings.paths
@@ -151,8 +169,8 @@ def stages(
         many = despeckle.BATCHES * SETS[-1]
         out["despeckle"] = (
             pixels * (plain + chained) * despeckle.BATCHES * RAY / seen.rays_per_second
-            + slowness * pixels * many * colours * ((plain + chained) * 0.3e-9 + 1e-6)
-            + slowness * pixels * frames * colours * settings.despeckle * 25e-9
+            + slowness.programs * pixels * many * colours * (plain + chained) * SUM[1]
+            + slowness.transforms * pixels * colours * (many * 1e-6 + frames * settings.despeckle * 25e-9)
         )
     return out
 
@@ -160,10 +178,10 @@ def stages(
 def compiled(survey: Survey, taken: dict[str, float]) -> dict[str, float]:
     """`stages` with what compiling adds to them, where the pilot's own programs had to be compiled, too."""
     seen, light, slowness = survey.seen, survey.light, survey.slowness
-    if light.compiling <= slowness * COMPILED:
+    if light.compiling <= slowness.core * COMPILED:
         return taken
-    rays = slowness * COMPILING[0] + COMPILING[1] * seen.compiling
-    paths = slowness * COMPILING[2] * _shares(light) + COMPILING[3] * light.compiling
+    rays = slowness.core * COMPILING[0] + COMPILING[1] * seen.compiling
+    paths = slowness.core * COMPILING[2] * _shares(light) + COMPILING[3] * light.compiling
     more = {"wave tracing": rays, "radiance": paths}
     return taken | {name: taken.get(name, 0.0) + seconds for name, seconds in more.items()}
 
@@ -181,14 +199,17 @@ def phases(
     plain, chained = mean_rays(planes, survey.chains.branches)
     grids = _grids(survey)
     padded = sum(grid for grid, _ in grids)
-    look = slowness * LOOKED * sum(grid * (1 + transforms(frames) * depths) for grid, depths in grids)
+    look = (
+        slowness.transforms * LOOKED * sum(grid * (1 + transforms(frames) * depths) for grid, depths in grids)
+    )
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
-    sums = pixels * colours * ((plain + chained) * SUM[1] + MOVE * len(planes))
-    sgd = slowness * pixels * frames * colours * SGD
-    step = slowness * frames * STEP * TRANSFORM * padded
+    sums = slowness.programs * pixels * colours * (plain + chained) * SUM[1]
+    moved = slowness.transforms * pixels * colours * MOVE * len(planes)
+    sgd = slowness.transforms * pixels * frames * colours * SGD
+    step = slowness.transforms * frames * STEP * TRANSFORM * padded
     joint = sgd + 3 * frames * look + encoder.STEPS["joint"] * step
     light = sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance"))
-    each = sgd, joint, look, light, traversals * rays, slowness * sums, step
+    each = sgd, joint, look, light, traversals * rays, sums + moved, step
     return dict(zip(PHASES, each, strict=True))
 
 

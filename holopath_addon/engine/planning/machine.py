@@ -8,6 +8,7 @@ import os
 import platform
 import time
 from contextlib import suppress
+from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -21,24 +22,52 @@ if TYPE_CHECKING:
 
 FILE = "speed.json"
 KEPT = 600  # seconds
-USUAL = 0.064  # seconds of `_work` on the machine that the constants of `costs` are from
-LANES, STEPS = 1 << 20, 64
+STEPS = 100_000  # of Python
+LANES, READ = 1 << 20, 64  # numbers that each lane reads
 SIDE, TRANSFORMS = 1024, 4
 
 
-def slowness(folder: Path | None = None) -> float:
-    """How many times longer than on that machine things take here.
+@dataclass(frozen=True)
+class Slowness:
+    """How many times longer than on the machine that the constants of `costs` are from things take.
+
+    A machine with more cores, or with a graphics card, does not write programs down any faster.
+
+    Attributes
+    ----------
+    core : float
+        What one processor core does: Python, which writes programs down, and meshes.
+    programs : float
+        Dr.Jit's programs; those that follow rays the pilot times in the scene.
+    transforms : float
+        Fourier transforms.
+    """
+
+    core: float = 1.0
+    programs: float = 1.0
+    transforms: float = 1.0
+
+    def or_less(self, other: Slowness) -> Slowness:
+        """The least of both, each by itself."""
+        return Slowness(*map(min, astuple(self), astuple(other)))
+
+
+USUAL = Slowness(0.003, 0.046, 0.027)  # seconds of `_measured`'s work on that machine
+
+
+def slowness(folder: Path | None = None) -> Slowness:
+    """How slow this machine is.
 
     Parameters
     ----------
     folder : path, optional
-        Where the figure is kept for `KEPT` seconds. Then it is measured again, and the least counts: other programs
-        can make a machine look slow, none can make it look fast. Where Mitsuba, Dr.Jit, the backend or the threads are
-        others, nothing that was kept counts.
+        Where the figures are kept for `KEPT` seconds. Then they are measured again, and the least count: other
+        programs can make a machine look slow, none can make it look fast. Where Mitsuba, Dr.Jit, the backend or the
+        threads are others, nothing that was kept counts.
 
     Returns
     -------
-    float
+    Slowness
     """
     return _slowness(folder, time.time() // KEPT)
 
@@ -52,33 +81,43 @@ def _slowness(folder, _now):
 
     versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
     made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()}"
-    file, least = folder and folder / FILE, math.inf
+    file, least = folder and folder / FILE, Slowness(math.inf, math.inf, math.inf)
     if file is not None:
         with suppress(OSError, ValueError, KeyError, TypeError):
             kept = json.loads(file.read_text())
-            if kept["made_with"] == made_with and 0 < kept["slowness"] < 1e3:
-                least = float(kept["slowness"])
+            before = Slowness(**kept["slowness"])
+            if kept["made_with"] == made_with and all(0 < times < 1e3 for times in astuple(before)):
+                least = before
                 if abs(time.time() - file.stat().st_mtime) < KEPT:
                     return least
-    _work()  # compiles
-    found = min(least, *(_seconds() / USUAL for _ in range(3)))
+    _programs()  # compiles
+    for _ in range(3):
+        least = least.or_less(_measured())
     if file is not None:
         with suppress(OSError):  # measured again the next time
             file.parent.mkdir(parents=True, exist_ok=True)
             part = file.with_name(f".part-{os.getpid()}-{FILE}")
-            part.write_text(json.dumps({"made_with": made_with, "slowness": found}))
+            part.write_text(json.dumps({"made_with": made_with, "slowness": asdict(least)}))
             os.replace(part, file)
-    return found
+    return least
 
 
-def _seconds():
-    start = time.perf_counter()
-    _work()
-    return time.perf_counter() - start
+def _measured():
+    """Some of each kind of work, by the seconds that it usually takes."""
+    taken = []
+    for work, usual in zip((_core, _programs, _transforms), astuple(USUAL), strict=True):
+        start = time.perf_counter()
+        work()
+        taken.append((time.perf_counter() - start) / usual)
+    return Slowness(*taken)
 
 
-def _work():
-    """Some of what renders do besides following rays: random numbers with reads from memory, and transforms."""
+def _core():
+    sum(number * number for number in range(STEPS))
+
+
+def _programs():
+    """Random numbers, with reads from memory."""
     import drjit as dr
     import mitsuba as mi
 
@@ -91,9 +130,12 @@ def _work():
         return number + 1, total + dr.sin(dr.gather(mi.Float, table, at)), sampler
 
     state = (mi.UInt32(0), mi.Float(0), sampler)
-    _, total, _ = dr.while_loop(state, lambda number, *_: number < STEPS, body, label="speed")
+    _, total, _ = dr.while_loop(state, lambda number, *_: number < READ, body, label="speed")
     dr.eval(total)
     dr.sync_thread()
+
+
+def _transforms():
     waves = np.ones((SIDE, SIDE), np.complex64)
     for _ in range(TRANSFORMS):
-        waves = scipy.fft.fft2(waves, workers=-1, norm="ortho")
+        waves = scipy.fft.fft2(waves, workers=variants.threads(), norm="ortho")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -47,8 +46,6 @@ BENT = 1e-3  # of the vergence, and dioptres
 # Of the light of lamps that are seen: what all light is measured by, shares, says nothing of how bright they are.
 LEAST_LAMPS = 0.01
 HITS_TRIED = (1, 2, 3, 4, 6)  # of a chain
-ALIKE = 1.3  # times as long: calls that nothing held up
-TIMED = 0.06  # seconds after which a call is not timed again; none that compiles takes less
 
 
 class Pilot:
@@ -88,7 +85,7 @@ class Pilot:
         stride = max(1, math.ceil(math.sqrt(hologram.width * hologram.height / pixels)))
         columns, rows = -(-hologram.width // stride), -(-hologram.height // stride)
         self.size = columns * rows * DIRECTIONS
-        self._grains, self._hurried = min(self.size, grains), hurried
+        self._grains, self._calls = min(self.size, grains), 1 if hurried else 2
         self.sampler = _sampler(seed, self.size)
         index = dr.arange(mi.UInt32, self.size)
         pixel, number = index // DIRECTIONS, index % DIRECTIONS
@@ -105,6 +102,7 @@ class Pilot:
         slope = limit * mi.warp.square_to_uniform_disk_concentric(u - dr.floor(u))
         self.ray, self.depth_rate = self._rays.world(*self._rays.place(column, row), slope.x, slope.y)
         self._from = column, row, slope
+        dr.make_opaque(self.ray, self.depth_rate, self._from)  # one program for all that look along them
 
     @classmethod
     def of(
@@ -147,7 +145,7 @@ class Pilot:
         si = self.scene.ray_intersect(self.ray)
         coherent = _same_surface(si) >= COHERENT
         seconds, compiling, _ = _timed(
-            lambda: self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t, self._hurried
+            lambda: self.scene.ray_intersect_preliminary(self.ray, coherent=coherent).t, self._calls
         )
         bsdf, hit = si.bsdf(), si.is_valid()
         depth = self.camera.clip_start + si.t * self.depth_rate
@@ -185,8 +183,9 @@ class Pilot:
     def images(self, probe: Probe, optics: SpecularChains) -> Probe:
         """The `Probe` with the images that chains of mirrors and clear surfaces show."""
         branch = mi.UInt32(self.sampler.next_1d() * optics.branches)
+        dr.make_opaque(branch)
         seconds, compiling, view = _timed(
-            lambda: optics.view(self.scene, self.ray, branch, drawn=True), self._hurried
+            lambda: optics.view(self.scene, self.ray, branch, drawn=True), self._calls
         )
         depth, path = self.camera.clip_start + view.distance * self.depth_rate, dr.rcp(view.path)
         bent = dr.abs(dr.rcp(view.distance) - path) > BENT * (path + 1)
@@ -252,14 +251,14 @@ class Pilot:
         Light
         """
         starts = self._starts(optics)
-        seconds, compiling, found = _timed(lambda: self._followed(starts, optics, tracer), self._hurried)
+        seconds, compiling, found = _timed(lambda: self._followed(starts, optics, tracer), self._calls)
         light = light_of(self._paths(*found), least, most, firefly)
         return replace(light, paths_per_second=self._grains * PILOT_PATHS / seconds, compiling=compiling)
 
     def with_short_paths(self, light: Light, optics: FirstHits | SpecularChains) -> Light:
         """What `light` found by these optics, with the speed of paths that end where lamps first light a surface."""
         starts, tracer = self._starts(optics), PathTracer(*DIRECT)
-        seconds, *_ = _timed(lambda: self._followed(starts, optics, tracer), hurried=True)
+        seconds, *_ = _timed(lambda: self._followed(starts, optics, tracer), 1)
         speed = self._grains * PILOT_PATHS / seconds
         return replace(light, short_per_second=max(light.paths_per_second, speed))
 
@@ -305,7 +304,7 @@ class Pilot:
         branch = mi.UInt32(0)
         if optics.branches > 1:
             branch = mi.UInt32(dr.gather(mi.Float, self._chance(grains), index) * optics.branches)
-        dr.eval(ray, depth_rate, branch)
+        dr.make_opaque(index, turn, slope, ray, depth_rate, branch)
         return _Starts(index, turn, slope, ray, depth_rate, branch)
 
     def _followed(self, starts, optics, tracer):
@@ -388,33 +387,22 @@ def _same_surface(si):
     return float((met[..., 1:] == met[..., :-1]).all(0).mean())
 
 
-def _timed(work: Callable[[], _Result], hurried: bool = False) -> tuple[float, float, _Result]:
-    """Seconds of the fastest of a few calls; how much longer the first took, which may compile; and what the last of
-    them returned.
+def _timed(work: Callable[[], _Result], calls: int = 2) -> tuple[float, float, _Result]:
+    """Seconds that programs run, in the faster of some calls; that they took to compile; what the last call returned.
 
-    One call in ten or so is held up by the system, and the second may compile, too: two are enough where both are as
-    fast as none that compiles, and one if `hurried`. Calls that take long are three, others up to four.
+    To write programs down takes as long for many rays as for these few, and does not count. The system may hold a call
+    up. What `work` is given must not be literal, or the second call's program is another one.
     """
-
-    def call():
-        dr.sync_thread()
-        start = time.perf_counter()
-        result = work()
-        dr.eval(result)
-        dr.sync_thread()
-        return time.perf_counter() - start, result
-
-    first, result = call()
-    if hurried and first < TIMED:
-        return first, 0.0, result
-    second, result = call()
-    if max(first, second) < min(TIMED, ALIKE * min(first, second)):
-        return min(first, second), 0.0, result
-    found = [second]
-    while len(found) < 2 or (len(found) < 3 and sum(found) < TIMED):
-        seconds, result = call()
-        found.append(seconds)
-    return min(found), first - min(found), result
+    seconds, compiling = math.inf, 0.0
+    for _ in range(calls):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            result = work()
+            dr.eval(result)
+            dr.sync_thread()
+        programs = dr.kernel_history()
+        seconds = min(seconds, 1e-3 * sum(each["execution_time"] for each in programs))
+        compiling += 1e-3 * sum(each.get("backend_time", 0.0) for each in programs)
+    return seconds, compiling, result
 
 
 def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..camera import Camera
     from ..hologram import Hologram
     from ..settings import Settings
+    from .machine import Slowness
     from .pilot_light import Light
     from .probe import Probe
 
@@ -86,7 +87,7 @@ class Survey:
     light : Light
     z_low, z_high : float
         Depths in view, metres from the SLM.
-    slowness : float
+    slowness : Slowness
         Of this machine.
     """
 
@@ -102,7 +103,7 @@ class Survey:
     light: Light
     z_low: float
     z_high: float
-    slowness: float
+    slowness: Slowness
 
     @property
     def chains(self) -> Chains:

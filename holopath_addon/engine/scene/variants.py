@@ -135,6 +135,17 @@ def threads() -> int:
     return int(text)
 
 
+def made(parts: dict) -> Any:
+    """A Mitsuba object, of what `mitsuba.load_dict` takes.
+
+    In one thread, for objects to be numbered in the same order by each process: the numbers are in the programs that
+    Dr.Jit compiles and keeps on disk.
+    """
+    import mitsuba as mi
+
+    return mi.load_dict(parts, parallel=False)
+
+
 def units_at_once() -> int:
     """Units of work that a launch has at most: about 4 s of two slow cores, or half a second of a fast card.
 

@@ -8,10 +8,28 @@ from holopath_addon import engine
 def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
     """What the scene itself does not time takes as many times longer; the speed is measured once and kept."""
     from holopath_addon.engine.planning import survey
+    from holopath_addon.engine.planning.machine import Slowness
 
     times = {}
-    for slow in (1.0, 3.0):
+    for slow in (Slowness(), Slowness(core=3.0, transforms=5.0)):
         monkeypatch.setattr(survey, "slowness", lambda folder, slow=slow: slow)
-        times[slow] = engine.plan(build.two_planes(build.diffuse), camera, small).stages
-    for stage in ("kernel tables", "propagation"):
-        assert times[3.0][stage] == pytest.approx(3 * times[1.0][stage])
+        times[slow.core] = engine.plan(build.two_planes(build.diffuse), camera, small).stages
+    for stage, longer in (("kernel tables", 3), ("propagation", 5)):
+        assert times[3.0][stage] == pytest.approx(longer * times[1.0][stage])
+
+
+@pytest.mark.parametrize("unit", [0.0, 1e-3, 0.02, 0.5])
+def test_launches_are_foretold(backend, monkeypatch, unit):
+    """As many as `paced` makes of units that take so long."""
+    from holopath_addon.engine import progress
+    from holopath_addon.engine.planning import costs
+
+    now = 0.0
+    monkeypatch.setattr(progress.time, "perf_counter", lambda: now)
+    for units, most in ((1, 4), (7, 4), (40, 4), (300, 64)):
+        made = 0
+        for part in progress.paced(range(units), most):
+            now += unit * len(part)
+            made += 1
+        monkeypatch.setattr(costs, "units_at_once", lambda most=most: most)
+        assert costs.launches(unit * units, units) == pytest.approx(made, rel=0.5, abs=1)
