@@ -200,7 +200,7 @@ class MitsubaSource:
         import mitsuba as mi
 
         try:
-            scene = mi.load_file(str(self.path))
+            scene = mi.load_file(str(self.path), parallel=False)  # as `variants.made`
         except Exception as error:
             reason = " ".join(str(error).split())
             raise engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}") from error

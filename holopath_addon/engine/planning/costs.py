@@ -39,8 +39,9 @@ ATLAS_TEXELS = 40  # a pixel of the view, roughly; not all are baked
 MOST_TEXELS = 1 << 25
 TEXEL_BYTES = 48  # with what making them takes
 
-# Of the time that the probe's rays and paths take, alone in their kernels; over ten scenes (docs/measurements.md).
-RAY, CHAIN, PATH = 0.35, 1.0, 0.95
+# Of the time that the probe's rays and paths take, over ten scenes (docs/measurements.md): probes look far apart. And
+# of a path's that a ray takes to see a texture alone.
+RAY, CHAIN, PATH, TEXTURE = 0.35, 1.0, 0.95, 0.2
 
 # Seconds on the machine that `machine.Slowness` compares with. What programs take there:
 SUM = 2.0e-9, 0.15e-9  # of a ray, and of each of its frames and wavelengths
@@ -63,7 +64,6 @@ MOVE = 0.022e-6  # of a pixel's way to another plane, of each frame and waveleng
 # around them, those of a step of all frames together and of looks at all views
 SGD, TRANSFORM, LOOKED = 0.7e-6, 8e-9, 5e-9
 
-TEXTURE = 0.2  # of a path's time that a ray takes to see a texture alone
 # Groups of texels that are baked: of each diffuse pixel of the view, of each triangle (of dense meshes), and for what
 # mirrors and glass show; samples of each, and for the light between surfaces; what one takes of a path that ends at the
 # first surface that lamps light; and such paths that tell how much is left to trace.
@@ -116,10 +116,22 @@ def path_seconds(light: Light, paths: float, slowness: Slowness) -> float:
 
 
 def launches(seconds: float, units: float) -> float:
-    """Times that work is launched whose programs take so many seconds, in so many units; see `progress.Pace`."""
+    """Times that work is launched whose programs take so many seconds, in so many units.
+
+    `progress.Pace` doubles the units of a launch until it takes one to two times `OFTEN`.
+    """
     units = max(units, 1.0)
     together = min(max(1.4 * OFTEN * units / max(seconds, 1e-9), 1.0), units_at_once(), units)
     return units / together + math.log2(together)
+
+
+def _wave_launches(survey, planes, seconds):
+    """Launches of rays from all planes; see `wave_tracer.trace_blocks`."""
+    pixels, _, _ = _numbers(survey)
+    rays, count = pixels * sum(mean_rays(planes, survey.chains.branches)), len(planes)
+    if survey.settings.radiance == "ray" or survey.settings.estimator == "paper":
+        return max(rays / CHUNK_RAYS, count)  # drawn at random, so that no blocks are joined
+    return count * launches(seconds / count, rays / count / CHUNK_RAYS)
 
 
 def stages(
@@ -150,8 +162,7 @@ def stages(
     own = slowness.programs * (SUM[0] + SUM[1] * frames * colours)
     rays = plain * (RAY / seen.rays_per_second + own)
     rays += chained * (CHAIN / seen.chains_per_second + own)
-    blocks = pixels * (plain + chained) / CHUNK_RAYS
-    written = slowness.core * (TRACING + LAUNCH[0] * launches(pixels * rays, blocks))
+    written = slowness.core * (TRACING + LAUNCH[0] * _wave_launches(survey, planes, pixels * rays))
     out = {
         "kernel tables": slowness.core * (TABLES[0] + TABLES[1] * len(planes)),
         "wave tracing": traversals * (written + pixels * rays),
@@ -159,7 +170,7 @@ def stages(
     }
     if settings.radiance == "ray":
         paths = pixels * (plain + chained) * settings.paths
-        out["wave tracing"] += traversals * path_seconds(light, paths, slowness)
+        out["wave tracing"] += traversals * PATH * paths / light.paths_per_second
     elif baking is None:
         taken = likely(settings, light)
         out["radiance"] = traversals * map_seconds(light, columns_of(survey, margin), *taken, slowness)

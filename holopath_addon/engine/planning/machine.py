@@ -10,7 +10,7 @@ import time
 from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import scipy.fft
@@ -18,7 +18,10 @@ import scipy.fft
 from ..scene import variants
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+_Result = TypeVar("_Result")
 
 FILE = "speed.json"
 KEPT = 600  # seconds
@@ -43,16 +46,16 @@ class Slowness:
         Fourier transforms.
     """
 
-    core: float = 1.0
-    programs: float = 1.0
-    transforms: float = 1.0
+    core: float
+    programs: float
+    transforms: float
 
     def or_less(self, other: Slowness) -> Slowness:
         """The least of both, each by itself."""
         return Slowness(*map(min, astuple(self), astuple(other)))
 
 
-USUAL = Slowness(0.003, 0.046, 0.027)  # seconds of `_measured`'s work on that machine
+USUAL = Slowness(0.003, 0.045, 0.027)  # seconds of `_measured`'s work on that machine
 
 
 def slowness(folder: Path | None = None) -> Slowness:
@@ -80,7 +83,7 @@ def _slowness(folder, _now):
     import mitsuba
 
     versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
-    made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()}"
+    made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()} {USUAL}"
     file, least = folder and folder / FILE, Slowness(math.inf, math.inf, math.inf)
     if file is not None:
         with suppress(OSError, ValueError, KeyError, TypeError):
@@ -90,7 +93,7 @@ def _slowness(folder, _now):
                 least = before
                 if abs(time.time() - file.stat().st_mtime) < KEPT:
                     return least
-    _programs()  # compiles
+    timed(_programs)  # compiles
     for _ in range(3):
         least = least.or_less(_measured())
     if file is not None:
@@ -104,12 +107,42 @@ def _slowness(folder, _now):
 
 def _measured():
     """Some of each kind of work, by the seconds that it usually takes."""
-    taken = []
-    for work, usual in zip((_core, _programs, _transforms), astuple(USUAL), strict=True):
-        start = time.perf_counter()
-        work()
-        taken.append((time.perf_counter() - start) / usual)
-    return Slowness(*taken)
+    taken = _seconds(_core), timed(_programs)[0], _seconds(_transforms)
+    return Slowness(*(seconds / usual for seconds, usual in zip(taken, astuple(USUAL), strict=True)))
+
+
+def timed(work: Callable[[], _Result]) -> tuple[float, float, _Result]:
+    """Seconds that the programs of some work run, without what Python takes to write them down.
+
+    Parameters
+    ----------
+    work : callable
+        ``work()`` returns what Dr.Jit is to compute.
+
+    Returns
+    -------
+    seconds, compiling : float
+        That programs ran, and that they took to compile.
+    result
+        Of the work.
+    """
+    import drjit as dr
+
+    dr.kernel_history()  # what others left
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        result = work()
+        dr.eval(result)
+        dr.sync_thread()
+    programs = dr.kernel_history()
+    seconds = 1e-3 * sum(each["execution_time"] for each in programs)
+    compiling = 1e-3 * sum(each.get("backend_time", 0.0) for each in programs)
+    return max(seconds, 1e-6), compiling, result
+
+
+def _seconds(work):
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
 
 
 def _core():
@@ -131,8 +164,7 @@ def _programs():
 
     state = (mi.UInt32(0), mi.Float(0), sampler)
     _, total, _ = dr.while_loop(state, lambda number, *_: number < READ, body, label="speed")
-    dr.eval(total)
-    dr.sync_thread()
+    return total
 
 
 def _transforms():

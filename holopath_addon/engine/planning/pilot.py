@@ -19,6 +19,7 @@ from ..scene.random_numbers import Sampler
 from ..scene.rays import Rays
 from ..scene.specular_chains import nearly_smooth
 from ..tracing.grains import shown
+from .machine import timed
 from .pilot_light import DEPTHS_TRIED, Light, Paths, light_of
 from .probe import LEAST_SHARE, Edges, Places, Probe
 
@@ -388,21 +389,12 @@ def _same_surface(si):
 
 
 def _timed(work: Callable[[], _Result], calls: int = 2) -> tuple[float, float, _Result]:
-    """Seconds that programs run, in the faster of some calls; that they took to compile; what the last call returned.
+    """What `machine.timed` tells: the seconds of the fastest of some calls, as the system now and then holds one up.
 
-    To write programs down takes as long for many rays as for these few, and does not count. The system may hold a call
-    up. What `work` is given must not be literal, or the second call's program is another one.
+    What `work` uses must be opaque: from a literal the second call would make, and compile, another program.
     """
-    seconds, compiling = math.inf, 0.0
-    for _ in range(calls):
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-            result = work()
-            dr.eval(result)
-            dr.sync_thread()
-        programs = dr.kernel_history()
-        seconds = min(seconds, 1e-3 * sum(each["execution_time"] for each in programs))
-        compiling += 1e-3 * sum(each.get("backend_time", 0.0) for each in programs)
-    return seconds, compiling, result
+    seconds, compiling, results = zip(*(timed(work) for _ in range(calls)), strict=True)
+    return min(seconds), sum(compiling), results[-1]
 
 
 def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:

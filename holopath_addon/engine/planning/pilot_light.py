@@ -31,9 +31,9 @@ class Light:
     bright : float
         Radiance of the bright parts of the view, the 95th percentile of what is lit.
     paths_per_second : float
-        Speed of this machine on this scene.
+        Of their program, on this machine.
     compiling : float
-        Seconds that the first paths took longer than later ones.
+        Seconds that it took to compile.
     short_per_second : float
         Speed of paths that end at the first surface that lamps light, see `Pilot.with_short_paths`; infinite before.
     """

@@ -38,11 +38,11 @@ class Probe:
     coherent : bool
         Whether rays are faster in packets, as they are where triangles are large.
     rays_per_second : float
-        Speed of this machine on this scene.
+        Of their program, on this machine.
     chains_per_second : float
         The same of rays that are followed over mirrors and through clear surfaces.
     compiling : float
-        Seconds that the first of the rays and chains took longer than later ones.
+        Seconds that the programs of rays and chains took to compile.
     bent : bool
         Whether images lie elsewhere than at the optical path length, as in curved mirrors and through glass.
     images : numpy.ndarray

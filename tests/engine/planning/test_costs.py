@@ -11,7 +11,7 @@ def test_a_slower_machine_is_foretold_more(build, camera, small, monkeypatch):
     from holopath_addon.engine.planning.machine import Slowness
 
     times = {}
-    for slow in (Slowness(), Slowness(core=3.0, transforms=5.0)):
+    for slow in (Slowness(1.0, 1.0, 1.0), Slowness(3.0, 1.0, 5.0)):
         monkeypatch.setattr(survey, "slowness", lambda folder, slow=slow: slow)
         times[slow.core] = engine.plan(build.two_planes(build.diffuse), camera, small).stages
     for stage, longer in (("kernel tables", 3), ("propagation", 5)):

@@ -20,9 +20,14 @@ def test_the_machine_s_speed_is_kept(tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         patched.delattr(machine, "_measured")
         assert anew(tmp_path) == found
-    for damaged in ("", "[]", '{"made_with": "another", "slowness": {"core": 1}}', '{"slowness": 1}'):
+    for damaged in (
+        "",
+        "[]",
+        '{"made_with": "another", "slowness": {"core": 1, "programs": 1, "transforms": 1}}',
+        '{"slowness": 1}',
+    ):
         (tmp_path / machine.FILE).write_text(damaged)
-        assert anew(tmp_path) != Slowness()
+        assert anew(tmp_path) != Slowness(1, 1, 1)
     assert [file.name for file in tmp_path.iterdir()] == [machine.FILE]
     machine._slowness.cache_clear()
 
