@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import threading
 import time
 from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _Result = TypeVar("_Result")
+_timing = threading.Lock()  # history and profiling are the process's
 
 FILE = "speed.json"
 KEPT = 600  # seconds
@@ -128,12 +130,14 @@ def timed(work: Callable[[], _Result]) -> tuple[float, float, _Result]:
     """
     import drjit as dr
 
-    dr.kernel_history()  # what others left
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        result = work()
-        dr.eval(result)
-        dr.sync_thread()
-    programs = dr.kernel_history()
+    with _timing:
+        dr.kernel_history()  # what others left
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            result = work()
+            dr.eval(result)
+            dr.sync_thread()
+        programs = dr.kernel_history()
+        variants.stop_profiling()
     seconds = 1e-3 * sum(each["execution_time"] for each in programs)
     compiling = 1e-3 * sum(each.get("backend_time", 0.0) for each in programs)
     return max(seconds, 1e-6), compiling, result

@@ -15,6 +15,7 @@ import os
 import re
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -144,6 +145,20 @@ def made(parts: dict) -> Any:
     import mitsuba as mi
 
     return mi.load_dict(parts, parallel=False)
+
+
+def stop_profiling() -> None:
+    """Have Dr.Jit's threads no longer time their work, as they do ever after its history of programs was asked for.
+
+    While they do, they keep cores busy for longer afterwards: what NumPy did next took 1.5 times as long.
+    """
+    import drjit
+
+    folder = Path(drjit.__file__).parent
+    for name in ("libnanothread.so", "libnanothread.dylib", "nanothread.dll"):
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(str(folder / name)).pool_set_profile(0)
+            return
 
 
 def units_at_once() -> int:
