@@ -304,9 +304,8 @@ def _compare(folder, still, result, progress):
         halves=True,
     )
     truth_rgb = engine.to_rgb(truth.mean(1), hologram.wavelengths)
-    output.write_pictures(
-        folder / "reference", output.picture_files(truth_rgb, result.focus, None, still.pupil)
-    )
+    files = output.picture_files(truth_rgb, result.focus, output.exposure(truth_rgb), still.pupil)
+    output.write_pictures(folder / "reference", files)
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
     slope = hologram.widest_slope

@@ -323,7 +323,7 @@ def read(path):
 def test_output_folder(rendered):
     names = {str(p.relative_to(rendered)) for p in rendered.rglob("*") if p.is_file()}
     pictures = {f"reconstruction/focus_{f}m.{kind}" for f in ("0.5", "2", "inf") for kind in ("exr", "png")}
-    references = {f"reference/focus_{f}m.exr" for f in ("0.5", "2", "inf")}
+    references = {name.replace("reconstruction", "reference") for name in pictures}
     assert names == {"wavefield/field.npy", "wavefield/meta.json", "report.json"} | pictures | references
     assert os.listdir(rendered.parent) == ["out"]
 

@@ -268,7 +268,8 @@ def _pupils_beside(truth, refocus, focus, progress):
     text = (
         f"<p>PSNR in dB through half of the pupil, wherever it is; focus at {named(focus)}:</p>"
         f"{value_map(values, '{:.1f}')}<p>And through smaller and smaller pupils in the middle, where diffraction "
-        f"blurs, which the path tracer does not know:</p>{table(('Pupil', 'PSNR'), cells)}"
+        f"blurs, which the path tracer does not know. The first has one opening for all colors, where above each fills "
+        f"its own cone; frames speckle more through less than all of it:</p>{table(('Pupil', 'PSNR'), cells)}"
     )
     rows = [
         ("PSNR, dB", f"pupil {width} wide", found[pupil]) for width, pupil in zip(widths, sizes, strict=True)

@@ -76,6 +76,9 @@ def focus_curves(depths, values):
         f'<text x="{a:.0f}" y="{height + 18}" font-size="12" text-anchor="{anchor}">{named(depths[n])}</text>'
         for n, a, anchor in ((0, 0, "start"), (len(depths) // 2, width / 2, "middle"), (-1, width, "end"))
     )
+    words += (
+        f'<text x="{width}" y="-40" font-size="12" text-anchor="end">sharpness, each of its own height</text>'
+    )
     box = f'viewBox="-5 -55 {width + 10} {height + 80}"'
     drawn = "".join([*key, *lines])
     return f'<figure><svg role="img" aria-label="Sharpness over focus" {box}>{drawn}{words}</svg></figure>'
