@@ -132,12 +132,14 @@ def timed(work: Callable[[], _Result]) -> tuple[float, float, _Result]:
 
     with _timing:
         dr.kernel_history()  # what others left
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-            result = work()
-            dr.eval(result)
-            dr.sync_thread()
-        programs = dr.kernel_history()
-        variants.stop_profiling()
+        try:
+            with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+                result = work()
+                dr.eval(result)
+                dr.sync_thread()
+            programs = dr.kernel_history()
+        finally:
+            variants.stop_profiling()
     seconds = 1e-3 * sum(each["execution_time"] for each in programs)
     compiling = 1e-3 * sum(each.get("backend_time", 0.0) for each in programs)
     return max(seconds, 1e-6), compiling, result

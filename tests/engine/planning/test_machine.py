@@ -1,8 +1,13 @@
 """How fast a machine is."""
 
+import ctypes
 import json
 import os
+import sys
 from dataclasses import asdict, astuple
+from pathlib import Path
+
+import pytest
 
 from holopath_addon.engine.planning import machine
 from holopath_addon.engine.planning.machine import Slowness
@@ -30,6 +35,26 @@ def test_the_machine_s_speed_is_kept(tmp_path, monkeypatch):
         assert anew(tmp_path) != Slowness(1, 1, 1)
     assert [file.name for file in tmp_path.iterdir()] == [machine.FILE]
     machine._slowness.cache_clear()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="by the library's name there")
+def test_threads_take_their_time_only_while_it_is_asked_for(backend):
+    """Else they keep cores busy for longer after all work that follows; also where that work fails."""
+    import drjit as dr
+    import mitsuba as mi
+
+    pool = ctypes.CDLL(str(Path(dr.__file__).parent / "libnanothread.so"))
+    seen = []
+
+    def work():
+        seen.append(pool.pool_profile())
+        return dr.arange(mi.Float, 1000) + 1
+
+    seconds, _, result = machine.timed(work)
+    assert seconds > 0 and result[2] == 3
+    with pytest.raises(ZeroDivisionError):
+        machine.timed(lambda: 1 / (work() is None))
+    assert seen == [1, 1] and pool.pool_profile() == 0
 
 
 def test_a_machine_that_was_busy_is_measured_again(tmp_path, monkeypatch):
