@@ -1,19 +1,21 @@
 """A simulated bench that is not what it should be: a display and a camera with errors and noise, to be calibrated.
 
-It computes light in another way than the model that is fitted (`engine.waves.display_model`): six samples in a pixel's
-side, random points of the source and its spectrum together, a stop on a grid twice as fine, aberrations at four places
-of the field along each axis, double precision, and a camera that takes the mean over 25 points of a pixel.
+It computes light in another way than the model that is fitted (`engine.waves.display_model`): twelve samples in a
+pixel's side, random points of the source and its spectrum together, frequencies twice as fine, aberrations at four
+places of the field along each axis, double precision, and a camera that takes the mean over 81 points of a pixel.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 import scipy.ndimage
+from scipy.special import j1
 
 from ..engine.waves.display_model import DisplayModel, zernike
 from ..engine.waves.propagation import padded_shape
@@ -23,8 +25,9 @@ from .sensor import Sensor
 if TYPE_CHECKING:
     from .calibrating import PatternWindow
 
-FINE, GRID = 6, 2
-SPOTS = (-0.4, -0.2, 0.0, 0.2, 0.4)
+FINE, GRID = 12, 2
+SPOTS = tuple((n - 4) / 9 for n in range(9))
+NEAR = 4  # bins of a stop's edge that light passes
 ROOM = 2.0  # of the padded grid
 PLACES = np.cos(math.pi * (np.arange(4) + 0.5) / 4)  # Chebyshev's
 
@@ -48,7 +51,7 @@ class Bench:
     read_noise : float
         Electrons.
     rays : int
-        Points of the source.
+        Points of the source, 4 or more: as many as span what varies.
     seed : int
         Of the noise and the points.
     """
@@ -82,12 +85,15 @@ class Bench:
         """Intensity on a grid of `GRID` samples in a pixel's side, from the first pixel's middle on."""
         model, padded = self.model, self._padded(distance)
         x, y, c = self._points()
+        fine = np.repeat(np.repeat(phases, FINE, 0), FINE, 1)
+        if model.crosstalk:
+            fine = scipy.ndimage.gaussian_filter(fine, FINE * model.crosstalk, mode="nearest")
         total = np.zeros([GRID * n for n in padded])
         for sx, sy, wavelength in zip(
             model.tilt[0] + model.size * x, model.tilt[1] + model.size * y,
             model.wavelength + model.bandwidth * c, strict=True,
         ):  # fmt: skip
-            wave = self._relayed(self._pixels(phases, padded, sx, sy, wavelength), padded, wavelength)
+            wave = self._relayed(self._pixels(fine, padded, sx, sy, wavelength), padded, wavelength)
             fy, fx = (scipy.fft.fftfreq(GRID * n, self.pitch / GRID) for n in padded)
             root = np.sqrt(np.maximum(wavelength**-2 - fy[:, None] ** 2 - fx[None, :] ** 2, 0))
             wave = scipy.fft.ifft2(wave * np.exp(2j * math.pi * distance * (root - 1 / wavelength)))
@@ -111,14 +117,11 @@ class Bench:
 
         points = norm.ppf(qmc.Sobol(3, rng=self.seed).random(self.rays)).T
         points -= points.mean(axis=1, keepdims=True)
-        return points / points.std(axis=1, keepdims=True)
+        return np.linalg.solve(np.linalg.cholesky(np.cov(points, bias=True)), points)
 
-    def _pixels(self, phases, padded, sx, sy, wavelength):
+    def _pixels(self, fine, padded, sx, sy, wavelength):
         """Spectrum of the light of the pixels, on the grid of `GRID` samples."""
         model, half = self.model, min(self.shape) / 2
-        fine = np.repeat(np.repeat(phases, FINE, 0), FINE, 1)
-        if model.crosstalk:
-            fine = scipy.ndimage.gaussian_filter(fine, FINE * model.crosstalk, mode="nearest")
         y, x = ((np.arange(FINE * n) + 0.5) / FINE - n / 2 for n in self.shape)  # pixels, from the middle
         beam = np.exp(
             -model.falloff
@@ -142,10 +145,9 @@ class Bench:
         model, stop = self.model, self.model.wavelength / (2 * self.pitch)
         y, x = (scipy.fft.fftfreq(GRID * n, self.pitch / GRID) * wavelength / stop for n in padded)
         y, x = y[:, None], x[None, :]
-        radius = np.sqrt(x * x + y * y)
-        edge = wavelength / (min(padded) * self.pitch) / stop  # as wide as a sample, so much of it is within
-        mask = np.clip((1 - radius) / edge + 0.5, 0, 1)
-        inside = mask > 0
+        radius = np.hypot(x, y)
+        mask = _round_stop(tuple(padded), self.pitch, stop / wavelength)
+        inside = radius < 1 + NEAR * wavelength / (min(padded) * self.pitch) / stop
         terms = [np.broadcast_to(each, inside.shape)[inside] for each in zernike(x, y)]
         weights = []
         for n, size in zip(padded, self.shape, strict=True):
@@ -175,6 +177,19 @@ class Bench:
         half = min(self.shape) / 2
         at = [(v * half + (n - 1) / 2) * 2 * GRID for v, n in zip((eta, xi), self.shape, strict=True)]
         return scipy.ndimage.map_coordinates(many, at, order=3, mode="grid-wrap").mean(axis=(0, 1))
+
+
+@lru_cache(64)
+def _round_stop(padded, pitch, radius):
+    """Spectrum of a round stop's light of a point, J1(2 pi r R) R / r, which ends at half of the grid.
+
+    It falls so slowly that a stop's sharp edge on a periodic grid adds what comes round.
+    """
+    y, x = (pitch * scipy.fft.fftfreq(GRID * n, 1 / n) for n in padded)
+    away = np.maximum(np.hypot(y[:, None], x[None, :]), 1e-6 * pitch)
+    light = radius * j1(2 * math.pi * radius * away) / away * (pitch / GRID) ** 2
+    light *= np.clip(2 - away / (0.25 * pitch * min(padded)), 0, 1)
+    return scipy.fft.fft2(light).real
 
 
 def mis_set(start: Setup, window: PatternWindow, seed: int) -> tuple[Bench, Setup]:

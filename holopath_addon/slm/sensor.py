@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 ORDER = 3  # of the B-splines by which pictures are read between samples
+FINER = 2  # times the samples that a picture has for that: near its finest waves a spline is off
 
 
 @dataclass(frozen=True)
@@ -137,12 +138,15 @@ class Sensor:
         y, x = (scipy.fft.fftfreq(n, 1 / grid).astype(np.float32) for n in picture.shape)
         y, x = y[:, None], x[None, : picture.shape[1] // 2 + 1]
         pixel = np.sinc(side * (a * x + d * y)) * np.sinc(side * (b * x + e * y))
-        spline = np.sinc(x / grid) ** (ORDER + 1) * np.sinc(y / grid) ** (ORDER + 1)
-        waves = scipy.fft.rfft2(picture)
-        waves *= pixel / spline
-        smooth = scipy.fft.irfft2(waves, picture.shape)
+        fine = FINER * grid
+        spline = np.sinc(x / fine) ** (ORDER + 1) * np.sinc(y / fine) ** (ORDER + 1)
+        height, width = (FINER * n for n in picture.shape)
+        waves = np.zeros((height, width // 2 + 1), np.complex64)
+        rows = np.round(y[:, 0] * picture.shape[0] / grid).astype(int)
+        waves[rows, : x.size] = scipy.fft.rfft2(picture) * (pixel / spline * FINER**2)
+        smooth = scipy.fft.irfft2(waves, (height, width), overwrite_x=True)
         xi, eta = self.points(distance)[:, 0, 0]
-        at = [(v * half + (n - 1) / 2) * grid for v, n in zip((eta, xi), size, strict=True)]
+        at = [(v * half + (n - 1) / 2) * fine for v, n in zip((eta, xi), size, strict=True)]
         seen = scipy.ndimage.map_coordinates(smooth, at, np.float32, ORDER, "grid-wrap", prefilter=False)
         return self.value(seen)
 

@@ -76,14 +76,12 @@ def test_what_is_off_a_little_is_found():
 @pytest.mark.dense  # minutes for each
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_off_in_everything_is_found(seed):
-    """Each parameter within 2 % of its range, from 64 captures of 8 bits with noise; the bandwidth is known worse."""
+    """Each parameter within 2 % of its range, from 64 captures of 8 bits with noise."""
     window = slm.PatternWindow(40, PITCH, GREEN)
     bench, truth = slm.mis_set(start_of(window), window, seed)
     found = slm.calibrate(bench.look, window, FOCI, (0.95, 0.95))
     left = off(found, truth)
     names = [row.name for row in found.parameters]
-    assert found.setup.model.bandwidth == pytest.approx(truth.model.bandwidth, abs=1.5e-9)
-    left[names.index("bandwidth")] = 0
     assert left.max() < 0.02, {names[n]: left[n] for n in np.argsort(-left)[:5]}
 
 
@@ -99,7 +97,7 @@ def captures_of(benches, count=34):
 
 @pytest.fixture(scope="module")
 def bench():
-    return replace(slm.mis_set(start_of(SMALL), SMALL, 5)[0], rays=2)
+    return replace(slm.mis_set(start_of(SMALL), SMALL, 5)[0], rays=4)
 
 
 def moved(bench, what):

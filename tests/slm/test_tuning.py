@@ -35,7 +35,7 @@ def bench():
     found = slm.Fitted(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
     known = slm.calibration_of(found, WINDOW)
     blind = replace(known.models[0], aberrations=(0.0,) * 8, across=(0.0,) * 3, down=(0.0,) * 3)
-    return replace(bench, rays=3), replace(known, models=(blind,))
+    return replace(bench, rays=4), replace(known, models=(blind,))
 
 
 def encoded(field, calibration):

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 import scipy.sparse
-from scipy.special import erf
+from scipy.special import erf, j1
 
 from ..errors import InvalidInput
 from .propagation import padded_shape, transfer_function
@@ -33,9 +33,10 @@ if TYPE_CHECKING:
 GRID = 2  # samples of a picture in a pixel's side: an intensity has twice the band of its field
 FINE = 4  # of the light that leaves a pixel, whose phase is blurred within it
 STRAYS = 24  # pixels around the SLM for the stop's diffraction, see `padded_shape`
-NODES = np.array([-1.0, 0.0, 1.0])  # of the field, between which aberrations are a parabola
+NODES = math.sqrt(3) / 2 * np.array([-1.0, 0.0, 1.0])  # of the field, Chebyshev's: aberrations are a parabola
 ALONG = 3  # of the aberrations, the first, change over the field
-SOFT = 1.0  # bins over which the stop's edge falls, so that it moves smoothly
+FLAT = 0.7  # of half a padded side: as far the light of the stop's edge is exact, see `_stop`
+DARK = 1e-4  # what the stop lets through that is not worth computing
 
 COUNTS = {"position": 2, "tilt": 2, "aberrations": 8, "across": ALONG, "down": ALONG}
 
@@ -174,9 +175,14 @@ class DisplayLight:
             (_relay(self.padded, pitch, model, sines, wavelength), wavelength)
             for sines, wavelength, _ in self._points
         ]
-        self._places = []
+        self._places, self._slopes = [], []
         if any(model.across) or any(model.down):
-            rows, columns = (_lagrange(self._half_sides(axis)) for axis in (0, 1))
+            self._slopes = [
+                _slopes(self.padded, pitch, model, sines, wavelength) for sines, wavelength, _ in self._points
+            ]
+            at = [self._half_sides(axis).astype(np.float32) for axis in (0, 1)]
+            self._at = at[1][None, :], at[0][:, None]
+            rows, columns = map(_lagrange, at)
             for eta, row in zip(NODES, rows, strict=True):
                 for xi, column in zip(NODES, columns, strict=True):
                     relay = _relay(self.padded, pitch, model, (0.0, 0.0), model.wavelength, (xi, eta))
@@ -212,15 +218,25 @@ class DisplayLight:
         relayed = self.relayed(spectra[self.model.wavelength])
         image = np.zeros(self.padded, np.float32)
         transfers = self._transfers_to(distance)
-        first, own = self._relays[0][0], spectra[self.model.wavelength]
-        for (relay, wavelength), transfer, (_, _, weight) in zip(
-            self._relays, transfers, self._points, strict=True
-        ):
-            # aberrations of the field's middle change with the point; how they vary over the field does not
-            wave = relayed if relay is first else relayed + (relay * spectra[wavelength] - first * own)
+        middle = self._relays[0][0] * spectra[self.model.wavelength]
+        for number, ((relay, wavelength), transfer) in enumerate(zip(self._relays, transfers, strict=True)):
+            wave = relayed
+            if number:
+                light = relay * spectra[wavelength]
+                wave = relayed + (light - middle)
+                if self._slopes:
+                    wave += self._varied(light, middle, number)
             wave = scipy.fft.ifft2(wave * transfer, overwrite_x=True)
-            image += np.float32(weight) * (wave.real**2 + wave.imag**2)
+            image += np.float32(self._points[number][2]) * (wave.real**2 + wave.imag**2)
         return image
+
+    def _varied(self, light, middle, number):
+        """Spectrum of how a point's aberrations change over the field otherwise than the middle's, to first order."""
+        change = np.zeros(self.padded, np.complex64)
+        for at, slope, own in zip(self._at, self._slopes[number], self._slopes[0], strict=True):
+            change += at * scipy.fft.ifft2(slope * light - own * middle, overwrite_x=True)
+        change *= np.complex64(1j)
+        return scipy.fft.fft2(change, overwrite_x=True)
 
     def relayed(self, spectrum: np.ndarray) -> np.ndarray:
         """Spectrum of the light behind the relay, at the SLM's image."""
@@ -321,12 +337,11 @@ def _samples(count):
 @lru_cache(16)
 def _blurred_pixels(count, sigma):
     """Matrix from values of pixels to their samples, blurred by a Gaussian: boxes with edges of error functions."""
-    apart = _samples(count)[:, None] - np.arange(count)[None, :]
-    if sigma:
-        scale = 1 / (math.sqrt(2) * sigma)
-        shares = (erf((apart + 0.5) * scale) - erf((apart - 0.5) * scale)) / 2
-    else:
-        shares = (np.abs(apart) < 0.5).astype(float)
+    edges = np.arange(count + 1) - 0.5
+    edges[[0, -1]] = -math.inf, math.inf  # phases go on beyond the outermost pixels
+    apart = _samples(count)[:, None] - edges[None, :]
+    scale = 1 / (math.sqrt(2) * sigma) if sigma else math.inf
+    shares = -np.diff(erf(apart * scale), axis=1) / 2
     shares[shares < 1e-7] = 0
     return scipy.sparse.csr_array((shares / shares.sum(axis=1, keepdims=True)).astype(np.float32))
 
@@ -346,7 +361,7 @@ def _unaliased(count, sigma):
     return (GRID / FINE * ratio * shift).astype(np.complex64)
 
 
-@lru_cache(8)
+@lru_cache(len(POINTS) + 1)
 def _zernike_on(shape, pitch, wavelength, sines, stop):
     """Polynomials and the stop's mask where the rays of a grid's frequencies pass the relay's Fourier plane."""
     y, x = (
@@ -354,12 +369,33 @@ def _zernike_on(shape, pitch, wavelength, sines, stop):
         for n, s in zip(shape, sines[::-1], strict=True)
     )
     y, x = y[:, None], x[None, :]
-    radius = np.hypot(x, y)
-    edge = SOFT * wavelength * GRID / (min(shape) * pitch) / stop
-    mask = np.clip((1 - radius) / edge + 0.5, 0, 1).astype(np.float32)
-    inside = mask > 0
+    mask = _stop(shape, pitch / GRID, stop / wavelength, [sine / wavelength for sine in sines[::-1]])
+    inside = np.abs(mask) > DARK
     terms = np.array([np.broadcast_to(each, shape)[inside] for each in zernike(x, y)], np.float32)
     return inside, mask[inside], terms
+
+
+def _stop(shape, spacing, radius, shift):
+    """A stop in the Fourier plane: 1 up to a frequency, around another than 0.
+
+    Its light falls with the distance's power of 1.5 only, and would come round to the other side of a periodic grid.
+    So it is the spectrum of what a round stop makes of a point (Goodman, Introduction to Fourier Optics, 3rd ed.,
+    section 4.4.2), which goes down to nothing at half of the grid.
+    """
+    near = [np.minimum(np.arange(n), n - np.arange(n)) for n in shape]
+    y, x = (spacing * np.arange(n // 2 + 1) for n in shape)
+    away = np.hypot(y[:, None], x[None, :])
+    away[0, 0] = 1e-3 * spacing
+    spread = radius * j1(2 * math.pi * radius * away) / away * spacing**2
+    for axis, n in enumerate(shape):
+        fall = np.clip((np.arange(n // 2 + 1) / (n / 2) - FLAT) / (1 - FLAT), 0, 1)
+        taper = np.cos(math.pi / 2 * fall) ** 2
+        spread *= taper[:, None] if axis == 0 else taper[None, :]
+    spread = spread[near[0]][:, near[1]].astype(np.complex64)
+    for axis, (n, s) in enumerate(zip(shape, shift, strict=True)):
+        ramp = np.exp(-2j * math.pi * s * spacing * scipy.fft.fftfreq(n, 1 / n)).astype(np.complex64)
+        spread *= ramp[:, None] if axis == 0 else ramp[None, :]
+    return scipy.fft.fft2(spread, overwrite_x=True).real
 
 
 def _relay(shape, pitch, model, sines, wavelength, at=(0.0, 0.0)):
@@ -372,6 +408,17 @@ def _relay(shape, pitch, model, sines, wavelength, at=(0.0, 0.0)):
     relay = np.zeros(shape, np.complex64)
     relay[inside] = mask * np.exp(1j * phase)
     return relay
+
+
+def _slopes(shape, pitch, model, sines, wavelength):
+    """Change of the aberrations to the right and down, radians per half side."""
+    inside, _, terms = _zernike_on(shape, pitch, wavelength, sines, model.wavelength / (2 * pitch))
+    slopes = np.zeros((2, *shape), np.float32)
+    for slope, amounts in zip(slopes, (model.across, model.down), strict=True):
+        slope[inside] = (np.array(amounts) * (model.wavelength / wavelength)).astype(np.float32) @ terms[
+            :ALONG
+        ]
+    return slopes
 
 
 def _lagrange(at):
