@@ -55,6 +55,9 @@ class Parameter:
         What it cannot be below.
     distance : float
         The only focus at which it counts, metres; 0: at all.
+
+    Steps are taken of its `power`: pictures change with the square of the source's extent, whose own slope ends at 0,
+    and would hold a descent there.
     """
 
     name: str
@@ -65,6 +68,25 @@ class Parameter:
     since: int
     least: float = -math.inf
     distance: float = 0.0
+
+    @property
+    def power(self) -> int:
+        return 2 if self.part == "source" else 1
+
+    @property
+    def span(self) -> float:
+        """Range of its power."""
+        return self.high**self.power - self.low**self.power
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Between what it may be found: `BEYOND` its range, and not below `least`."""
+        room = BEYOND * (self.high - self.low)
+        return max(self.least, self.low - room), self.high + room
+
+    def moved(self, value: float, share: float) -> float:
+        """The value whose power is a share of `span` more; not below its reach."""
+        return max(value**self.power + share * self.span, self.reach[0] ** self.power) ** (1 / self.power)
 
 
 @dataclass(frozen=True)
@@ -230,7 +252,7 @@ class Prediction:
     def jacobian(
         self, values: np.ndarray, chosen: Sequence[int], told: Callable[[float], object]
     ) -> np.ndarray:
-        """Change of the residuals with each chosen parameter over its range, shape (residual, chosen).
+        """Change of the residuals with each chosen parameter's power over its range, shape (residual, chosen).
 
         It is that of light of the source's middle, but for the source's own extent: it only points the way,
         and takes a fifth of the time. All are of the same light, or what nearly cancels would not.
@@ -242,7 +264,7 @@ class Prediction:
             told(column / len(chosen))
             parameter = self.parameters[number]
             moved = values.copy()
-            moved[number] += DIFFERENCE * (parameter.high - parameter.low)
+            moved[number] = parameter.moved(values[number], DIFFERENCE)
             setup = setup_of(moved, self.start)
             if parameter.part == "sensor":
                 at = [k for k, c in enumerate(self.captures) if parameter.distance in (0.0, c.distance)]
@@ -298,9 +320,6 @@ def descend(
     values, deviations : numpy.ndarray
         The parameters, and the standard deviations that noise leaves those that were chosen; infinite for others.
     """
-    spans = np.array([p.high - p.low for p in prediction.parameters])
-    low = np.array([max(p.least, p.low - BEYOND * (p.high - p.low)) for p in prediction.parameters])
-    high = np.array([p.high + BEYOND * (p.high - p.low) for p in prediction.parameters])
     chosen, damping, step, kept = list(chosen), 1e-3, 0, False
     matrix, normal = np.empty((0, 0), np.float32), np.empty((0, 0))
     errors = prediction.residuals(values)
@@ -314,8 +333,9 @@ def descend(
         while damping < MOST_DAMPING:
             damped = normal + damping * np.diag(np.diag(normal) + LEAST * normal.trace() / len(normal))
             tried = values.copy()
-            tried[chosen] -= np.linalg.solve(damped, slope) * spans[chosen]
-            tried = np.clip(tried, low, high)
+            for number, share in zip(chosen, np.linalg.solve(damped, slope), strict=True):
+                parameter = prediction.parameters[number]
+                tried[number] = min(parameter.moved(values[number], -share), parameter.reach[1])
             found = prediction.residuals(tried)
             new = float(found @ found)
             if new < square:
@@ -330,7 +350,9 @@ def descend(
         kept = gained > KEPT
     freedom = max(1, errors.size - len(chosen))
     deviations = np.full(len(values), np.inf)
-    deviations[chosen] = np.sqrt(np.diag(np.linalg.pinv(normal)) * square / freedom) * spans[chosen]
+    shares = np.sqrt(np.diag(np.linalg.pinv(normal)) * square / freedom)
+    for number, share in zip(chosen, shares, strict=True):
+        deviations[number] = prediction.parameters[number].moved(values[number], share) - values[number]
     return values, deviations
 
 

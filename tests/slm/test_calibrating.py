@@ -8,6 +8,7 @@ import pytest
 
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
+from holopath_addon.slm.bench import THIRD
 from holopath_addon.slm.fitting import (
     STAGES,
     Capture,
@@ -97,7 +98,7 @@ def captures_of(benches, count=34):
 
 @pytest.fixture(scope="module")
 def bench():
-    return replace(slm.mis_set(start_of(SMALL), SMALL, 5)[0], rays=4)
+    return replace(slm.mis_set(start_of(SMALL), SMALL, 5)[0], source=THIRD)
 
 
 def moved(bench, what):
@@ -135,7 +136,7 @@ def test_what_the_model_gains():
     """Phases for the display as it is, against phases for an ideal one: on the bench itself."""
     window = slm.PatternWindow(40, PITCH, GREEN)
     bench, truth = slm.mis_set(start_of(window), window, 1)
-    bench = replace(bench, rays=4)
+    bench = replace(bench, source=THIRD)
     volume = engine.Hologram(40, 40, PITCH, (GREEN,), depth_far=2e-3, depth_near=7e-3)
     data = smooth(4, shape=(40, 40)).astype(np.complex64)
     field = engine.WaveField(data, volume, engine.Camera(np.eye(4), 0.6), 0.5)

@@ -7,6 +7,7 @@ import pytest
 
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
+from holopath_addon.slm.bench import THIRD
 from holopath_addon.slm.fitting import parameters, vector
 
 GREEN, PITCH, FOCI, VIEW = 520e-9, 8e-6, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)
@@ -35,7 +36,7 @@ def bench():
     found = slm.Fitted(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
     known = slm.calibration_of(found, WINDOW)
     blind = replace(known.models[0], aberrations=(0.0,) * 8, across=(0.0,) * 3, down=(0.0,) * 3)
-    return replace(bench, rays=4), replace(known, models=(blind,))
+    return replace(bench, source=THIRD), replace(known, models=(blind,))
 
 
 def encoded(field, calibration):

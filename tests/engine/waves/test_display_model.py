@@ -114,7 +114,7 @@ def test_the_bench_agrees(source):
     """Which has finer samples, frequencies, other points of the source and other places of the field."""
     model = DisplayModel(GREEN, **OFF, **source)
     phases = np.random.default_rng(2).uniform(0, TURN, (SIDE, SIDE))
-    bench = slm.Bench(model, np.arange(256), slm.Sensor((8, 8)), phases.shape, PITCH, rays=32)
+    bench = slm.Bench(model, np.arange(256), slm.Sensor((8, 8)), phases.shape, PITCH)
     seen, other = picture(model, phases), bench.picture(phases, Z)
     assert np.std(seen - other) < 0.006 * np.std(other)
 
