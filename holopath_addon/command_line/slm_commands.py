@@ -4,10 +4,9 @@ import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -191,7 +190,7 @@ def _add_bench(parser):
         type=float,
         default=0.5,
         metavar="S",
-        help="seconds until a picture is shown (default 0.5)",
+        help="seconds between a picture that is shown and the camera (default 0.5)",
     )
     option(
         "--seed", type=int, default=0, metavar="N", help="of the patterns, and of what the virtual bench is"
@@ -515,33 +514,22 @@ def _looking(args, window, planes, distances, size=None):
     driver = _device(args, size)
     own = getattr(driver, "controller", None)
     mover = None if planes is None else own or slm.Controller(args.port, args.baud)
-    shown = count(0)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "capture.png"
+    with ExitStack() as opened:
+        file = Path(opened.enter_context(tempfile.TemporaryDirectory())) / "capture.png"
+        stills = opened.enter_context(slm.Stills(driver))
+        if mover is not None and mover is not own:
+            opened.callback(mover.close)
+            mover.open()
 
         def look(levels, distance):
-            number = next(shown)
-            levels = slm.placed(
-                levels, (driver.info.width or size[0], driver.info.height or size[1]), window.bits
-            )
-            picture = slm.Picture(levels, number, ((0, 0),), window.bits)
-            while driver.show(number, picture) is False:
-                time.sleep(0.01)
+            stills.show(levels, window.bits)
             if planes is not None and mover is not None:
                 mover.focus(planes.position_at(distance))
             time.sleep(args.settle)
             slm.run_camera(args.camera, file, distances.index(distance), distance)
             return slm.read_capture(file)
 
-        try:
-            driver.open(None, lambda number, what: None)
-            if mover is not None and mover is not own:
-                mover.open()
-            yield look
-        finally:
-            if mover is not None:
-                mover.close()
-            driver.close()
+        yield look
 
 
 def _devices(args):

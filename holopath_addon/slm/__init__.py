@@ -20,7 +20,7 @@ from .fitting import Fitted
 from .focus import FocusPlanes, Plane, run_camera, sweep
 from .sensor import Sensor, read_capture
 from .sequence import PACKINGS, Sequence
-from .streaming import Counts, stream
+from .streaming import Counts, Stills, stream
 from .tuning import tune
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "Sequence",
     "SerialDriver",
     "SlmsuiteDriver",
+    "Stills",
     "VirtualDriver",
     "PatternWindow",
     "calibrate",

@@ -8,21 +8,80 @@ from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import count
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
 from ..engine.errors import Cancelled, InvalidInput
-from .driver import DROPPED, LATE, SHOWN
+from .calibrating import placed
+from .driver import DROPPED, LATE, SHOWN, Picture
 from .errors import DeviceLost
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Self
+
+    import numpy as np
 
     from .driver import Driver
     from .sequence import Sequence
 
 RING = 8  # pictures that are prepared ahead
 TOLD = 0.1  # seconds between two reports of progress
+STILL = 5.0  # seconds in which a still is shown
 AGAIN = 0.5  # seconds between two attempts to open a lost device
+
+
+class Stills:
+    """Pictures on a device, each until the next: for a camera that looks at each. Opens it, and lets go of it.
+
+    Parameters
+    ----------
+    driver : Driver
+    """
+
+    def __init__(self, driver: Driver) -> None:
+        self._driver, self._numbers, self._told = driver, count(), SimpleQueue()
+
+    def __enter__(self) -> Self:
+        try:
+            self._driver.open(None, lambda number, what: self._told.put(number))
+        except BaseException:
+            self._driver.close()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._driver.close()
+
+    def show(self, levels: np.ndarray, bits: int) -> None:
+        """Show levels; returns when the device says that it does.
+
+        Parameters
+        ----------
+        levels : numpy.ndarray, uint8 or uint16, shape (y, x)
+            In the middle of it, see `placed`.
+        bits : int
+            Of a level.
+
+        Raises
+        ------
+        DeviceLost
+        """
+        number, info = next(self._numbers), self._driver.info
+        rows, columns = levels.shape
+        pixels = placed(levels, (info.width or columns, info.height or rows), bits)
+        picture = Picture(pixels, number, ((0, 0),), bits)
+        while self._driver.show(number, picture) is False:
+            pass
+        if info.rate is not None:  # it keeps time itself: a window begins a moment after its first picture
+            try:
+                while self._told.get(timeout=STILL) != number:
+                    pass
+            except Empty:
+                raise DeviceLost(
+                    f"{info.name} does not say that it shows the picture: look at it, and try again."
+                ) from None
 
 
 @dataclass

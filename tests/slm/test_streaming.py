@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.slm import Calibration, Counts, DeviceLost, Sequence, stream, streaming
+from holopath_addon.slm import Calibration, Counts, DeviceLost, Sequence, Stills, stream, streaming
 from holopath_addon.slm.driver import DROPPED, LATE, SHOWN, Info
 
 
@@ -489,3 +489,29 @@ def test_device_that_keeps_time_lost(at_once):
     assert (counts.shown, counts.dropped, counts.reconnected) == (20, 0, 1) and old
     again = [number for number, _ in device.shown]
     assert again.count(8) == 2 and again[-1] == 19  # it had been taken, but not shown
+
+
+@pytest.mark.parametrize("rate", [60.0, None])
+def test_a_still_is_there_when_it_returns(rate):
+    """A device that keeps time itself begins a moment later, and says so; others show it at once."""
+
+    def later(number):
+        if rate:
+            threading.Timer(0.05, lambda: seen.append(number) or device.told(number, LATE)).start()
+        else:
+            seen.append(number)
+
+    seen, device = [], Device(later, rate=rate, width=4, height=4)
+    with Stills(device) as stills:
+        for number in range(3):
+            stills.show(np.full((2, 2), number, np.uint8), 8)
+            assert seen == list(range(number + 1))
+    assert device.closed == [False] and device.shown == [(n, 128) for n in range(3)]  # with what is around
+
+
+def test_a_still_that_never_comes(monkeypatch):
+    monkeypatch.setattr(streaming, "STILL", 0.05)
+    device = Device(rate=60.0)
+    with pytest.raises(DeviceLost, match="test does not say that it shows"), Stills(device) as stills:
+        stills.show(np.zeros((2, 2), np.uint8), 8)
+    assert not device.open_now
