@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import engine, output
-from ..engine.progress import parts, stage
+from ..engine.progress import Stages, parts, stage, with_time_left
 from ..engine.viewing import assessment
 from ..engine.viewing.metrics import speckle_contrast
 from ..engine.viewing.reconstruction import Refocuser
@@ -208,11 +208,14 @@ def _truth(args, field, say):
 
 def _beside_paths(sections, truth, refocus, depths, seen, progress):
     """How near pictures come to path-traced ones: over focus, over the pupil, and the slice."""
-    focusing, looking, moving = parts(progress, 3)
+    grid, compared = assessment.pupils(refocus.field, SHARE, POSITIONS), depths[COMPARED]
+    looks = sum(pupil is not None for line in grid for pupil in line) + len(SIZES)
+    ends = np.cumsum([len(compared), looks, len(seen)]) / (len(compared) + looks + len(seen))
+    told = Stages(with_time_left(progress), dict(zip(("foci", "pupils", "slices"), ends, strict=True)))
     focus = depths[FOCI // 2]
-    over_focus, rows = _foci_beside(truth, refocus, depths[COMPARED], focusing)
-    over_pupil, more = _pupils_beside(truth, refocus, focus, looking)
-    beside = _slices_beside(truth, refocus, focus, seen, moving)
+    over_focus, rows = _foci_beside(truth, refocus, compared, told["foci"])
+    over_pupil, more = _pupils_beside(truth, refocus, focus, grid, told["pupils"])
+    beside = _slices_beside(truth, refocus, focus, seen, told["slices"])
     sections.append(("Beside Path Tracing", over_focus + over_pupil + beside))
     return rows + more
 
@@ -252,9 +255,9 @@ def _compared(measure, image, halves, border):
         return math.nan
 
 
-def _pupils_beside(truth, refocus, focus, progress):
+def _pupils_beside(truth, refocus, focus, grid, progress):
     field = refocus.field
-    grid, radius = assessment.pupils(field, SHARE, POSITIONS), assessment.pupil_radius(field)
+    radius = assessment.pupil_radius(field)
     sizes = [engine.Pupil(0.0, 0.0, 2 * size * radius) for size in SIZES]
     chosen = [pupil for line in grid for pupil in line if pupil is not None] + sizes
     found = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ from itertools import pairwise
 Progress = Callable[[float, str], None]
 # ``progress(done)`` of work whose caller knows what to call it.
 PartProgress = Callable[[float], None]
+FORETOLD = 5.0  # seconds after which work is taken to go on as it did
 OFTEN = 0.2  # seconds between two looks at progress and cancel, where work can be divided so
 
 
@@ -28,6 +30,27 @@ def stage(progress: Progress, start: float, end: float) -> Progress:
 def parts(progress: Progress, count: int) -> list[Progress]:
     """Progress callbacks of so many equal parts of the work, one after another."""
     return [stage(progress, number / count, (number + 1) / count) for number in range(count)]
+
+
+def duration(seconds: float) -> str:
+    """``40 s``, ``3 min``, ``2 h 5 min``."""
+    if seconds < 60:
+        return f"{math.ceil(seconds)} s"
+    hours, minutes = divmod(math.ceil(seconds / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
+
+
+def with_time_left(progress: Progress) -> Progress:
+    """Of work that goes on evenly: once it took a while the message ends with what it will take yet."""
+    begun = time.monotonic()
+
+    def told(done, message):
+        spent = time.monotonic() - begun
+        if spent > FORETOLD and 0 < done < 1:
+            message = f"{message}, {duration(spent * (1 / done - 1))} left"
+        progress(done, message)
+
+    return told
 
 
 def named(progress: Progress, message: str) -> PartProgress:

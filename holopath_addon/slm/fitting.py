@@ -26,12 +26,19 @@ if TYPE_CHECKING:
 
     from ..engine.progress import Progress
 
-# Captures that are looked at, in turns of all foci, 0 for all; the blur of pictures, camera pixels; and most steps.
-STAGES = ((2, 4.0, 6), (2, 2.0, 6), (10, 2.0, 8), (10, 1.0, 8), (8, 0.0, 8), (0, 0.0, 4))
+# Captures that are looked at, in turns of all foci, 0 for all; the blur of pictures, camera pixels; most steps; and the
+# share of the loss that a step must gain: in the end less than noise moves one parameter for.
+STAGES = (
+    (2, 4.0, 6, 1e-4),
+    (2, 2.0, 6, 1e-4),
+    (10, 2.0, 8, 1e-4),
+    (10, 1.0, 8, 1e-4),
+    (8, 0.0, 8, 1e-4),
+    (0, 0.0, 8, 1e-6),
+)
 KNOTS = 8  # of the response, beside that of level 0
 FLOOR = 0.02  # of values: noise that does not grow with light
 DIFFERENCE = 2e-3  # of a parameter's range
-TOLERANCE = 1e-4  # of the loss, which a step must gain
 MOST_DAMPING, LEAST = 1e6, 1e-9  # of Levenberg's and Marquardt's steps
 KEPT = 0.1  # of the loss: as long as a step gains as much, the Jacobian is kept
 DRIFT, LEAST_NOISE = 1.25, 1e-3  # times the noise that is drift; noise that any camera has
@@ -311,6 +318,7 @@ def descend(
     values: np.ndarray,
     chosen: Sequence[int],
     steps: int,
+    tolerance: float,
     told: Callable[[float, float], object],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg's and Marquardt's way down.
@@ -345,7 +353,7 @@ def descend(
                 break
             damping *= 10
         gained = (before - square) / before
-        if gained <= TOLERANCE and not kept:
+        if gained <= tolerance and not kept:
             break
         kept = gained > KEPT
     freedom = max(1, errors.size - len(chosen))
@@ -415,7 +423,7 @@ def fit(
     extent = [number for number, p in enumerate(found) if p.part == "source"]
     prediction = Prediction(captures, start, shape, pitch, bits)
     deviations = np.full(len(values), np.inf)
-    for stage, (turns, blur, steps) in enumerate(STAGES):
+    for stage, (turns, blur, steps, tolerance) in enumerate(STAGES):
         chosen = [number for number, p in enumerate(found) if p.since <= stage]
         coherent = [number for number in extent if number not in chosen]
         tried = values.copy()
@@ -427,7 +435,7 @@ def fit(
         def told(done, error, stage=stage):
             progress((stage + done) / len(STAGES), f"Fitting the display, {100 * error:.1f} % off")
 
-        tried, deviations = descend(some, tried, chosen, steps, told)
+        tried, deviations = descend(some, tried, chosen, steps, tolerance, told)
         values[chosen] = tried[chosen]
     errors = prediction.residuals(values)
     square = float(np.mean(errors**2))

@@ -6,12 +6,13 @@ import bpy
 from bpy.types import Context, UILayout
 
 from .. import engine, pipeline, preferences, properties
+from ..engine.progress import duration
 from ..engine.settings import BASELINES, DECLARED, ENCODE_SECONDS, ENCODINGS
 from ..operators import background, session
 from ..operators.rendering import output_size, own_size
 from ..properties import HoloPathSettings, display_of, property_of
 from .focus_list import HOLOPATH_UL_focus
-from .text import alert, count, duration, wrapped
+from .text import alert, count, wrapped
 
 
 def summary(layout: UILayout, context: Context) -> None:

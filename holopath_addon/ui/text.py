@@ -1,6 +1,5 @@
 """Words in panels."""
 
-import math
 import textwrap
 
 from bpy.types import Context, Menu, Panel, UILayout
@@ -9,14 +8,6 @@ from bpy.types import Context, Menu, Panel, UILayout
 def count(number: int, thing: str) -> str:
     """``1 frame``, ``8 frames``."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
-
-
-def duration(seconds: float) -> str:
-    """``40 s``, ``3 min``, ``2 h 5 min``."""
-    if seconds < 60:
-        return f"{math.ceil(seconds)} s"
-    hours, minutes = divmod(math.ceil(seconds / 60), 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
 def layout_of(drawn: Panel | Menu) -> UILayout:

@@ -69,7 +69,7 @@ def test_what_is_off_a_little_is_found():
     signs = np.random.default_rng(1).choice([-1, 1], len(chosen))
     values[chosen] += 0.05 * signs * spans[chosen]
     prediction = Prediction(captures, start, (24, 24), PITCH, 8)
-    found, _ = descend(prediction, values, chosen, 2, lambda done, error: None)
+    found, _ = descend(prediction, values, chosen, 2, 1e-4, lambda done, error: None)
     left = np.abs(found - vector(truth)) / spans
     assert left.max() < 0.02, {rows[n].name: left[n] for n in np.argsort(-left)[:5]}
 
