@@ -195,7 +195,7 @@ class Bench:
         return scipy.ndimage.map_coordinates(many, at, order=3, mode="grid-wrap").mean(axis=(0, 1))
 
 
-@lru_cache(64)
+@lru_cache(8)
 def _round_stop(padded, pitch, radius):
     """Spectrum of a round stop's light of a point, J1(2 pi r R) R / r, which ends at half of the grid.
 

@@ -27,15 +27,17 @@ if TYPE_CHECKING:
     from ..engine.progress import Progress
 
 # Captures that are looked at, in turns of all foci, 0 for all; the blur of pictures, camera pixels; most steps; and the
-# share of the loss that a step must gain: in the end less than noise moves one parameter for.
+# share of the loss that a step must gain; 0 in the end, where noise says it.
 STAGES = (
     (2, 4.0, 6, 1e-4),
     (2, 2.0, 6, 1e-4),
     (10, 2.0, 8, 1e-4),
     (10, 1.0, 8, 1e-4),
     (8, 0.0, 8, 1e-4),
-    (0, 0.0, 8, 1e-6),
+    (0, 0.0, 8, 0.0),
 )
+LEAST_CROSSTALK = 0.15  # pixels: less is not sampled within a pixel
+NOISE = 0.2  # of one parameter's noise, in the loss: a step that gains less is the last
 KNOTS = 8  # of the response, beside that of level 0
 FLOOR = 0.02  # of values: noise that does not grow with light
 DIFFERENCE = 2e-3  # of a parameter's range
@@ -146,7 +148,7 @@ def parameters(start: Setup) -> list[Parameter]:
         Parameter("bandwidth", "m", 0.5e-9, 12e-9, "source", 4, 0.0),
         Parameter("unmodulated, real", "", -0.25, 0.25, "pixels", 2),
         Parameter("unmodulated, imaginary", "", -0.25, 0.25, "pixels", 2),
-        Parameter("crosstalk", "pixels", 0.2, 0.8, "pixels", 4, 0.0),
+        Parameter("crosstalk", "pixels", 0.2, 0.8, "pixels", 4, LEAST_CROSSTALK),
     ]
     rows += [Parameter(f"Zernike {j}", "rad", -0.5, 0.5, "relay", 3) for j in range(4, 12)]
     for way in ("across", "down"):
@@ -250,7 +252,7 @@ class Prediction:
         if blur:
             self._weights = 1 / np.sqrt(self._seen + FLOOR)
         weighted = self._weights * (self._seen - self._seen.mean())
-        self.variance = float(np.mean(weighted**2))
+        self.variance, self.size = float(np.mean(weighted**2)), weighted.size
 
     def residuals(self, values: np.ndarray) -> np.ndarray:
         """Errors by their noise, float32, flat."""
@@ -435,6 +437,7 @@ def fit(
         def told(done, error, stage=stage):
             progress((stage + done) / len(STAGES), f"Fitting the display, {100 * error:.1f} % off")
 
+        tolerance = tolerance or NOISE / some.size
         tried, deviations = descend(some, tried, chosen, steps, tolerance, told)
         values[chosen] = tried[chosen]
     errors = prediction.residuals(values)

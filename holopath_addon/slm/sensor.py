@@ -144,6 +144,8 @@ class Sensor:
         waves = np.zeros((height, width // 2 + 1), np.complex64)
         rows = np.round(y[:, 0] * picture.shape[0] / grid).astype(int)
         waves[rows, : x.size] = scipy.fft.rfft2(picture) * (pixel / spline * FINER**2)
+        if picture.shape[1] % 2 == 0:
+            waves[:, x.size - 1] /= 2  # the finest waves, which stand for both signs
         smooth = scipy.fft.irfft2(waves, (height, width), overwrite_x=True)
         xi, eta = self.points(distance)[:, 0, 0]
         at = [(v * half + (n - 1) / 2) * fine for v, n in zip((eta, xi), size, strict=True)]

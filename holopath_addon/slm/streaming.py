@@ -45,7 +45,7 @@ class Stills:
 
     def __enter__(self) -> Self:
         try:
-            self._driver.open(None, lambda number, what: self._told.put(number))
+            self._driver.open(None, lambda *told: self._told.put(told))
         except BaseException:
             self._driver.close()
             raise
@@ -66,22 +66,36 @@ class Stills:
 
         Raises
         ------
+        InvalidInput
+            If they do not fit.
         DeviceLost
+        Cancelled
+            If the user closed its window.
         """
         number, info = next(self._numbers), self._driver.info
         rows, columns = levels.shape
         pixels = placed(levels, (info.width or columns, info.height or rows), bits)
         picture = Picture(pixels, number, ((0, 0),), bits)
-        while self._driver.show(number, picture) is False:
-            pass
-        if info.rate is not None:  # it keeps time itself: a window begins a moment after its first picture
-            try:
-                while self._told.get(timeout=STILL) != number:
-                    pass
-            except Empty:
+        until = time.monotonic() + STILL
+        while not self._shown(number, picture):
+            if time.monotonic() > until:
                 raise DeviceLost(
                     f"{info.name} does not say that it shows the picture: look at it, and try again."
-                ) from None
+                )
+
+    def _shown(self, number, picture):
+        """Show it once more, and listen for a while: a device in trouble says so when it is asked."""
+        while self._driver.show(number, picture) is False:
+            pass
+        if self._driver.info.rate is None:
+            return True
+        # it keeps time itself: a window begins a moment after its first picture
+        with suppress(Empty):
+            while True:
+                told, what = self._told.get(timeout=AGAIN)
+                if told == number and what != DROPPED:
+                    return True
+        return False
 
 
 @dataclass

@@ -511,7 +511,22 @@ def test_a_still_is_there_when_it_returns(rate):
 
 def test_a_still_that_never_comes(monkeypatch):
     monkeypatch.setattr(streaming, "STILL", 0.05)
+    monkeypatch.setattr(streaming, "AGAIN", 0.02)
     device = Device(rate=60.0)
     with pytest.raises(DeviceLost, match="test does not say that it shows"), Stills(device) as stills:
+        stills.show(np.zeros((2, 2), np.uint8), 8)
+    assert not device.open_now
+
+
+def test_a_still_on_a_device_in_trouble(monkeypatch):
+    """It is asked again and again, and its own words count."""
+    monkeypatch.setattr(streaming, "AGAIN", 0.02)
+
+    def closed(number):
+        if len(device.times) > 1:
+            raise engine.Cancelled("Stopped: the SLM's window was closed.")
+
+    device = Device(closed, rate=60.0)
+    with pytest.raises(engine.Cancelled, match="window was closed"), Stills(device) as stills:
         stills.show(np.zeros((2, 2), np.uint8), 8)
     assert not device.open_now

@@ -158,6 +158,10 @@ class DisplayLight:
         self.model, self.shape, self.pitch = model, tuple(shape), pitch
         self._half = model.half / pitch or min(shape) / 2  # pixels
         padded = padded_shape(shape, pitch, model.wavelength, reach, STRAYS)
+        if reach:  # a window is looked at: all that the stop spreads within it
+            padded = [
+                scipy.fft.next_fast_len(max(n, 2 * size)) for n, size in zip(padded, shape, strict=True)
+            ]
         self.padded = tuple(GRID * n for n in padded)
         self._blurs = [_blurred_pixels(n, model.crosstalk) for n in shape]
         self._boxes = [_unaliased(n, model.crosstalk) for n in self.padded]
@@ -177,9 +181,11 @@ class DisplayLight:
         ]
         self._places, self._slopes = [], []
         if any(model.across) or any(model.down):
-            self._slopes = [
-                _slopes(self.padded, pitch, model, sines, wavelength) for sines, wavelength, _ in self._points
-            ]
+            if len(self._points) > 1:
+                self._slopes = [
+                    _slopes(self.padded, pitch, model, sines, wavelength)
+                    for sines, wavelength, _ in self._points
+                ]
             at = [self._half_sides(axis).astype(np.float32) for axis in (0, 1)]
             self._at = at[1][None, :], at[0][:, None]
             rows, columns = map(_lagrange, at)
@@ -350,12 +356,13 @@ def _blurred_pixels(count, sigma):
 def _unaliased(count, sigma):
     """Factor that makes of the samples' spectrum that of the light itself, exact for small phases.
 
-    Samples add up the spectrum sinc(f) exp(-2 pi^2 sigma^2 f^2) of a blurred pixel at all f + n `FINE`. Also where the
-    first sample lies from the pixel's middle, and that the picture has fewer samples.
+    Samples add up the spectrum sinc(f) exp(-2 pi^2 sigma^2 f^2) of a blurred pixel at all f + n `FINE`, times (-1)^n,
+    as they lie half a sample beside its middle. Also where the first one lies, and that the picture has fewer samples.
     """
     f = scipy.fft.fftfreq(count, 1 / GRID)  # of a pixel
-    aliases = f + FINE * np.arange(-400, 401)[:, None]
-    spectra = np.sinc(aliases) * np.exp(-2 * (math.pi * sigma * aliases) ** 2)
+    n = np.arange(-400, 401)[:, None]
+    aliases = f + FINE * n
+    spectra = (-1.0) ** n * np.sinc(aliases) * np.exp(-2 * (math.pi * sigma * aliases) ** 2)
     shift = np.exp(-2j * math.pi * f * _samples(1)[0])
     ratio = spectra[400] / np.where(np.abs(f) < 1, spectra.sum(axis=0), 1)  # both are 0 at the ends
     return (GRID / FINE * ratio * shift).astype(np.complex64)
