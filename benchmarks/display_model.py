@@ -11,7 +11,7 @@ import numpy as np
 
 from holopath_addon import engine, slm
 from holopath_addon.engine.viewing import metrics
-from holopath_addon.slm.bench import THIRD
+from holopath_addon.engine.waves.gaussian_points import THIRD
 from holopath_addon.slm.fitting import Setup, parameters, vector
 
 SIDE, PITCH, GREEN, FOCI, VIEW = 40, 8e-6, 520e-9, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)

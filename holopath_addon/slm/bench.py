@@ -1,13 +1,12 @@
 """A simulated bench that is not what it should be: a display and a camera with errors and noise, to be calibrated.
 
 It computes light in another way than the model that is fitted (`engine.waves.display_model`): twelve samples in a
-pixel's side, a source exact to the seventh degree instead of the fifth, frequencies twice as fine, aberrations at four
+pixel's side, other points of the source and its spectrum, frequencies twice as fine, aberrations at four
 places of the field along each axis, double precision, and a camera that takes the mean over 81 points of a pixel.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -19,6 +18,7 @@ import scipy.ndimage
 from scipy.special import j1
 
 from ..engine.waves.display_model import DisplayModel, zernike
+from ..engine.waves.gaussian_points import SEVENTH
 from ..engine.waves.propagation import padded_shape
 from .fitting import KNOTS, Setup, parameters, setup_of
 from .sensor import Sensor
@@ -33,30 +33,13 @@ ROOM = 2.0  # of the padded grid
 PLACES = np.cos(math.pi * (np.arange(4) + 0.5) / 4)  # Chebyshev's
 
 
-def _symmetric(point, weight):
-    """A point with its coordinates in any order and of any sign."""
-    places = set()
-    for signs in itertools.product((1, -1), repeat=3):
-        places.update(itertools.permutations(s * value + 0.0 for s, value in zip(signs, point, strict=True)))
-    return [(*place, weight) for place in sorted(places)]
+TURN = 0.4  # radians of the source's points, which are no longer where those of a fit are
 
 
-def _seventh():
-    """27 points and weights of a Gaussian of three dimensions, exact to the seventh degree.
-
-    On axes, diagonals of faces and corners of cubes, at squares 1/a, 1/b and 1/c of a coordinate (as in Stroud,
-    Approximate Calculation of Multiple Integrals, 1971, section 8.8). Moments x^2 y^2 z^2, x^4 y^2 and x^6 give the
-    weights; x^2 y^2, x^4 and x^2 give c = 1 - 2 b, a = (1 - b) / 5 and 10 a^2 + 4 b^2 + c^2 = 1.
-    """
-    b = (4.8 - math.sqrt(9.6)) / 16.8
-    a, c = (1 - b) / 5, 1 - 2 * b
-    points = _symmetric((a**-0.5, 0, 0), 5 * a**3) + _symmetric((b**-0.5, b**-0.5, 0), b**3 / 2)
-    points += _symmetric((c**-0.5,) * 3, c**3 / 8)
-    return (*points, (0.0, 0.0, 0.0, 1 - sum(point[3] for point in points)))
-
-
-THIRD = tuple(_symmetric((math.sqrt(3), 0, 0), 1 / 6))  # as `_seventh`'s, but to the third degree
-SEVENTH = _seventh()
+def _turned(points):
+    """Points in the x-y plane, turned: as exact as before, at other places."""
+    cosine, sine = math.cos(TURN), math.sin(TURN)
+    return tuple((cosine * x - sine * y, sine * x + cosine * y, z, weight) for x, y, z, weight in points)
 
 
 @dataclass(frozen=True)
@@ -90,7 +73,7 @@ class Bench:
     pitch: float
     full_well: float = 10000.0
     read_noise: float = 8.0
-    source: tuple = SEVENTH
+    source: tuple = _turned(SEVENTH)
     seed: int = 0
     taken: list = field(default_factory=list, repr=False)
 

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.ndimage
 
 from ..engine.waves.display_model import GRID, DisplayLight, DisplayModel
+from ..engine.waves.gaussian_points import FIFTH, SEVENTH
 from .sensor import Sensor
 
 if TYPE_CHECKING:
@@ -233,6 +234,8 @@ class Prediction:
         Of a level.
     blur : float
         Standard deviation, camera pixels, of a Gaussian by which pictures are compared.
+    source : tuple
+        See `DisplayLight`.
     """
 
     def __init__(
@@ -243,7 +246,9 @@ class Prediction:
         pitch: float,
         bits: int,
         blur: float = 0.0,
+        source: tuple = FIFTH,
     ) -> None:
+        self._source = source
         self.captures, self.start, self.shape, self.pitch, self.bits = captures, start, shape, pitch, bits
         self.blur, self.parameters = blur, parameters(start)
         self._reach = max(start.sensor.homographies)
@@ -289,7 +294,7 @@ class Prediction:
 
     def _look(self, setup, spectra=None):
         """Residuals, and from which spectra and pictures."""
-        light = DisplayLight(setup.model, self.shape, self.pitch, self._reach)
+        light = DisplayLight(setup.model, self.shape, self.pitch, self._reach, self._source)
         if spectra is None:
             phases = setup.phases(self.bits)
             spectra = [light.spectra(phases[each.levels]) for each in self.captures]
@@ -423,7 +428,7 @@ def fit(
     foci, values = len(start.sensor.homographies), vector(start)
     found = parameters(start)
     extent = [number for number, p in enumerate(found) if p.part == "source"]
-    prediction = Prediction(captures, start, shape, pitch, bits)
+    prediction = Prediction(captures, start, shape, pitch, bits, source=SEVENTH)
     deviations = np.full(len(values), np.inf)
     for stage, (turns, blur, steps, tolerance) in enumerate(STAGES):
         chosen = [number for number, p in enumerate(found) if p.since <= stage]

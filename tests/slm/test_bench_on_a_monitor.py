@@ -15,8 +15,8 @@ import pytest
 pytest.importorskip("termios", reason="There are ptys on Unix alone.")
 
 from holopath_addon import cli, engine, slm
+from holopath_addon.engine.waves.gaussian_points import THIRD
 from holopath_addon.slm import FocusPlanes, Plane
-from holopath_addon.slm.bench import THIRD
 from holopath_addon.slm.fitting import STAGES
 from holopath_addon.slm.patterns import patterns
 from tests.slm.conftest import SECOND

@@ -8,7 +8,7 @@ import pytest
 
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
-from holopath_addon.slm.bench import THIRD
+from holopath_addon.engine.waves.gaussian_points import THIRD
 from holopath_addon.slm.fitting import (
     STAGES,
     Capture,

@@ -7,7 +7,7 @@ import pytest
 
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
-from holopath_addon.slm.bench import THIRD
+from holopath_addon.engine.waves.gaussian_points import THIRD
 from holopath_addon.slm.fitting import parameters, vector
 
 GREEN, PITCH, FOCI, VIEW = 520e-9, 8e-6, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)

@@ -25,6 +25,7 @@ import scipy.sparse
 from scipy.special import erf, j1
 
 from ..errors import InvalidInput
+from .gaussian_points import FIFTH
 from .propagation import padded_shape, transfer_function
 
 if TYPE_CHECKING:
@@ -39,13 +40,6 @@ FLAT = 0.7  # of half a padded side: as far the light of the stop's edge is exac
 DARK = 1e-4  # what the stop lets through that is not worth computing
 
 COUNTS = {"position": 2, "tilt": 2, "aberrations": 8, "across": ALONG, "down": ALONG}
-
-# Points (x, y, wavelength) and weights of a Gaussian of three dimensions, exact to the fifth degree: the middle and the
-# corners of an icosahedron (Stroud, Approximate Calculation of Multiple Integrals, 1971, section 8.8).
-RING = [(2 * math.cos(a), 2 * math.sin(a), 1.0) for a in np.arange(5) * (2 * math.pi / 5)]
-CORNERS = [(0.0, 0.0, math.sqrt(5)), *RING]
-POINTS = [(0.0, 0.0, 0.0, 2 / 5)]
-POINTS += [(sign * x, sign * y, sign * c, 1 / 20) for x, y, c in CORNERS for sign in (1, -1)]
 
 
 @dataclass(frozen=True)
@@ -152,9 +146,18 @@ class DisplayLight:
         Metres.
     reach : float
         Farthest distance from the SLM at which pictures are wanted, metres.
+    source : tuple
+        Of `gaussian_points`: what its points and its spectrum are taken for.
     """
 
-    def __init__(self, model: DisplayModel, shape: Sequence[int], pitch: float, reach: float) -> None:
+    def __init__(
+        self,
+        model: DisplayModel,
+        shape: Sequence[int],
+        pitch: float,
+        reach: float,
+        source: tuple = FIFTH,
+    ) -> None:
         self.model, self.shape, self.pitch = model, tuple(shape), pitch
         self._half = model.half / pitch or min(shape) / 2  # pixels
         padded = padded_shape(shape, pitch, model.wavelength, reach, STRAYS)
@@ -166,7 +169,7 @@ class DisplayLight:
         self._blurs = [_blurred_pixels(n, model.crosstalk) for n in shape]
         self._boxes = [_unaliased(n, model.crosstalk) for n in self.padded]
         self._bins = [np.r_[0 : n // 2, -(n // 2) : 0] for n in self.padded]
-        points = POINTS if model.size or model.bandwidth else [(0.0, 0.0, 0.0, 1.0)]
+        points = source if model.size or model.bandwidth else [(0.0, 0.0, 0.0, 1.0)]
         self._points = [
             ((model.size * x, model.size * y), model.wavelength + model.bandwidth * c, weight)
             for x, y, c, weight in points
@@ -175,17 +178,13 @@ class DisplayLight:
         self._illuminations = {
             wavelength: self._illumination(wavelength) for _, wavelength, _ in self._points
         }
-        self._relays = [
-            (_relay(self.padded, pitch, model, sines, wavelength), wavelength)
-            for sines, wavelength, _ in self._points
-        ]
-        self._places, self._slopes = [], []
-        if any(model.across) or any(model.down):
-            if len(self._points) > 1:
-                self._slopes = [
-                    _slopes(self.padded, pitch, model, sines, wavelength)
-                    for sines, wavelength, _ in self._points
-                ]
+        self._relays, self._slopes, self._places = [], [], []
+        varies = any(model.across) or any(model.down)
+        for sines, wavelength, _ in self._points:
+            self._relays.append((_relay(self.padded, pitch, model, sines, wavelength), wavelength))
+            if varies and len(self._points) > 1:
+                self._slopes.append(_slopes(self.padded, pitch, model, sines, wavelength))
+        if varies:
             at = [self._half_sides(axis).astype(np.float32) for axis in (0, 1)]
             self._at = at[1][None, :], at[0][:, None]
             rows, columns = map(_lagrange, at)
@@ -368,7 +367,7 @@ def _unaliased(count, sigma):
     return (GRID / FINE * ratio * shift).astype(np.complex64)
 
 
-@lru_cache(len(POINTS) + 1)
+@lru_cache(2)
 def _zernike_on(shape, pitch, wavelength, sines, stop):
     """Polynomials and the stop's mask where the rays of a grid's frequencies pass the relay's Fourier plane."""
     y, x = (

@@ -8,6 +8,7 @@ import scipy.ndimage
 
 from holopath_addon import engine, slm
 from holopath_addon.engine.encoding.shown_light import ShownLight
+from holopath_addon.engine.waves import gaussian_points
 from holopath_addon.engine.waves.display_model import GRID, DisplayLight, DisplayModel, zernike
 
 GREEN, PITCH, SIDE, Z = 520e-9, 8e-6, 32, 3e-3
@@ -102,6 +103,23 @@ def test_a_source_of_some_size_blurs_by_it():
     inner = slice(6, -6)
     error = np.std((seen - blurred)[inner, inner])
     assert error < 0.15 * np.std((sharp - blurred)[inner, inner])
+
+
+@pytest.mark.parametrize(("rule", "degree"), [("THIRD", 3), ("FIFTH", 5), ("SEVENTH", 7)])
+def test_points_have_the_moments_of_a_gaussian(rule, degree):
+    """Of each power of a coordinate: 1, 3, 15 times 1 for even ones, 0 for odd ones; and no more than they say."""
+    *places, weights = np.array(getattr(gaussian_points, rule)).T
+    even = [1, 0, 1, 0, 3, 0, 15, 0, 105]
+
+    def off(total):
+        powers = [(i, j, total - i - j) for i in range(total + 1) for j in range(total + 1 - i)]
+        means = [
+            (weights * np.prod([x**n for x, n in zip(places, p, strict=True)], axis=0)).sum() for p in powers
+        ]
+        return np.abs(np.array(means) - [math.prod(even[n] for n in p) for p in powers]).max()
+
+    assert max(map(off, range(degree + 1))) < 1e-12 < off(degree + 1)
+    assert weights.min() > 0
 
 
 def test_zernike_polynomials_are_orthonormal():
