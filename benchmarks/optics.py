@@ -38,9 +38,8 @@ def scenes():
     )
     convex = {"type": "sphere", "center": [0, 0, -1.3], "radius": 0.3, **conductor}
     yield "convex mirror, R = 0.3 m", s.scene(mirror=convex, lamp=behind(0.5, 1.0)), (1.0, 1.136, 1.4)
-    hollow = t().translate([0, 0, -0.4]).scale(0.6)
-    concave = {"type": "sphere", "to_world": hollow, "flip_normals": True, **conductor}
-    yield "concave mirror, R = 0.6 m", s.scene(mirror=concave, lamp=behind(0.15, 0.1)), (0.55, 0.594, 0.7)
+    hollow = _concave(s, radius=0.6, aperture=0.3, vertex=1.0)
+    yield "concave mirror, R = 0.6 m", s.scene(mirror=hollow, lamp=behind(0.15, 0.1)), (0.55, 0.594, 0.7)
     cube = t().translate([0, 0, -0.7]).rotate([0, 1, 0], 20).scale([0.15, 0.15, 0.05])
     yield "glass slab", s.scene(slab={"type": "cube", "to_world": cube, **glass}, wall=wall), (0.7, 1.2, 1.96)
     ball = {"type": "sphere", "center": [0, 0, -0.7], "radius": 0.07, **glass}
@@ -49,21 +48,49 @@ def scenes():
     yield "plano-convex lens", s.scene(front=front, back=back, rim=rim, wall=wall), (0.6, 1.0, 2.0)
 
 
-def _plano_convex(s, radius=0.5, aperture=0.12, vertex=0.6, rings=96, spokes=192):
-    """A lens as a mesh with exact normals: flat towards the viewer, its curved back at `vertex` + sag."""
+def _disc(radius, rings, spokes):
+    """Vertices, shape (n, 2), and triangles of a disc."""
     angle = np.linspace(0, 2 * np.pi, spokes, endpoint=False)
-    r = np.linspace(0, aperture, rings)[1:]
+    r = np.linspace(0, radius, rings)[1:]
     grid = np.stack([np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle))], -1).reshape(-1, 2)
-    xy = np.concatenate([[[0, 0]], grid])
-    sag = np.sqrt(radius**2 - (xy**2).sum(1)) - (radius**2 - aperture**2) ** 0.5
-    back = np.column_stack([xy, -vertex - 0.01 - sag])
-    front = np.column_stack([xy, np.full(len(xy), -vertex)])
     faces = [(0, 1 + k, 1 + (k + 1) % spokes) for k in range(spokes)]
     for ring in range(rings - 2):
         for k in range(spokes):
             a, b = 1 + ring * spokes + k, 1 + ring * spokes + (k + 1) % spokes
             faces += [(a, a + spokes, b + spokes), (a, b + spokes, b)]
-    faces = np.array(faces)
+    return np.concatenate([[[0, 0]], grid]), np.array(faces)
+
+
+def _mesh(s, name, bsdf, vertices, triangles, normals=None):
+    properties = s.mi.Properties()
+    properties["bsdf"] = s.mi.load_dict(bsdf)
+    mesh = s.mi.Mesh(
+        name, len(vertices), len(triangles), has_vertex_normals=normals is not None, props=properties
+    )
+    parameters = s.mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+    parameters["faces"] = triangles.astype(np.uint32).ravel()
+    if normals is not None:
+        parameters["vertex_normals"] = normals.astype(np.float32).ravel()
+    parameters.update()
+    return mesh
+
+
+def _concave(s, radius, aperture, vertex, rings=96, spokes=192):
+    """A bowl that mirrors, as a mesh with exact normals, open to the viewer; `vertex` is the depth of its middle."""
+    xy, faces = _disc(aperture, rings, spokes)
+    height = np.sqrt(radius**2 - (xy**2).sum(1))
+    points = np.column_stack([xy, radius - vertex - height])
+    normals = np.column_stack([-xy, height]) / radius
+    return _mesh(s, "mirror", {"type": "conductor"}, points, faces, normals)
+
+
+def _plano_convex(s, radius=0.5, aperture=0.12, vertex=0.6, rings=96, spokes=192):
+    """A lens as a mesh with exact normals: flat towards the viewer, its curved back at `vertex` + sag."""
+    xy, faces = _disc(aperture, rings, spokes)
+    sag = np.sqrt(radius**2 - (xy**2).sum(1)) - (radius**2 - aperture**2) ** 0.5
+    back = np.column_stack([xy, -vertex - 0.01 - sag])
+    front = np.column_stack([xy, np.full(len(xy), -vertex)])
     edge = 1 + (rings - 2) * spokes + np.arange(spokes)
     after = np.roll(edge, -1)
     n = len(xy)
@@ -76,40 +103,29 @@ def _plano_convex(s, radius=0.5, aperture=0.12, vertex=0.6, rings=96, spokes=192
         "back": (back, faces[:, ::-1], normals_back),
         "rim": (np.concatenate([front, back]), rim, None),
     }
-    glass = s.mi.load_dict({"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0})
-    meshes = []
-    for name, (vertices, triangles, normals) in parts.items():
-        properties = s.mi.Properties()
-        properties["bsdf"] = glass
-        mesh = s.mi.Mesh(
-            name, len(vertices), len(triangles), has_vertex_normals=normals is not None, props=properties
-        )
-        parameters = s.mi.traverse(mesh)
-        parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-        parameters["faces"] = triangles.astype(np.uint32).ravel()
-        if normals is not None:
-            parameters["vertex_normals"] = normals.astype(np.float32).ravel()
-        parameters.update()
-        meshes.append(mesh)
-    return meshes
+    glass = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+    return [_mesh(s, name, glass, *part) for name, part in parts.items()]
 
 
-def measured(scene, focus, spp=128, **settings):
-    """PSNR and brightness ratio at each focus, and seconds of the second render."""
+def measured(scene, focus, options, spp=128):
+    """For each of a few options, PSNR and brightness ratio at each focus, and seconds of the second render."""
     camera = engine.Camera(np.eye(4), FOV)
     hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
-    settings = engine.Settings(frames=24, phase_field="random", **settings)
-    plan = engine.plan(scene, camera, hologram, settings)
-    engine.render(scene, camera, hologram, settings, plan)
-    start = time.perf_counter()
-    field = engine.render(scene, camera, hologram, settings, plan)
-    seconds = time.perf_counter() - start
-    pictures = engine.reconstruct(field, focus)
-    truth = engine.reference(scene, camera, hologram, focus, spp=spp, near=field.near)
+    near = engine.plan(scene, camera, hologram, engine.Settings(frames=24)).near
+    truth = engine.reference(scene, camera, hologram, focus, spp=spp, near=near)
     inner = slice(BORDER, -BORDER)
-    values = [engine.psnr(p, t, BORDER) for p, t in zip(pictures, truth, strict=True)]
-    ratios = [p[inner, inner].mean() / t[inner, inner].mean() for p, t in zip(pictures, truth, strict=True)]
-    return values, ratios, seconds
+    for option in options:
+        settings = engine.Settings(frames=24, **option)
+        plan = engine.plan(scene, camera, hologram, settings)
+        engine.render(scene, camera, hologram, settings, plan)
+        start = time.perf_counter()
+        field = engine.render(scene, camera, hologram, settings, plan)
+        seconds = time.perf_counter() - start
+        pairs = list(zip(engine.reconstruct(field, focus), truth, strict=True))
+        values = [engine.psnr(picture, t, BORDER) for picture, t in pairs]
+        ratios = [picture[inner, inner].mean() / t[inner, inner].mean() for picture, t in pairs]
+        cells = "  ".join(f"{v:5.1f} ({r:.2f})" for v, r in zip(values, ratios, strict=True))
+        yield f"{cells}   {seconds:5.1f} s"
 
 
 def gloss():
@@ -165,20 +181,22 @@ def highlights(roughness, seeds=4):
 
 
 def run():
-    """Both tables as text."""
+    """All three tables as text."""
+    random = {"phase_field": "random"}
     lines = [
         "mirrors and lenses: 256 x 256, 8 µm, M = 24; PSNR in dB (brightness ratio) at three focus depths"
     ]
     for name, scene, focus in scenes():
-        for virtual_image in ("curvature", "opl"):
-            values, ratios, seconds = measured(scene, focus, virtual_image=virtual_image)
-            cells = "  ".join(f"{v:5.1f} ({r:.2f})" for v, r in zip(values, ratios, strict=True))
-            lines.append(f"  {name:26s} {virtual_image:10s} {cells}   {seconds:5.1f} s")
+        kinds = ("default", "random", "random, opl")
+        options = ({}, random, random | {"virtual_image": "opl"})
+        for kind, cells in zip(kinds, measured(scene, focus, options), strict=True):
+            lines.append(f"  {name:26s} {kind:12s} {cells}")
     lines.append("gloss: metal ball of roughness r, lamp-lit; focus 0.7, 0.9, 2 m")
     for roughness, scene in gloss():
-        values, ratios, seconds = measured(scene, (0.7, 0.9, 2.0), spp=512)
-        cells = "  ".join(f"{v:5.1f} ({r:.2f})" for v, r in zip(values, ratios, strict=True))
-        lines.append(f"  r = {roughness:<23g} {'':10s} {cells}   {seconds:5.1f} s")
+        for kind, cells in zip(
+            ("default", "random"), measured(scene, (0.7, 0.9, 2.0), ({}, random), 512), strict=True
+        ):
+            lines.append(f"  r = {roughness:<23g} {kind:12s} {cells}")
     lines.append(
         "highlights of a dome that mirrors 25 lamps: disparity of views at -0.5 and +0.5 degrees, pixels; 4 seeds"
     )
