@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.ndimage
 
-from ..engine.waves.display_model import GRID, DisplayLight, DisplayModel
+from ..engine.waves.display_model import GRID, LEAST_CROSSTALK, DisplayLight, DisplayModel
 from ..engine.waves.gaussian_points import FIFTH, SEVENTH
 from .sensor import Sensor
 
@@ -37,7 +37,6 @@ STAGES = (
     (8, 0.0, 8, 1e-4),
     (0, 0.0, 8, 0.0),
 )
-LEAST_CROSSTALK = 0.15  # pixels: less is not sampled within a pixel
 NOISE = 0.2  # of one parameter's noise, in the loss: a step that gains less is the last
 KNOTS = 8  # of the response, beside that of level 0
 FLOOR = 0.02  # of values: noise that does not grow with light

@@ -181,6 +181,13 @@ def test_no_display_is_so(wrong):
         DisplayModel(GREEN, **wrong)
 
 
+def test_crosstalk_too_short_to_be_sampled_is_refused_in_a_file():
+    for crosstalk in (0.0, 0.15):
+        assert DisplayModel.from_dict({"wavelength_nm": 520, "crosstalk": crosstalk}).crosstalk == crosstalk
+    with pytest.raises(engine.InvalidInput, match="0.1 pixels is too short"):
+        DisplayModel.from_dict({"wavelength_nm": 520, "crosstalk": 0.1})
+
+
 def test_form_on_disk():
     model = DisplayModel(GREEN, **OFF, size=1e-4, bandwidth=2e-9, half=1e-3)
     again = DisplayModel.from_dict(model.to_dict())
