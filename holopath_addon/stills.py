@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import engine, output, pipeline
+from .engine.planning.planner import resolved
 from .engine.progress import Clock, stage
 from .engine.settings import current
+from .engine.viewing import assessment
 from .engine.viewing.depth import image_depth_map
 from .engine.viewing.light_field import pinhole_pictures, pupil_points, pupil_row, quilt
+from .lengths import format_distance
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -235,7 +238,13 @@ def write(
     if still.compare and not (phase and phase.report.get("stopped")):
         with clock("reference"):
             rows = _compare(folder, still, result, stage(progress, end, 0.9))
-        report |= {"comparison": rows, "warnings": [*notes, *_noise_notes(rows)]}
+        dark = [
+            format_distance(depth) for depth in result.focus if depth not in {row["focus_m"] for row in rows}
+        ]
+        black = (
+            [f"The reference is black, focused at {', '.join(dark)} m: nothing is compared."] if dark else []
+        )
+        report |= {"comparison": rows, "warnings": [*notes, *black, *_noise_notes(rows)]}
     if still.rgbd:
         with clock("rgbd"):
             _write_rgbd(folder / "rgbd", still, result, white, stage(progress, 0.9, 0.92))
@@ -274,7 +283,7 @@ def _encode(still, field, progress, stoppable):
 
 def _noise_notes(rows):
     """What a user must know of comparisons that the reference's noise makes uncertain."""
-    worst = max(row["psnr_deviation_db"] for row in rows)
+    worst = max((row["psnr_deviation_db"] for row in rows), default=0.0)
     if worst <= NOISY:
         return []
     return [
@@ -299,7 +308,7 @@ def _compare(folder, still, result, progress):
         result.focus,
         pupil,
         near=result.field.near,
-        max_depth=still.settings.max_depth,
+        max_depth=resolved(still.settings).max_depth,
         progress=progress,
         halves=True,
     )
@@ -313,7 +322,12 @@ def _compare(folder, still, result, progress):
     for depth, image, halves in zip(result.focus, result.images, truth, strict=True):
         z = float(mapping.depth_to_z(depth))
         border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / hologram.pitch)
-        border = min(border, (min(hologram.width, hologram.height) - 12) // 2)
+        border = max(0, min(border, (min(hologram.width, hologram.height) - 12) // 2))
+        inner = slice(border, -border or None)
+        if not (halves.mean(0)[inner, inner] > 0).any():
+            continue
+        if pupil is not None:
+            image = assessment.even(result.field, image, pupil)
         perfect = engine.diffracted(halves, hologram, openings)
         rows.append(
             {
@@ -338,7 +352,7 @@ def _write_rgbd(folder, still, result, white, progress):
         still.camera,
         hologram,
         [(0.0, 0.0)],
-        max_depth=still.settings.max_depth,
+        max_depth=resolved(still.settings).max_depth,
         progress=progress,
     )
     rgb = engine.to_rgb(picture[0], hologram.wavelengths)
@@ -371,7 +385,7 @@ def _write_quilt(folder, still, result, progress):
 
 def _views(still, points, progress, focus=None):
     """RGB of pictures through points of the pupil, in which everything is sharp."""
-    hologram, depth = still.hologram, still.settings.max_depth
+    hologram, depth = still.hologram, resolved(still.settings).max_depth
     what = still.scene, still.camera, hologram, points, VIEW_PATHS
     pictures = pinhole_pictures(*what, max_depth=depth, progress=progress, focus=focus)
     return engine.to_rgb(pictures, hologram.wavelengths)
@@ -460,17 +474,19 @@ def kept(folder):
 
 
 def _whole_hologram(folder):
-    """The phases of an output folder, in memory; None where there are none, or their encoding was stopped."""
+    """The phases of an output folder, in memory; None where there are none as its report tells, see `_phases`."""
     phase = _phases(folder)
     return phase and replace(phase, data=np.array(phase.data))
 
 
 def _phases(folder):
+    """The phases that its render made to their end: `holopath encode` may have put others in their place."""
     try:
         phase = engine.PhaseHologram.load(Path(folder) / "hologram")
     except engine.InvalidInput:
         return None
-    return None if phase.report.get("stopped") else phase
+    own = output.plain({"method": phase.method, **phase.report}) == output.read_report(folder).get("encoding")
+    return phase if own and not phase.report.get("stopped") else None
 
 
 def _mapped(folder):

@@ -543,7 +543,7 @@ SWEEPS = [
         pitch_alone,
         "From 25 µm on all depths are one, in focus and without speckle, 6 dB better; below 3.9 µm speckle comes back "
         "beyond the reach of designed fields, which the plan tells; below 3 µm the plan warns that the aperture passes "
-        "too little light, and at 1 µm it refuses over 200 000 rays a pixel.",
+        "too little light.",
         quick=(2, 1),
         log=True,
     ),

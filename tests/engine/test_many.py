@@ -38,6 +38,13 @@ def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_b
     assert np.abs(mean - own).mean() < 0.15 * own.mean()
 
 
+def test_equal_wavelengths_have_frames_each(build, camera):
+    hologram = engine.Hologram(32, 32, 8e-6, (640e-9, 640e-9), 1e-3, 2e-3)
+    view = build.two_planes(build.emissive), camera, hologram, engine.Settings(frames=1, quality="draft")
+    ((numbers, fields),) = engine.many_frames(*view, engine.plan(*view), lambda *_: None, count=8)
+    assert numbers == [0, 1] and fields.shape[:2] == (8, 2)
+
+
 def test_a_render_traces_the_first_of_them_along(build, camera, small):
     """Its own frames and these are what they are one after another; the next follow."""
     settings = engine.Settings(frames=2, quality="preview")

@@ -61,9 +61,9 @@ def test_no_step(name, monkeypatch):
 
 
 def test_fine_pixels_and_a_deep_volume():
-    warned, refused = few("pitch, volume kept")
-    assert "aperture" in warned["warned"]
-    assert "rays a pixel" in refused["refused"]
+    """Which one plane alone could not reach: two flat pictures have a plane each."""
+    for figures in few("pitch, volume kept"):
+        assert "aperture" in figures["warned"] and figures["rays"] < 100
 
 
 @pytest.mark.oracle

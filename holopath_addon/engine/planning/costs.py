@@ -267,9 +267,10 @@ def memory(
     if settings.despeckle:
         # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
         fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
-    tables = LEVELS[1] * margin**2 * 8 * colours
+    tables = 0 if settings.estimator == "paper" else LEVELS[1] * margin**2 * 8 * colours
     surfaces = SURFACES * (1 + (bins**2 - 1) * survey.seen.binned) * CELL_BYTES
-    radiance = columns_of(survey, margin) * ((16 * slabs << survey.chains.splits) + surfaces)
+    cells = 0 if settings.radiance == "ray" else columns_of(survey, margin)
+    radiance = cells * ((16 * slabs << survey.chains.splits) + surfaces)
     texels = min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES if cached else 0
     moving = _moving(survey, max(frames, SETS[-1]) if settings.despeckle else frames)
     return fields + tables + radiance + texels + CHUNK_BYTES + moving

@@ -17,7 +17,6 @@ from . import costs, noise
 from .fixable import GLOSSY_BINS, MOST_SLABS
 from .planes import columns_of
 from .probe import LEAST_SHARE
-from .survey import allowed_vertices
 
 if TYPE_CHECKING:
     from ..light.bake_store import BakeStore
@@ -115,7 +114,7 @@ class _Cache:
 
 def light_bounces(survey: Survey, cached: bool) -> Decided[int]:
     """Vertices of a radiance path."""
-    light, most = survey.light, allowed_vertices(survey.settings)
+    light, most = survey.light, survey.settings.max_depth
     if cached:
         value, reason = f"{most} vertices", "the radiance cache has them all"
         return Decided(most, (Decision("light bounces", value, reason),))

@@ -164,9 +164,10 @@ class Pilot:
         few = len(turns) <= LEAST_SHARE * self.size
         turn, sharpest = (0.0, 0.0) if few else map(float, np.quantile(turns, (0.9, 0.99)))
         exists = np.broadcast_to(hit | self.camera.sees_sky, self.size)
-        vergence, sky = self._seen(depth, hit, exists)
+        vergence, shown, sky = self._seen(depth, hit, exists, np.zeros(self.size, bool))
         return Probe(
             vergence=vergence,
+            shown=shown,
             sky=sky,
             specular=specular,
             nearly=nearly,
@@ -197,12 +198,13 @@ class Pilot:
         dr.eval(depth, bent, glossy, beyond)
         depth, hit, hits = (np.asarray(values) for values in (depth, view.hit, view.hits))
         exists = np.broadcast_to(view.exists, self.size)
-        vergence, sky = self._seen(depth, hit, exists)
+        vergence, shown, sky = self._seen(depth, hit, exists, hits > 0)
         bent = np.asarray(bent) & exists
         images = 1 / depth[bent]
         return replace(
             probe,
             vergence=vergence,
+            shown=shown,
             sky=sky,
             gloss=1 / depth[exists & np.asarray(glossy)],
             places=self._places(depth, hit, exists & (hit | sky), hits > 0, probe.places.first),
@@ -350,11 +352,12 @@ class Pilot:
         """A random number for each grain."""
         return _sampler(self.seed + 2, size).next_1d()
 
-    def _seen(self, depth, hit, exists):
-        """Vergences of what is seen, and whether sky is."""
+    def _seen(self, depth, hit, exists, image):
+        """Vergences of what is seen, which of them are of images, and whether sky is seen."""
         vergence = 1 / depth[exists & hit].astype(np.float64)
+        finite = np.isfinite(vergence)
         sky = self.scene.environment() is not None and (exists & ~hit).mean() > LEAST_SHARE
-        return vergence[np.isfinite(vergence)], bool(sky)
+        return vergence[finite], np.broadcast_to(image, self.size)[exists & hit][finite], bool(sky)
 
 
 @dataclass(frozen=True)

@@ -106,8 +106,8 @@ def _reason(scenery, layout, one):
     """Why a layout was chosen, in words."""
     reasons = list(dict.fromkeys(part.reason for part in layout.parts))
     if len(layout.parts) > 1:
-        many, few = (sum(mean_rays(scenery.planes(each).value, scenery.branches)) for each in (one, layout))
-        reasons.append(f"{len(layout.parts)} planes need {few / max(many, 1e-9):.0%} of the rays of one")
+        share = layout.rays / max(one.rays, 1e-9)
+        reasons.append(f"{len(layout.parts)} planes need {share:.0%} of the rays of one")
         if one.shadows > LEAST_SHADOWS:
             reasons.append(
                 f"light on the wrong side of edges falls from {one.shadows:.2%} to {layout.shadows:.2%}"

@@ -76,12 +76,13 @@ def plan(
     from .survey import look_at
     from .unmodelled import unmodelled
 
-    settings = resolved(settings or Settings())
+    settings = settings or Settings()
     check_fixed(settings.fixed)
+    settings = resolved(settings)
     warnings = unmodelled(scene)
     if settings.method in BASELINES:
         # the least that tells the depths in view
-        least = replace(settings, method="direct", fixed={"max_depth": settings.max_depth})
+        least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
         return _of_baseline(plan(scene, camera, hologram, least), settings, warnings)
     survey = look_at(scene, camera, hologram, settings, store and store.speed)
     planes = recording_planes(survey)
@@ -144,6 +145,8 @@ def plan(
 def resolved(settings: Settings) -> Settings:
     """Settings with what the method implies, `direct` the paper's estimator, and a wished speckle the frames.
 
+    Vertices of a path that are fixed are the most, too.
+
     Raises
     ------
     InvalidInput
@@ -153,7 +156,8 @@ def resolved(settings: Settings) -> Settings:
     frames = settings.frames
     if settings.speckle is not None:
         frames = frames_for(settings.phase_field, settings.speckle)
-    return replace(settings, estimator=estimator, frames=frames)
+    most = settings.fixed.get("max_depth", settings.max_depth)
+    return replace(settings, estimator=estimator, frames=frames, max_depth=most)
 
 
 def once_baked(
@@ -274,10 +278,11 @@ def _cautions(survey: Survey) -> list[str]:
             f"Mitsuba's rays start {offset:.1g} m off surfaces here, much for a scene {near:.2g} m from the camera: "
             f"mirrors shift and light leaks; move the scene to the origin, or enlarge it."
         )
-    captured = captured_share(survey.hologram, 0.5 * (survey.z_low + survey.z_high))
+    farthest = max(survey.z_low, survey.z_high, key=abs)
+    captured = captured_share(survey.hologram, farthest)
     if captured < LEAST_CAPTURED:
         found.append(
-            f"Only {captured:.0%} of the light fits through the SLM's aperture at {survey.z_high * 1e3:.0f} mm: edges "
+            f"Only {captured:.0%} of the light fits through the SLM's aperture at {farthest * 1e3:.0f} mm: edges "
             f"darken; bring the depth range nearer to the SLM or use more pixels."
         )
     return found

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..tracing.regions import DEPTHS, Sightings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 # of the view: less sky may be cracks between triangles, fewer mirrors are not worth their cost
 LEAST_SHARE = 1e-4
@@ -20,6 +24,8 @@ class Probe:
     ----------
     vergence : numpy.ndarray
         Inverse world depths of what was hit, 1/m; through mirrors and lenses of the image, which may be negative.
+    shown : numpy.ndarray of bool
+        Which of them are images.
     sky : bool
         Whether rays that hit nothing meet an environment.
     specular : float
@@ -66,6 +72,7 @@ class Probe:
     rays_per_second: float
     chains_per_second: float
     compiling: float
+    shown: np.ndarray
     bent: bool = False
     images: np.ndarray = field(default_factory=lambda: np.empty(0))
     splits: int = 0
@@ -76,16 +83,20 @@ class Probe:
         """Share of the occupied cells of the radiance map that have all pupil bins."""
         return min(1.0, max(0.01, len(self.gloss) / max(len(self.vergence), 1) + self.specular))
 
-    def vergence_range(self, trimmed: bool) -> tuple[float, float]:
+    def vergence_range(self, limits: Sequence[float]) -> tuple[float, float]:
         """Smallest and largest inverse depth in view, 1/m.
 
-        Caustics spread a few images over all depths, behind the viewer too: with chains, `trimmed`, a hundredth at
-        either end is left to the nearest depth inside.
+        Caustics spread a few images over all depths, behind the viewer too: of images a hundredth of the view at
+        either end, and what is beyond the limits, is left to the nearest depth inside.
         """
         if not len(self.vergence):
             return 0.0, 0.0
-        low, high = np.quantile(self.vergence, (0.01, 0.99) if trimmed else (0, 1))
-        return float(min(low, 0.0) if self.sky else low), float(high)
+        images, ends = self.vergence[self.shown], self.vergence[~self.shown]
+        if len(images):
+            some = min(0.5, 0.01 * len(self.vergence) / len(images))
+            ends = np.append(ends, np.clip(np.quantile(images, (some, 1 - some)), *limits))
+        low = min(ends.min(), 0.0) if self.sky else ends.min()
+        return float(low), float(ends.max())
 
 
 @dataclass(frozen=True, kw_only=True)

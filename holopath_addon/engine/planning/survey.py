@@ -120,12 +120,10 @@ def look_at(
     pilot = Pilot.of(scene, hologram, camera, mapping, settings)
     hits = specular_hits(pilot, settings)
     chains, seen = hits.value, hits.value.seen
-    most = allowed_vertices(settings)
+    most = settings.max_depth
     least = most if "max_depth" in settings.fixed else 1
     light = pilot.light(PathTracer(most), chains.optics, least, most, noise.firefly(settings))
-    ends = seen.vergence_range(trimmed=bool(chains.longest))
-    if chains.longest:
-        ends = [min(max(end, IMAGE_LIMITS[0] / near), IMAGE_LIMITS[1] / near) for end in ends]
+    ends = seen.vergence_range([limit / near for limit in IMAGE_LIMITS])
     if seen.turn <= GLOSSY_TURN or settings.quality == "draft":  # it looks alike from all over the pupil
         seen = replace(seen, gloss=np.empty(0))
     z_low, z_high = (mapping.z_far + mapping.beta * end for end in ends)
@@ -144,11 +142,6 @@ def look_at(
         z_high=z_high,
         slowness=slowness(folder),
     )
-
-
-def allowed_vertices(settings: Settings) -> int:
-    """Of a radiance path."""
-    return settings.fixed.get("max_depth", settings.max_depth)
 
 
 def specular_hits(pilot: Pilot, settings: Settings) -> Decided[Chains]:

@@ -89,10 +89,13 @@ def many_frames(
     planned = PlannedRender(scene, camera, hologram, settings, plan, Clock())
     planned.bake(store, stage(progress, 0.0, BAKED))
     batches = _batches(count, begin, clocked, hologram)
-    groups = planned.groups
+    groups, left = planned.groups, list(range(len(hologram.wavelengths)))
     for group, at in zip(groups, parts(stage(progress, BAKED, 1.0), len(groups)), strict=True):
         stages = Stages(at, LIT)
-        numbers = [hologram.wavelengths.index(wavelength) for wavelength in group]
+        numbers = []
+        for wavelength in group:  # two may be equal
+            numbers.append(next(k for k in left if hologram.wavelengths[k] == wavelength))
+            left.remove(numbers[-1])
         with planned.recording(group) as recording:
             radiance = recording.radiance(named(stages["radiance"], "Radiance"))
             # the first are apart, as when a render traced them along: then all that is made of them is the same

@@ -90,10 +90,25 @@ def pupils(field: WaveField, share: float, count: int) -> list[list[Pupil | None
 
 
 def shares(field: WaveField, pupil: Pupil) -> np.ndarray:
-    """Of each wavelength's opening, how much a part of the pupil within the light is."""
+    """Of each wavelength's opening, how much a part of the pupil is."""
     hologram, mapping = field.hologram, field.mapping
     radii = np.array([mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths])
-    return (pupil.diameter / 2 / radii) ** 2
+    return _overlap(radii, pupil.diameter / 2, math.hypot(pupil.x, pupil.y)) / (math.pi * radii**2)
+
+
+def _overlap(a, b, apart):
+    """Area that discs of radii a and b have in common, whose centers are so far apart."""
+    apart = np.clip(apart, abs(a - b), a + b)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sides = [np.clip((apart**2 + p**2 - q**2) / (2 * apart * p), -1, 1) for p, q in ((a, b), (b, a))]
+    angles = [
+        np.nan_to_num(np.arccos(side)) for side in sides
+    ]  # of equal discs on each other there is no axis
+    kite = 0.5 * np.sqrt(
+        np.maximum((-apart + a + b) * (apart + a - b) * (apart - a + b) * (apart + a + b), 0.0)
+    )
+    area = a**2 * angles[0] + b**2 * angles[1] - kite
+    return np.where(apart <= abs(a - b), math.pi * np.minimum(a, b) ** 2, area)
 
 
 def even(field: WaveField, picture: np.ndarray, pupil: Pupil) -> np.ndarray:

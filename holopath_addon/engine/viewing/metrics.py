@@ -14,7 +14,8 @@ def display_values(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Image and reference on a common perceptual scale.
 
-    The white w is the 95th percentile of sqrt(reference), so that a lamp in view does not set the scale;
+    The white w is the 95th percentile of sqrt(reference), so that a lamp in view does not set the scale, or its maximum
+    where less than that is lit;
     the image is scaled by s = sum(I R) / sum(I^2) over the pixels with sqrt(R) <= w, all channels together;
     both become min(sqrt, w) / w.
 
@@ -44,7 +45,8 @@ def display_values(
 def _white(reference, border):
     """Root of the bright parts' intensity, which counts as white."""
     inner = slice(border, -border or None)
-    white = np.percentile(np.sqrt(np.maximum(reference[inner, inner], 0)), 95)
+    roots = np.sqrt(np.maximum(reference[inner, inner], 0))
+    white = np.percentile(roots, 95) or roots.max()
     if white <= 0:
         raise ValueError("The reference is black: there is nothing to compare.")
     return white
@@ -118,7 +120,7 @@ def psnr_of_halves(images: np.ndarray, reference: np.ndarray, border: int = 0) -
 
 
 def _decibels(error):
-    return float(-10 * np.log10(error)) if error > 0 else float("inf")
+    return float("inf") if error <= 0 else float(-10 * np.log10(error))
 
 
 def psnr_deviation(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
@@ -131,7 +133,7 @@ def psnr_deviation(image: np.ndarray, reference: np.ndarray, border: int = 0) ->
     variance = 0.5 * (halves[0] - halves[1]) ** 2
     deviation = np.sqrt((2 * (shown - mean) ** 2 * variance).sum()) / shown.size
     error = squared_error(image, reference, border).mean()
-    return float(10 / np.log(10) * deviation / error) if error > 0 else float("inf")
+    return float("inf") if error <= 0 else float(10 / np.log(10) * deviation / error)
 
 
 def ssim(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:

@@ -215,23 +215,25 @@ def path_tracer(scene: mi.Scene, sees_sky: bool, max_depth: int) -> mi.SamplingI
     -------
     mitsuba.SamplingIntegrator
     """
+    import drjit as dr
     import mitsuba as mi
 
     from ..scene.lobes import SpecularLobes
 
     kind = "volpath" if SpecularLobes(scene).passes else "path"
     paths = mi.load_dict({"type": kind, "max_depth": max_depth, "rr_depth": max(5, max_depth)})
-    if sees_sky or scene.environment() is None:
-        return paths
+    hidden = not sees_sky and scene.environment() is not None
 
-    class WithoutSky(mi.SamplingIntegrator):
-        """The same less what comes straight from the environment."""
+    class Paths(mi.SamplingIntegrator):
+        """The same, less what comes straight from an environment that is not seen, and what is no number."""
 
         def sample(self, scene, sampler, ray, medium=None, active=True):
             light, valid, extra = paths.sample(scene, sampler, ray, medium, active)
-            return light - _sky_in_view(scene, ray, active), valid, extra
+            if hidden:
+                light -= _sky_in_view(scene, ray, active)
+            return dr.select(dr.isfinite(light), light, 0), valid, extra
 
-    return WithoutSky(mi.Properties())
+    return Paths(mi.Properties())
 
 
 def _sky_in_view(scene, ray, active):

@@ -80,22 +80,30 @@ class Refocuser:
         farthest = float(np.abs(distances).max())
         for wavelength in hologram.wavelengths:
             needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._strays)
+            needed += 4 * len(distances) * colours * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from the SLM")
-        images = np.empty((len(distances), *shape, colours), np.float32)
+        images, done = np.empty((len(distances), *shape, colours), np.float32), 0
         for k, wavelength in enumerate(hologram.wavelengths):
-            sums = np.zeros((len(distances), *shape), np.float32)
             padded = self._padded(k, farthest)
-            transfers = [transfer_function(padded, hologram.pitch, wavelength, z) for z in distances]
-            if pupil is not None:
-                mask = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil)
-                transfers = [transfer * mask for transfer in transfers]
-            for m in range(frames):
-                waves = self._spectrum(k, m, padded)
-                for total, transfer in zip(sums, transfers, strict=True):
-                    at_focus = field_of(waves * transfer, shape, overwrite=True)
-                    total += at_focus.real**2 + at_focus.imag**2
-                progress((k * frames + m + 1) / (frames * colours), "Refocusing")
-            images[..., k] = sums / frames
+            mask = None if pupil is None else pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil)
+            together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
+            for first in range(0, len(distances), together):
+                some = slice(first, first + together)
+                transfers = [
+                    transfer_function(padded, hologram.pitch, wavelength, z) for z in distances[some]
+                ]
+                if mask is not None:
+                    for transfer in transfers:
+                        transfer *= mask
+                sums = np.zeros((len(transfers), *shape), np.float32)
+                for m in range(frames):
+                    waves = self._spectrum(k, m, padded)
+                    for total, transfer in zip(sums, transfers, strict=True):
+                        at_focus = field_of(waves * transfer, shape, overwrite=True)
+                        total += at_focus.real**2 + at_focus.imag**2
+                    done += len(transfers)
+                    progress(done / (len(distances) * frames * colours), "Refocusing")
+                images[some, ..., k] = sums / frames
         return images
 
     def _padded(self, k, distance):

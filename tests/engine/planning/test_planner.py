@@ -38,6 +38,11 @@ def test_too_few_rays_and_too_small_an_aperture_are_warned_of(build, camera, sma
         "rays a pixel" in w
         for w in engine.plan(scene, camera, small, engine.Settings(spp=20, planes=1)).warnings
     )
+    through = replace(small, depth_far=-40e-3, depth_near=40e-3)  # its middle lies in the SLM
+    assert any(
+        "aperture at -40 mm" in w or "aperture at 40 mm" in w
+        for w in engine.plan(scene, camera, through).warnings
+    )
     far = replace(small, depth_far=80e-3, depth_near=85e-3)
     assert any("aperture" in w for w in engine.plan(scene, camera, far).warnings)
     assert engine.plan(scene, camera, small).warnings == ()
@@ -183,6 +188,35 @@ def test_chains_are_followed_where_mirrors_are_seen(build, camera):
     whole = engine.render(scene, camera, display, settings, replace(plan, regions=False))
     assert field.report["rays"]["wave rays"] < 0.7 * whole.report["rays"]["wave rays"]
     assert difference(field, whole) < 0.1
+
+
+def test_surfaces_are_where_they_are_beside_glass(build, camera, small):
+    """Of images outliers are left out; of what is seen straight, a small thing near the viewer is not."""
+    parts = {
+        "near": build.plane(0.4, build.emissive(build.texture(64, 3)), 0.003, 0.003),
+        "wall": build.plane(2.0, build.emissive(build.texture(64, 3))),
+    }
+    ball = {"type": "sphere", "center": [0.1, 0, -1.2], "radius": 0.05, "bsdf": {"type": "dielectric"}}
+    plain, glass = (
+        engine.plan(build.scene(**each), camera, small) for each in (parts, parts | {"ball": ball})
+    )
+    assert glass.chain and glass.near == plain.near
+    assert glass.z_high >= plain.z_high - 1e-9 and glass.z_low <= plain.z_low + 1e-9
+
+
+def test_baselines_need_no_memory_for_what_they_do_not_compute(build, camera):
+    far = engine.Hologram(512, 512, 3.74e-6, (516.5e-9,), 80e-3, 85e-3)
+    scene = build.two_planes(build.emissive)
+    direct = engine.plan(scene, camera, far, engine.Settings(method="rgbd", frames=1))
+    assert direct.memory_bytes < 1e9
+
+
+def test_vertices_that_are_fixed_are_those_of_baked_light(build, camera, small):
+    """And of what it is compared with."""
+    from holopath_addon.engine.planning import planner
+
+    settings = planner.resolved(engine.Settings(method="fast", fixed={"max_depth": 2}))
+    assert settings.max_depth == 2
 
 
 @pytest.mark.parametrize(("seen", "hits"), [(True, 3), (False, 2)])

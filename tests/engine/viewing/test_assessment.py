@@ -70,6 +70,18 @@ def test_pupils_lie_within_the_light():
     assert assessment.pupils(field, 1.0, 1) == [[engine.Pupil(0.0, 0.0, 2 * radius)]]
 
 
+@pytest.mark.parametrize(("x", "diameter"), [(0, 0.4), (0.5, 1), (0.9, 0.6), (0, 2.5), (0.5, 1.6), (0, 2)])
+def test_shares_of_a_part_of_the_pupil(x, diameter):
+    """By counting points; parts are in radii of all that light fills."""
+    field = points((0, 0, 5e-3))
+    radius = field.mapping.pupil_radius(field.hologram.max_slope(WAVELENGTH))
+    across, up = np.meshgrid(*[np.linspace(-1, 1, 1001)] * 2)
+    inside = np.hypot(across, up) <= 1
+    seen = inside & (np.hypot(across - x, up) <= diameter / 2)
+    (share,) = assessment.shares(field, engine.Pupil(x * radius, 0.0, diameter * radius))
+    assert share == pytest.approx(seen.sum() / inside.sum(), abs=2e-3)
+
+
 def test_depth_is_a_slope_in_slices():
     """A point at dz before the focus is seen by slope s at -s dz: x runs with the pupil, or against it behind."""
     for z, sign in ((9e-3, -1), (5e-3, 1)):

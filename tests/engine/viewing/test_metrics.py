@@ -1,5 +1,7 @@
 """Picture comparison: DESIGN's measure, and SSIM against scikit-image."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -93,6 +95,25 @@ def test_a_blurred_reference_has_its_blur_as_its_error(smooth):
     halves = halves_of(truth, 64)
     assert metrics.psnr_of_halves(blurred(halves), halves) == pytest.approx(known, abs=0.2)
     assert metrics.psnr(blurred(halves.mean(0)), halves.mean(0)) < known - 1
+
+
+def test_a_small_thing_before_black():
+    """Where less than a twentieth is lit, the brightest counts as white."""
+    lit = np.zeros((40, 40, 1))
+    lit[18:22, 18:22] = 4.0
+    half = lit / 4
+    half[18:20, 18:22] = 0
+    assert metrics.psnr(lit, 3 * lit) == np.inf
+    # the scale is 1 for what is there; a half of 16 in 1600 pixels is wrong by white
+    assert metrics.psnr(half, lit) == pytest.approx(-10 * math.log10(8 / 1600))
+
+
+def test_what_is_no_number_is_not_perfect(pictures):
+    image, reference = pictures
+    broken = np.array(reference)
+    broken[20, 20] = np.nan
+    with np.errstate(invalid="ignore"):
+        assert not metrics.psnr(image, broken) > 0
 
 
 def test_black_reference_is_refused(pictures):

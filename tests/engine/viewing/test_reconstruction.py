@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine.viewing import reconstruction
 
 
 def test_refocusing_in_two_threads(field):
@@ -18,6 +19,15 @@ def test_refocusing_in_two_threads(field):
     for depth, image in zip(focus, found, strict=True):
         expected = engine.reconstruct(field, [depth])[0]
         np.testing.assert_allclose(image, expected, rtol=1e-5, atol=1e-6 * expected.max())
+
+
+def test_however_many_distances_fit_into_memory_at_once(field, monkeypatch):
+    focus = [0.05, 0.5, 3.0, math.inf]
+    parts = None, engine.Pupil(0.0, 0.0, 2e-3)
+    together = [engine.reconstruct(field, focus, part) for part in parts]
+    monkeypatch.setattr(reconstruction, "MOST_BYTES", 1)
+    for part, expected in zip(parts, together, strict=True):
+        np.testing.assert_array_equal(engine.reconstruct(field, focus, part), expected)
 
 
 def test_pupil_outside_the_light_is_refused(field):
