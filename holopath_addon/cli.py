@@ -195,7 +195,8 @@ def _add_modulator(parser):
 
 def _plan(args):
     seconds = render_command.encode_seconds_of(args)
-    loaded, hologram, settings = render_command.load(args, sources.open_source(args.scene))
+    loaded, hologram, settings = render_command.load(args, sources.asked(args))
+    render_command.check_encoding(args, settings, hologram)
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = None
     if args.encode != "none":

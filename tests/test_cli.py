@@ -381,6 +381,44 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
     refused(cli.main(["reconstruct", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
 
 
+def opened(blend, *words):
+    args = cli.parse(["render", str(blend), "--out", "out", *words])
+    return sources.asked(args)
+
+
+def test_scenes_view_layers_and_scripts_of_a_file(empty_scene, tmp_path):
+    import bpy
+
+    text = bpy.data.texts.new("far.py")
+    text.write("import bpy\nbpy.app.driver_namespace['far'] = lambda: 7.0")
+    text.use_module = True
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.driver_add("location", 0).driver.expression = "far()"
+    other = bpy.data.scenes.new("Other")
+    for scene in (empty_scene, other):
+        scene.collection.objects.link(camera)
+        scene.camera = camera
+    kept = bpy.data.collections.new("Kept")
+    other.collection.children.link(kept)
+    bpy.ops.mesh.primitive_plane_add(location=(0, 0, -2))
+    kept.objects.link(bpy.context.object)
+    other.view_layers.new("Bare").layer_collection.children["Kept"].exclude = True
+    blend = tmp_path / "two.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+
+    loaded = opened(blend).load(16, 16)
+    assert loaded.camera.position[0] == 0 and "--run-scripts" in loaded.notes[-1]["effect"]
+    loaded = opened(blend, "--run-scripts").load(16, 16)
+    assert loaded.camera.position[0] == 7 and not any("--run-scripts" in n["effect"] for n in loaded.notes)
+    assert opened(blend, "--scene-name", "Other").load(16, 16).scene.shapes()
+    with pytest.raises(engine.InvalidInput, match="nothing visible"):
+        opened(blend, "--scene-name", "Other", "--view-layer", "Bare").load(16, 16)
+    with pytest.raises(engine.InvalidInput, match="no view layer 'Front': choose one of 'ViewLayer', 'Bare'"):
+        opened(blend, "--scene-name", "Other", "--view-layer", "Front")
+    with pytest.raises(engine.InvalidInput, match="no scene 'None'"):
+        opened(blend, "--scene-name", "None")
+
+
 def test_encode(rendered, xml, tmp_path, capfd):
     """Afterwards from the stored field: without its scene, with double phase, and what cannot be."""
     phases = str(tmp_path / "phases")
@@ -448,7 +486,7 @@ def test_the_camera_and_the_frame_of_a_render_are_found_again(empty_scene, tmp_p
     words = ["--method", "refine", "--encode-seconds", "2", "--quiet"]
     assert cli.main(["encode", str(out), *words]) == 0, capfd.readouterr().err
     report = json.loads((out / "report.json").read_text())
-    assert report["opened"] == {"frame": 3, "camera": "Far"}
+    assert report["opened"] == {"frame": 3, "camera": "Far", "scene": None, "view_layer": None}
     report["opened"]["frame"] = 4
     (out / "report.json").write_text(json.dumps(report))
     refused(cli.main(["encode", str(out), *words]), capfd.readouterr().err, 2, "has changed")

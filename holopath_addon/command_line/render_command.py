@@ -156,6 +156,17 @@ def add_scene(parser, store):
         help="then turn it, degrees",
     )
     add_at_frame(parser)
+    add("--scene-name", metavar="NAME", help="scene of a .blend (default: the one in which it was saved)")
+    add("--view-layer", metavar="NAME", help="its view layer (default: the first one)")
+    add_run_scripts(parser)
+
+
+def add_run_scripts(parser):
+    parser.add_argument(
+        "--run-scripts",
+        action="store_true",
+        help="let a .blend run its Python, such as drivers; only for files that you trust",
+    )
 
 
 def add_at_frame(parser, default="the file's current one"):
@@ -342,8 +353,16 @@ def load(args, source):
     return replace(loaded, camera=camera), hologram, settings
 
 
-def _check_encoding(method, settings, display):
-    """Refuse what cannot be encoded before anything is rendered."""
+def check_encoding(args, settings, hologram):
+    """Levels and display model by which phases are to be found; what cannot be encoded is refused before a render."""
+    method, levels, display = args.encode, levels_of(args, hologram), display_of(args, hologram.wavelengths)
+    if levels is not None and args.bits is not None:
+        raise engine.InvalidInput("Levels that were measured have a number of their own: leave out --bits.")
+    for name in ("correction", "variation") if display is not None else ():
+        if any(getattr(each, name, None) is not None for each in levels or ()):
+            raise engine.InvalidInput(
+                f"A display model knows no {name}: leave out either in {args.response}."
+            )
     if method == "dpac" and display is not None:
         raise engine.InvalidInput(
             "Double phase knows no display model: choose --encode sgd or joint, or leave out --response."
@@ -352,14 +371,14 @@ def _check_encoding(method, settings, display):
         raise engine.InvalidInput(
             f"The encoding refine needs many frames, which the method {settings.method} has not: choose --encode joint."
         )
+    return levels, display
 
 
 def still_of(args, source, job=None):
     """The `Still` that the words ask for, of the scene in its current frame."""
     seconds = encode_seconds_of(args)
     loaded, hologram, settings = load(args, source)
-    display = display_of(args, hologram.wavelengths)
-    _check_encoding(args.encode, settings, display)
+    levels, display = check_encoding(args, settings, hologram)
     return stills.Still(
         args.scene,
         loaded.scene,
@@ -377,10 +396,15 @@ def still_of(args, source, job=None):
         args.rgbd,
         args.light_field,
         encode_seconds=seconds,
-        levels=levels_of(args, hologram),
+        levels=levels,
         quilt=args.quilt,
         display=display,
-        opened={"frame": source.frame, "camera": args.camera},
+        opened={
+            "frame": source.frame,
+            "camera": args.camera,
+            "scene": args.scene_name,
+            "view_layer": args.view_layer,
+        },
     )
 
 
@@ -403,7 +427,7 @@ def _work(args, progress):
     start = time.perf_counter()
     with output.output_folder(args.out) as folder:
         progress(0.0, "Opening the scene")
-        source = sources.open_source(args.scene)
+        source = sources.asked(args)
         progress(0.03, "Exporting the scene")
         still = still_of(args, source)
         spent = time.perf_counter() - start
@@ -472,7 +496,7 @@ def _frames(args, out, say, saved):
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
     if args.at_frame is not None:
         raise engine.InvalidInput("An animation has frames of its own: leave out --at-frame.")
-    source = sources.open_source(args.scene)
+    source = sources.asked(args)
     assert isinstance(source, sources.BlenderSource)
     job, told = _job(args, source), set()
 
@@ -507,7 +531,7 @@ def _joined(args, say):
 
 def _parts(args, out, say, saved):
     """The parts of a still, and the unit that joins them."""
-    source = sources.open_source(args.scene)
+    source = sources.asked(args)
     job = _job(args, source)
 
     def still():

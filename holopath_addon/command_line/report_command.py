@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import engine, output
+from ..engine.planning.planner import resolved
 from ..engine.progress import Stages, parts, stage, with_time_left
 from ..engine.viewing import assessment
 from ..engine.viewing.metrics import speckle_contrast
@@ -39,6 +40,7 @@ def add(command):
         "that DIR/report.json names",
     )
     render_command.add_at_frame(report, "the one of the field")
+    render_command.add_run_scripts(report)
     report.add_argument(
         "--paths",
         type=options.argument(_paths),
@@ -194,7 +196,7 @@ def _truth(args, field, say):
         if args.at_frame is not None:
             raise engine.InvalidInput("--at-frame is of the scene to compare with: add --scene.")
         return None
-    found = sources.reopen(args.folder, field, args.scene or None, args.at_frame)
+    found = sources.reopen(args.folder, field, args.scene or None, args.at_frame, args.run_scripts)
     if not found.same and not args.scene:
         raise engine.InvalidInput(
             f"{found.name} has changed since the field was rendered, or is at another frame: name it after --scene to "
@@ -202,7 +204,7 @@ def _truth(args, field, say):
         )
     if not found.same:
         say(f"note: {found.name} is not what the field was rendered of.")
-    settings = found.settings or engine.Settings()
+    settings = resolved(found.settings or engine.Settings())
     return assessment.PathTraced(found.scene, field, args.paths, settings.max_depth)
 
 

@@ -49,36 +49,75 @@ class Loaded:
 
 
 class BlenderSource:
-    """The file that is open in bpy. Its HoloPath settings are the defaults."""
+    """The file that is open in bpy. Its HoloPath settings are the defaults.
+
+    Attributes
+    ----------
+    scene : bpy.types.Scene
+        The one in which the file was saved, or that was chosen.
+    """
 
     def __init__(self):
         from ..export import ExportCache
 
         self._cache = ExportCache()  # frames of an animation differ little
+        self._scene, self._layer = "", ""  # names, where they are chosen
+
+    @property
+    def scene(self):
+        import bpy
+
+        scene = bpy.data.scenes[self._scene] if self._scene else bpy.context.scene
+        assert scene is not None  # every file has one
+        return scene
+
+    def choose(self, scene=None, view_layer=None):
+        """Choose another scene or view layer of the file, by its name.
+
+        Raises
+        ------
+        engine.InvalidInput
+            If it has none of that name.
+        """
+        import bpy
+
+        for name, there, kind, flag in (
+            (scene, bpy.data.scenes, "scene", "--scene-name"),
+            (
+                view_layer,
+                (bpy.data.scenes.get(scene or "") or self.scene).view_layers,
+                "view layer",
+                "--view-layer",
+            ),
+        ):
+            if name and name not in there:
+                others = ", ".join(f"'{each.name}'" for each in there)
+                raise engine.InvalidInput(f"There is no {kind} '{name}': choose one of {others} with {flag}.")
+        self._scene, self._layer = scene or self._scene, view_layer or ""
 
     @property
     def hologram(self):
         """`engine.Hologram` of the settings in the current frame."""
         from .. import properties
 
-        return properties.hologram_of(properties.of(_scene()))
+        return properties.hologram_of(properties.of(self.scene))
 
     @property
     def settings(self):
         """`engine.Settings` in the current frame."""
         from .. import properties
 
-        return properties.settings_of(properties.of(_scene()))
+        return properties.settings_of(properties.of(self.scene))
 
     @property
     def frame(self):
         """Number of the current frame."""
-        return _scene().frame_current
+        return self.scene.frame_current
 
     @property
     def frames(self):
         """Numbers of the frames of the animation."""
-        scene = _scene()
+        scene = self.scene
         return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
 
     @property
@@ -108,7 +147,7 @@ class BlenderSource:
         """Make a frame the current one."""
         # in a handler Blender would swallow an interrupt
         with native_output_to_stderr(), uninterrupted():
-            _scene().frame_set(frame)
+            self.scene.frame_set(frame)
 
     def load(self, width, height, camera=None):
         """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""
@@ -116,11 +155,34 @@ class BlenderSource:
 
         from ..export import export_scene
 
-        with uninterrupted():
-            variants.activate()
-            depsgraph = bpy.context.evaluated_depsgraph_get()
-        exported = export_scene(depsgraph, (width, height), camera, self._cache)
-        return Loaded(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
+        chosen: contextlib.AbstractContextManager = contextlib.nullcontext()
+        if self._scene or self._layer:
+            scene = self.scene
+            chosen = bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[self._layer or 0])
+        with chosen:
+            with uninterrupted():
+                variants.activate()
+                depsgraph = bpy.context.evaluated_depsgraph_get()
+            exported = export_scene(depsgraph, (width, height), camera, self._cache)
+        notes = [note.to_dict() for note in exported.notes]
+        return Loaded(exported.scene, exported.camera, notes + _scripts_left_out())
+
+
+def _scripts_left_out():
+    """A note where the file has Python that was not run."""
+    import bpy
+
+    if not bpy.app.autoexec_fail:
+        return []
+    effect = "not run, so what it moves stands still: add --run-scripts, if you trust the file"
+    return [
+        {
+            "object": bpy.app.autoexec_fail_message or "file",
+            "feature": "Python",
+            "effect": effect,
+            "material": "",
+        }
+    ]
 
 
 def _baked(blend):
@@ -161,14 +223,6 @@ def _files_at(path, sequence):
         r"<UDIM>|<UVTILE>", "*", re.sub(r"\d+(?=\D*$)", "[0-9]*", pattern) if sequence else pattern
     )
     return [path] if pattern == glob.escape(path.name) else [*path.parent.glob(pattern)] or [path]
-
-
-def _scene():
-    import bpy
-
-    scene = bpy.context.scene
-    assert scene is not None  # every file has one
-    return scene
 
 
 class MitsubaSource:
@@ -269,13 +323,43 @@ def camera_of(sensor):
     )
 
 
-def open_source(text):
+def asked(args):
+    """Open the scene that words ask for.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        With `scene`, `scene_name`, `view_layer` and `run_scripts`.
+
+    Returns
+    -------
+    BlenderSource or MitsubaSource
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+        As of `open_source`.
+    """
+    names, blend = (args.scene_name, args.view_layer), not args.scene.lower().endswith(".xml")
+    if not blend and (any(names) or args.run_scripts):
+        raise engine.InvalidInput(
+            f"{args.scene} is no file of Blender's: leave out --scene-name, --view-layer and --run-scripts."
+        )
+    source = open_source(args.scene, args.run_scripts)
+    if isinstance(source, BlenderSource):
+        source.choose(*names)
+    return source
+
+
+def open_source(text, run_scripts=False):
     """Open what the command line calls SCENE.
 
     Parameters
     ----------
     text : str
         Path of a .blend or Mitsuba .xml, or ``demo:NAME``.
+    run_scripts : bool
+        Whether a .blend may run its Python.
 
     Returns
     -------
@@ -300,7 +384,7 @@ def open_source(text):
     bpy = _bpy("A .blend file")
     with native_output_to_stderr():
         try:
-            bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False, use_scripts=False)
+            bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False, use_scripts=run_scripts)
         except RuntimeError as error:
             reason = " ".join(str(error).split()).removeprefix("Error: ")
             raise engine.InvalidInput(f"{text} cannot be opened by this Blender: {reason}") from error
@@ -386,7 +470,7 @@ def named(report):
     return path if path and name and not Path(name).exists() and Path(path).exists() else name
 
 
-def reopen(folder, field, name=None, at_frame=None) -> Reopened:
+def reopen(folder, field, name=None, at_frame=None, run_scripts=False) -> Reopened:
     """Open the scene of a stored field.
 
     Parameters
@@ -399,6 +483,8 @@ def reopen(folder, field, name=None, at_frame=None) -> Reopened:
         Default: what its report says.
     at_frame : int, optional
         Frame of a Blender scene. Default: that of the field.
+    run_scripts : bool
+        Whether a .blend may run its Python.
 
     Raises
     ------
@@ -411,9 +497,12 @@ def reopen(folder, field, name=None, at_frame=None) -> Reopened:
     if not name:
         raise engine.InvalidInput(f"{folder} does not say which scene it is of: name it with --scene.")
     settings = _settings(folder, report)
-    source = open_source(name)
-    if at_frame is None and isinstance(source, BlenderSource):
-        at_frame = opened.get("frame")
+    source = open_source(name, run_scripts)
+    if isinstance(source, BlenderSource):
+        with contextlib.suppress(engine.InvalidInput):  # another file than the field's has others
+            source.choose(opened.get("scene"), opened.get("view_layer"))
+        if at_frame is None:
+            at_frame = opened.get("frame")
     to_frame(at_frame, name, source)
     variants.activate()
     from ..engine.scene.fingerprint import scene_digest

@@ -47,14 +47,16 @@ class _Scenes:
 
     def __init__(self):
         self._source: Any = None
-        self._name, self._moved = "", False
+        self._name: tuple = ()
+        self._moved = False
 
-    def open(self, name, at_frame=None):
-        """The source of a scene: of Blender's in the frame that the file has, where none is to be gone to."""
-        if name != self._name or (self._moved and at_frame is None):
-            self._name, self._source = "", None  # before another takes its memory
-            self._source, self._name, self._moved = sources.open_source(name), name, False
-        self._moved |= at_frame is not None
+    def open(self, args):
+        """The source of a run: of Blender's in the frame that the file has, where none is to be gone to."""
+        name = args.scene, args.scene_name, args.view_layer, args.run_scripts
+        if name != self._name or (self._moved and args.at_frame is None):
+            self._name, self._source = (), None  # before another takes its memory
+            self._source, self._name, self._moved = sources.asked(args), name, False
+        self._moved |= args.at_frame is not None
         return self._source
 
 
@@ -121,20 +123,20 @@ def words_of(study, run):
 
 def _work(study, out, runs, say):
     scenes = _Scenes()
-    work = Work(out / "runs", _job(study, scenes), {}, [])
+    work = Work(out / "runs", _job(study, list(runs.values()), scenes), {}, [])
     for number, (folder, asked) in enumerate(runs.items(), 1):
         work.units[folder.name] = _unit(out, folder, asked, scenes, work, f"Run {number} of {len(runs)}", say)
     return work
 
 
-def _job(study, scenes):
+def _job(study, asked, scenes):
     """What decides the results: with other runs, or a scene saved anew, it is another study."""
     files: dict = {}
     decides: dict = {"runs": sorted(run.digest for run in study.runs)}
-    for run in study.runs:
+    for run, args in zip(study.runs, asked, strict=True):
         if run.scene in decides:
             continue
-        found = scenes.open(study.scene(run)).files
+        found = scenes.open(argparse.Namespace(**{**vars(args), "at_frame": None})).files
         told = {f"{run.scene}: {name}": digest for name, digest in digests(found).items()}
         decides[run.scene] = told.pop(f"{run.scene}: {Path(run.scene).name}", "")
         files |= told
@@ -153,7 +155,7 @@ def _unit(out, folder, args, scenes, work, called, say):
         try:
             start = time.perf_counter()
             progress(0.0, "Opening the scene")
-            source = scenes.open(args.scene, args.at_frame)
+            source = scenes.open(args)
             progress(0.03, "Exporting the scene")
             still = render_command.still_of(args, source, job)
             spent = time.perf_counter() - start

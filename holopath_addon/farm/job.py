@@ -72,7 +72,7 @@ class SharedJob:
         with _entered(folder) as door, ExitStack() as inside:
             with door.wait(_DOOR):
                 files.sweep(folder / NAME)
-                begun = _read(folder)
+                begun = job_of(folder)
                 if begun is None or begun != self:  # else all who work here were let in by this very job
                     others = {n: c for n, c in door.holders().items() if c.tag not in ("", self.digest)}
                     self._check(folder, begun, others)
@@ -88,10 +88,10 @@ class SharedJob:
                         (folder / NAME).unlink()
                 raise
             if (
-                _read(folder) or self
+                job_of(folder) or self
             ).unfinished & names:  # of all that end at once the first one strikes them out
                 with door.wait(_DOOR):
-                    self._write(folder, (_read(folder) or self).unfinished - names)
+                    self._write(folder, (job_of(folder) or self).unfinished - names)
 
     def _check(self, folder, begun, others):
         if begun is not None:
@@ -157,8 +157,14 @@ def _entered(folder):
             folder.rmdir()
 
 
-def _read(folder):
-    """The job that a folder's work belongs to; None where there is none."""
+def job_of(folder: Path) -> SharedJob | None:
+    """The job that a folder's work belongs to; None where there is none.
+
+    Raises
+    ------
+    InvalidInput
+        If its file is broken.
+    """
     file = folder / NAME
     try:
         told = json.loads(file.read_text())

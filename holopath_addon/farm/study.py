@@ -26,7 +26,7 @@ from ..engine.settings import DECLARED
 from . import ranges
 
 # What a run may be asked, by the names of `holopath render`.
-FLAGS = ("compare_reference", "rgbd")
+FLAGS = ("compare_reference", "rgbd", "run_scripts")
 NAMES = (
     *DECLARED,
     *("display", "resolution", "pitch", "wavelengths", "depth_range", "depth_mapping", "near"),
@@ -35,6 +35,8 @@ NAMES = (
         "move",
         "turn",
         "at_frame",
+        "scene_name",
+        "view_layer",
         "focus",
         "pupil",
         "encode",
