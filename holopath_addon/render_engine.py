@@ -45,16 +45,18 @@ class HoloPathEngine(bpy.types.RenderEngine):
             self.update_progress(0.0)
             self.update_stats("", "HoloPath: Reading the scene")
             start = time.perf_counter()
-            task = on_main_thread(lambda: session.prepare(depsgraph, properties.of(depsgraph.scene), size))
+            props, camera = properties.of(depsgraph.scene), self.camera_override
+            task = on_main_thread(lambda: session.prepare(depsgraph, props, size, camera))
             spent = time.perf_counter() - start
-            keep = self.is_animation and properties.of(depsgraph.scene).keep_fields
+            keep = self.is_animation and props.keep_fields
             listed = keep or properties.of_layer(layer).use_pass_focus
-            still = task.still(properties.focus_list_of(properties.of(depsgraph.scene)) if listed else ())
+            still = task.still(properties.focus_list_of(props) if listed else ())
             if keep:
                 result = self._kept(still, _folder(depsgraph), progress, spent)
             else:
                 result = still.compute(progress)
             session.keep(task, result)
+            session.current.found = result.focus[0] if task.focus is None else None
             pixels = _pixels(still, result, depsgraph)
         except BaseException as error:
             failure = session.fail(error)

@@ -25,6 +25,7 @@ from .export.camera import about, export_camera, find_camera
 from .export.notes import Notes
 from .operators import session
 from .operators.jobs import Job
+from .operators.working import dragging
 
 TICK = 0.05  # seconds between two looks at what is to be done
 CALM = 0.2  # seconds without a change, before a scene that takes longer to read than QUICK is read again
@@ -222,7 +223,7 @@ class Viewport:
         now = time.monotonic()
         if self._reading < QUICK and not session.cache.bakes:
             return now - self._read > CALM
-        return now - self._changed > CALM and not _transforming()
+        return now - self._changed > CALM and not dragging()
 
     def read(self):
         """Export the scene."""
@@ -407,15 +408,6 @@ def of(engine, region):
     viewport = _viewports.setdefault(region.as_pointer(), Viewport())
     viewport.belong(engine)
     return viewport
-
-
-def _transforming():
-    """Whether the user is moving, turning or scaling something."""
-    return any(
-        operator.bl_idname.startswith("TRANSFORM_OT_")
-        for window in bpy.data.window_managers[0].windows
-        for operator in getattr(window, "modal_operators", ())
-    )
 
 
 def _wake():

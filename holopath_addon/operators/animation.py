@@ -33,7 +33,7 @@ class HOLOPATH_OT_render_animation(bpy.types.Operator):
 
     def _start(self, context):
         try:
-            background.start(context.scene)
+            background.start(context.scene, context.view_layer)
         except Exception:
             return refused(self, background.current.error)
         finally:

@@ -21,10 +21,13 @@ import bpy
 
 from .. import engine, failures, preferences, properties
 from ..command_line.attended import COPY
+from ..farm.job import job_of
 from . import session
 from .hologram import ENOUGH_BITS
+from .working import push_undo
 
 REDRAW = 0.5  # seconds between two looks for news
+UNTITLED = "untitled.blend"  # of a file that is not saved yet
 ENOUGH = 0.2  # of a frame, after which the time of the others is told
 _NOTE = re.compile(r"(?:frame_\d+: )?note: (.*)")
 _MAKING = re.compile(r"(Light|Frame -?\d+): (.*)")
@@ -193,16 +196,17 @@ def folder_of(scene):
         raise engine.InvalidInput(
             "The animation's wave fields have no folder: save the .blend, or choose a folder in the Output properties."
         )
-    return Path(bpy.path.abspath(path))
+    return Path(bpy.path.abspath(path)).absolute()
 
 
-def start(scene):
+def start(scene, view_layer):
     """Have a process render the animation of a scene as it is now; how that goes is told by `current`.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-        That of the window.
+    view_layer : bpy.types.ViewLayer
+        Those of the window.
 
     Raises
     ------
@@ -210,13 +214,14 @@ def start(scene):
     """
     global current
     changed = bpy.data.is_dirty
-    name = Path(bpy.data.filepath).name or "untitled.blend"
+    name = Path(bpy.data.filepath).name or UNTITLED
     current = Background(name, len(frames_of(scene)), message="Starting Blender")
     try:
         folder = folder_of(scene)
+        _check_free(folder, name, scene.name)
         copy = _copied(folder, name)
         try:
-            words = _words(properties.of(scene), copy, folder)
+            words = [*_words(properties.of(scene), copy, folder), *_opened(scene, view_layer)]
             current.start(*_command(words, bpy.app.binary_path), folder, lambda: _remove(copy))
         except BaseException:
             _remove(copy)
@@ -229,6 +234,26 @@ def start(scene):
             bpy.app.timers.register(_mark_as_changed)
     if not bpy.app.background:
         bpy.app.timers.register(_watch, first_interval=REDRAW, persistent=True)
+
+
+def _check_free(folder, file, scene):
+    """Refuse a folder with the animation of another file or scene, whose frames would be replaced."""
+    job = job_of(folder)
+    if job is None or job.scene == UNTITLED:  # it may have been saved since
+        return
+    other = job.words.get("scene_name") or scene
+    if (job.scene, other) != (file, scene):
+        whose = job.scene if job.scene != file else f"the scene '{other}'"
+        raise engine.InvalidInput(
+            f"{folder} holds the animation of {whose}, which would be replaced: choose another folder in the Output "
+            "properties, or delete that one."
+        )
+
+
+def _opened(scene, view_layer):
+    """Words for what of the file is rendered: what the window shows, with Python where this Blender ran all of it."""
+    words = [f"--scene-name={scene.name}", f"--view-layer={view_layer.name}"]
+    return words if bpy.app.autoexec_fail else [*words, "--run-scripts"]
 
 
 def _copied(folder, name):
@@ -301,7 +326,7 @@ def _encoding(props):
     if seconds is not None:
         words += ["--encode-seconds", repr(seconds)]
     if props.device.calibration:
-        return [*words, "--response", bpy.path.abspath(props.device.calibration)]
+        return [*words, "--response", str(Path(bpy.path.abspath(props.device.calibration)).absolute())]
     return words if props.bits >= ENOUGH_BITS else [*words, "--bits", str(props.bits)]
 
 
@@ -330,8 +355,7 @@ def _command(words, blender):
 
 def _mark_as_changed():
     """Have Blender ask for unsaved changes as before: the copy that was saved clears its mark, some events later."""
-    with bpy.context.temp_override(window=bpy.data.window_managers[0].windows[0]):
-        bpy.ops.ed.undo_push(message="Render Animation")
+    push_undo("Render Animation")
 
 
 def _watch():

@@ -52,7 +52,7 @@ class HOLOPATH_OT_show_texture(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        baked = session.current.texture is not None
+        baked = context.scene is not None and session.texture_of(context.scene) is not None
         return ready(cls, baked, "Nothing is baked yet: press Bake") and free(cls)
 
     def execute(self, context: bpy.types.Context):

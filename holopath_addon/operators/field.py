@@ -2,15 +2,13 @@
 
 import math
 import time
-from pathlib import Path
 
 import bpy
-from bpy.props import StringProperty
 
-from .. import engine, properties
+from .. import properties
 from ..export import depth_of, unit_scale
 from . import session
-from .working import free, ready, refused, rendered
+from .working import Saving, free, ready, refused, rendered
 
 
 class HOLOPATH_OT_refocus(bpy.types.Operator):
@@ -33,32 +31,24 @@ class HOLOPATH_OT_refocus(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_save_field(bpy.types.Operator):
+class HOLOPATH_OT_save_field(Saving, bpy.types.Operator):
     """Write the stored wave field to a folder: field.npy and meta.json"""
 
     bl_idname = "holopath.save_field"
     bl_label = "Save Wave Field"
-
-    directory: StringProperty(name="Folder", description="Where to save", subtype="DIR_PATH")
+    thing = "wave field"
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
-        return rendered(cls)
+        return rendered(cls) and super().poll(context)
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
-        bpy.data.window_managers[0].fileselect_add(self)
-        return {"RUNNING_MODAL"}
+    def what(self):
+        return session.rendered().field
 
-    def execute(self, context: bpy.types.Context):
-        try:
-            if not self.directory:
-                raise engine.InvalidInput("No folder is given: choose one to save the wave field in.")
-            folder = Path(bpy.path.abspath(self.directory)) / "wavefield"
-            session.rendered().field.save(folder)
-        except Exception as error:
-            return refused(self, session.fail(error))
-        self.report({"INFO"}, f"Wave field saved in {folder}.")
-        return {"FINISHED"}
+    @staticmethod
+    def write(what, folder, progress):
+        progress(0.0, "Writing the wave field")
+        what.save(folder)
 
 
 class HOLOPATH_OT_focus_from_selected(bpy.types.Operator):

@@ -1,15 +1,12 @@
 """Encode the stored wave field for an SLM, look at the phases and save them."""
 
-from pathlib import Path
-
 import bpy
-from bpy.props import StringProperty
 
 from .. import engine, pipeline, preferences, properties
 from ..device_properties import calibration_of
 from ..engine.scene import variants
 from . import session
-from .working import Working, encoded, rendered
+from .working import Saving, Working, encoded, rendered
 
 ENOUGH_BITS = 8  # from here on rounding costs nothing that can be seen
 
@@ -78,52 +75,22 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         )
 
 
-class HOLOPATH_OT_save_hologram(Working, bpy.types.Operator):
+class HOLOPATH_OT_save_hologram(Saving, bpy.types.Operator):
     """Write the phases to a folder: phase.npy, and for each frame and colour a picture of 8 bits as an SLM takes it"""
 
     bl_idname = "holopath.save_hologram"
     bl_label = "Save Hologram"
-    doing = "saving"
-
-    directory: StringProperty(
-        name="Folder", description="Where to save", subtype="DIR_PATH", options={"SKIP_SAVE"}
-    )
-
-    _browsing = False
 
     @classmethod
     def poll(cls, context: bpy.types.Context):
         return encoded(cls) and super().poll(context)
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
-        """Ask for a folder, unless one is given."""
-        if self.directory:
-            return super().invoke(context, event)
-        self._browsing = True
-        bpy.data.window_managers[0].fileselect_add(self)
-        return {"RUNNING_MODAL"}
+    def what(self):
+        return session.encoded()
 
-    def execute(self, context: bpy.types.Context):
-        """Save; after the file browser in a thread, of another operator: Blender ends this one."""
-        if self._browsing:
-            # pyrefly: ignore[missing-attribute]  # this very operator
-            return bpy.ops.holopath.save_hologram("INVOKE_DEFAULT", directory=self.directory)
-        return super().execute(context)
-
-    def work(self, scene):
-        directory, phase = bpy.path.abspath(self.directory), session.encoded()
-
-        def save(job, progress):
-            if not directory:
-                raise engine.InvalidInput("No folder is given: choose one to save the hologram in.")
-            folder = Path(directory) / "hologram"
-            phase.save(folder, progress)
-            return folder
-
-        return save
-
-    def finish(self, context: bpy.types.Context, result):
-        return f"Hologram saved in {result}"
+    @staticmethod
+    def write(what, folder, progress):
+        what.save(folder, progress)
 
 
 CLASSES = (HOLOPATH_OT_encode, HOLOPATH_OT_save_hologram)

@@ -4,7 +4,7 @@ import bpy
 
 from .. import preferences, properties
 from . import session
-from .working import Working, export, free, refused
+from .working import Working, export, push_undo
 
 
 class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
@@ -15,7 +15,9 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
     doing = "rendering"
 
     def work(self, scene):
-        watched, session.current.task = not bpy.app.background, None
+        watched, last = not bpy.app.background, session.current.task
+        if last is not None:
+            last.put_away()  # one scene at a time in Mitsuba
 
         def render(job, progress):
             task = export(job, progress, scene)
@@ -32,8 +34,7 @@ class HOLOPATH_OT_render_hologram(Working, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result):
         self.present(context, session.keep_shown(self.scene_settings(), *result))
-        if not bpy.app.background:
-            bpy.ops.ed.undo_push(message=self.bl_label)
+        push_undo(self.bl_label)
         return "Hologram rendered"
 
     def stopped(self):
@@ -94,27 +95,26 @@ class HOLOPATH_OT_match_output(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HOLOPATH_OT_plan(bpy.types.Operator):
+class HOLOPATH_OT_plan(Working, bpy.types.Operator):
     """Look at the scene and say what would be computed, why, and how long it takes"""
 
     bl_idname = "holopath.plan"
     bl_label = "Estimate"
+    doing = "estimating"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context):
-        return context.scene is not None and free(cls)
+    def work(self, scene):
+        def estimate(job, progress):
+            task = export(job, progress, scene)
+            return task, task.plan(progress)
 
-    def execute(self, context: bpy.types.Context):
-        try:
-            task = session.prepare(context.evaluated_depsgraph_get(), properties.of(context.scene))
-            plan = task.plan()
-            session.keep_plan(task, plan)
-        except Exception as error:
-            return refused(self, session.fail(error))
-        session.redraw()
-        if plan.seconds:
-            self.report({"INFO"}, f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB.")
-        return {"FINISHED"}
+        return estimate
+
+    def finish(self, context: bpy.types.Context, result):
+        task, plan = result
+        session.keep_plan(task, plan)
+        if not plan.seconds:  # of baselines nothing is foretold
+            return "Estimated"
+        return f"About {plan.seconds:.0f} s and {plan.memory_bytes / 1e6:.0f} MB, estimated"
 
 
 class HOLOPATH_OT_check(bpy.types.Operator):

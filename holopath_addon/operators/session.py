@@ -39,7 +39,9 @@ class Session:
     phase_light : tuple of engine.PhaseHologram, engine.Modulator and engine.Refocuser, or None
         What a display with such limits makes of phases.
     task : Task or None
-        What the field was rendered of, until something else is rendered.
+        What the field was rendered of.
+    made : engine.Plan or None
+        How the field was rendered.
     plan : engine.Plan or None
     scene : str
         Name of the scene that the last plan and notes are of.
@@ -47,14 +49,18 @@ class Session:
         Name of the scene that the field is of.
     draft : bool
         Whether the field is a draft, kept until there is better.
+    found : float or None
+        Metres at which automatic focusing found the last picture of F12, until it is written down.
     in_view : tuple of float
         Nearest and farthest thing in view of the field, dioptres.
     notes : list of str
         What the exporter approximated or left out.
     bake : dict or None
-        The last `engine.baking.Bake`.
+        The last `engine.baking.Bake`, of the scene `baked`.
     texture : numpy.ndarray or None
         Its picture; a render has none.
+    baked : str
+        Name of that scene.
     error : str
         Last failure in one sentence; empty if there was none.
     leave : callable or None
@@ -72,14 +78,17 @@ class Session:
     phase: engine.PhaseHologram | None = None
     phase_light: tuple | None = None
     task: "Task | None" = None
+    made: engine.Plan | None = None
     plan: engine.Plan | None = None
     scene: str = ""
     rendered: str = ""
     draft: bool = False
+    found: float | None = None
     in_view: tuple = (0.0, 0.0)
     notes: list = dataclasses.field(default_factory=list)
     bake: dict | None = None
     texture: np.ndarray | None = None
+    baked: str = ""
     error: str = ""
     leave: Callable[[], None] | None = None
     refocus: Job | None = None
@@ -112,21 +121,31 @@ class Task:
     pupil: engine.Pupil | None
     store: engine.BakeStore
     frame: int | None = None  # of the scene
+    camera: str | None = None  # where it is not the scene's
+    view_layer: str | None = None
 
     @cached_property
     def exported(self):
         """`export.Exported`, with the scene that Mitsuba builds when this is first asked for."""
         return self.reading.build()
 
+    def put_away(self):
+        """Let go of Mitsuba's scene until it is asked for again."""
+        self.__dict__.pop("exported", None)
+
     @property
     def notes(self):
         """What the exporter approximated or left out, a line each."""
         return [str(note) for note in self.exported.notes]
 
-    def plan(self):
+    def plan(self, progress):
         """`engine.Plan` of the task."""
+        progress(0.0, "Building the scene")
         scene, camera = self.exported.scene, self.exported.camera
-        return engine.plan(scene, camera, self.hologram, self.settings, self.store)
+        progress(0.0, "Planning")
+        plan = engine.plan(scene, camera, self.hologram, self.settings, self.store)
+        progress(1.0, "Planning")  # may have been canceled
+        return plan
 
     def still(self, more=()):
         """`stills.Still` of the task: a picture at its own focus, and at `more` distances."""
@@ -141,7 +160,12 @@ class Task:
             self.pupil,
             self.store,
             [note.to_dict() for note in exported.notes],
-            opened={"frame": self.frame, "camera": None},
+            opened={
+                "frame": self.frame,
+                "camera": self.camera,
+                "scene": self.reading.name,
+                "view_layer": self.view_layer,
+            },
         )
 
     def compute(self, progress, offer=None):
@@ -159,7 +183,7 @@ class Task:
         )
 
 
-def prepare(depsgraph, props, resolution=None):
+def prepare(depsgraph, props, resolution=None, camera=None):
     """Read the scene; on the thread that owns `depsgraph`.
 
     Parameters
@@ -168,6 +192,8 @@ def prepare(depsgraph, props, resolution=None):
     props : properties.HoloPathSettings
     resolution : tuple of int, optional
         Pixels, in place of the settings' own.
+    camera : bpy.types.Object, optional
+        In place of the scene's.
 
     Returns
     -------
@@ -183,26 +209,29 @@ def prepare(depsgraph, props, resolution=None):
         stop()
     return Task(
         bpy.data.filepath or depsgraph.scene.name,
-        read_scene(depsgraph, (hologram.width, hologram.height), cache=cache),
+        read_scene(depsgraph, (hologram.width, hologram.height), camera, cache),
         hologram,
         settings,
         None if props.focus_auto else properties.focus_of(props),
         properties.pupil_or_none(props),
         preferences.store(),
         depsgraph.scene.frame_current,
+        camera and camera.name,
+        depsgraph.view_layer.name,
     )
 
 
 def keep(task, result, draft=False):
     """Remember a finished render, or the draft of one."""
     field = result.field
-    current.refocuser, current.task, current.draft = engine.Refocuser(field), task, draft
+    current.refocuser, current.draft = engine.Refocuser(field), draft
+    current.task, current.made = task, result.plan
     keep_phase(None)
     current.rendered, current.pace = task.reading.name, math.inf
     current.in_view = pipeline.dioptres_in_view(result.plan, field.camera, field.hologram)
     keep_plan(task, result.plan)
     if "bake" in field.report:
-        current.bake, current.texture = field.report["bake"], None
+        current.bake, current.texture, current.baked = field.report["bake"], None, current.rendered
 
 
 def keep_shown(props, task, result, draft=False):
@@ -298,10 +327,51 @@ def plan_of(scene):
     return current.plan if scene.name == current.scene else None
 
 
+def encoding_of(scene):
+    """What *Encode* would do: of the field's scene, or before there is one of what was planned of the window's.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+
+    Returns
+    -------
+    engine.EncodingPlan or None
+        None where nothing is planned yet.
+
+    Raises
+    ------
+    engine.InvalidInput
+    """
+    props, along = properties.of(scene), 0
+    field, task = current.field, current.task
+    if field is not None and task is not None:
+        plan, settings = current.made, task.settings
+        along = 0 if field.more is None else len(field.more)
+    else:
+        plan, settings = plan_of(scene), properties.settings_of(props)
+    if plan is None:
+        return None
+    seconds = properties.encode_seconds_of(props)
+    return engine.plan_encoding(plan, settings, props.encoding, seconds, along)
+
+
 def keep_baked(task, texture, done):
     """Remember what was baked."""
-    current.bake, current.texture = dataclasses.asdict(done), texture
-    current.notes, current.error = task.notes, ""
+    current.bake, current.texture, current.baked = dataclasses.asdict(done), texture, task.reading.name
+    current.error = ""
+    if current.baked == current.scene:
+        current.notes = task.notes
+
+
+def bake_of(scene):
+    """The last `engine.baking.Bake`, if it is that scene's, else None."""
+    return current.bake if scene.name == current.baked else None
+
+
+def texture_of(scene):
+    """Its picture, if there is one and it is that scene's, else None."""
+    return current.texture if scene.name == current.baked else None
 
 
 def fail(error):
@@ -556,14 +626,19 @@ def progress_text(job):
 
 
 @bpy.app.handlers.persistent
-def _forget(*_):
-    """Another file is about to be opened: stop the work and let go of the last file's field."""
+def _stop(*_):
+    """Another file is about to be opened: stop the work. What there is stays, as the file may be a broken one."""
     for job in (current.job, current.refocus):
         if job is not None:
             job.cancel()
             job.wait(5.0)
     leave()
     stop_sweep()
+
+
+@bpy.app.handlers.persistent
+def _forget(*_):
+    """Another file is open: let go of the last file's field."""
     current.__dict__.update(vars(Session()))
 
 
@@ -571,9 +646,18 @@ def _forget(*_):
 def _rendered(*_):
     """F12 has left a new field or an error; in a window it says so from a thread of its own."""
     if threading.current_thread() is threading.main_thread():
-        redraw()
+        _after_f12()
     else:
-        bpy.app.timers.register(redraw)
+        bpy.app.timers.register(_after_f12)
+
+
+def _after_f12():
+    """Write down where F12 focused by itself, and show what there is."""
+    metres, current.found = current.found, None
+    scene = bpy.data.scenes.get(current.rendered)
+    if metres is not None and scene is not None and properties.of(scene).focus_auto:
+        properties.note_focus(properties.of(scene), metres)
+    redraw()
 
 
 def _refocus_as_set(props):
@@ -591,7 +675,8 @@ def handlers():
     return [
         (properties.looking_elsewhere, _refocus_as_set),
         (properties.frame_chosen, _show_frame_as_set),
-        (handlers.load_pre, _forget),
+        (handlers.load_pre, _stop),
+        (handlers.load_post, _forget),
         (handlers.render_complete, _rendered),
         (handlers.render_cancel, _rendered),
     ]
@@ -603,5 +688,6 @@ def detach():
         bpy.app.timers.unregister(_poll_refocus)
     leave(soon=True)
     stop_sweep(soon=True)
+    _stop()
     _forget()
     cache.close()

@@ -1,9 +1,11 @@
 """What operators that take long share: a thread while the window stays usable, and where pictures are shown."""
 
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
+from bpy.props import StringProperty
 
 from .. import engine, failures, preferences, properties
 from ..engine.scene import variants
@@ -78,10 +80,12 @@ class Working(_Operator):
             job.cancel()
             self._tell(context, job)
             return {"RUNNING_MODAL"}
-        if event.type == "TIMER":
-            if not job.running:
+        # without its timer where a file could not be opened, for which the work was stopped
+        if (event.type == "TIMER" or job.cancelling) and not job.running:
+            if session.current.job is job:
                 session.leave()
-                return self._end(context, job)
+            return self._end(context, job)
+        if event.type == "TIMER":
             job.serve()
             offered = job.take()
             if offered is not None:
@@ -164,6 +168,91 @@ class Working(_Operator):
             session.redraw()
         self.report({"INFO"}, f"{told} in {time.monotonic() - self._started:.1f} s.")
         return {"FINISHED"}
+
+
+class Saving(Working):
+    """Operator that writes into a folder, which a file browser asks for unless it is given.
+
+    A subclass brings `thing`, `what` and `write`.
+    """
+
+    doing = "saving"
+    thing = "hologram"
+
+    directory: StringProperty(
+        name="Folder", description="Where to save", subtype="DIR_PATH", options={"SKIP_SAVE"}
+    )
+
+    _browsing = False
+
+    def what(self):
+        """What is saved; on the main thread."""
+        raise NotImplementedError
+
+    @staticmethod
+    def write(what, folder, progress):
+        """Write it into a folder; in a thread."""
+        raise NotImplementedError
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        """Ask for a folder, unless one is given."""
+        if self.directory:
+            return super().invoke(context, event)
+        self._browsing = True
+        bpy.data.window_managers[0].fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context):
+        """Save; after the file browser in a thread, of another operator: Blender ends this one."""
+        if not self._browsing:
+            return super().execute(context)
+        if not type(self).poll(context):
+            return refused(
+                self,
+                f"The {self.thing} was not saved: HoloPath is at work, or has rendered something else meanwhile.",
+            )
+        group, name = self.bl_idname.split(".")
+        return getattr(getattr(bpy.ops, group), name)("INVOKE_DEFAULT", directory=self.directory)
+
+    def work(self, scene):
+        directory, what, thing, write = bpy.path.abspath(self.directory), self.what(), self.thing, self.write
+
+        def save(job, progress):
+            if not directory:
+                raise engine.InvalidInput(f"No folder is given: choose one to save the {thing} in.")
+            folder = Path(directory) / thing.replace(" ", "")
+            write(what, folder, progress)
+            return folder
+
+        return save
+
+    def finish(self, context: bpy.types.Context, result):
+        return f"{self.thing.capitalize()} saved in {result}"
+
+
+def push_undo(message):
+    """Add an undo step of what was shown; once nothing is being dragged, which would be in it half way."""
+    if bpy.app.background:
+        return
+
+    def push():
+        if dragging():
+            return POLL
+        with bpy.context.temp_override(window=bpy.data.window_managers[0].windows[0]):
+            bpy.ops.ed.undo_push(message=message)
+        return None
+
+    if push() is not None:
+        bpy.app.timers.register(push, first_interval=POLL)
+
+
+def dragging():
+    """Whether the user is moving, painting or sculpting something."""
+    return any(
+        {"BLOCKING", "MACRO"} & operator.bl_options  # what moves a copy is a macro
+        for window in bpy.data.window_managers[0].windows
+        for operator in getattr(window, "modal_operators", ())
+    )
 
 
 def export(job, progress, scene):

@@ -135,11 +135,11 @@ def _setting(layout, props, name, declared):
 
 def baked_light(layout: UILayout, context: Context) -> None:
     """What is baked and kept, and the buttons for it."""
-    bake, size = session.current.bake, preferences.store().size()
+    bake, size = session.bake_of(context.scene), preferences.store().size()
     layout.use_property_split = False
     row = layout.row(align=True)
     row.operator("holopath.bake", text="Rebake" if bake else "Bake", icon="RENDER_STILL").anew = bool(bake)
-    if bake and session.current.texture is None:  # baked by a render, which keeps no picture of it
+    if bake and session.texture_of(context.scene) is None:  # baked by a render, which keeps no picture of it
         row.operator("holopath.bake", text="Show Texture", icon="TEXTURE").show = True
     else:
         row.operator("holopath.show_texture", icon="TEXTURE")
@@ -311,7 +311,7 @@ def hologram(layout: UILayout, context: Context) -> None:
     layout.prop(props, "encoding")
     if props.encoding != "dpac":
         _setting(layout, props, "encode_seconds", ENCODE_SECONDS)
-    _encoding(layout, context, props)
+    _encoding(layout, context)
     layout.operator("holopath.encode", icon="IMAGE_ALPHA")
     phase = session.current.phase
     if phase is None:
@@ -329,24 +329,21 @@ def hologram(layout: UILayout, context: Context) -> None:
     layout.operator("holopath.save_hologram", icon="FILE_TICK")
 
 
-def _encoding(layout, context, props):
+def _encoding(layout, context):
     """What encoding will do, and what more seconds would bring; once a plan can tell."""
-    plan = session.plan_of(context.scene)
-    if plan is None:
-        return
     try:
-        settings, seconds = properties.settings_of(props), properties.encode_seconds_of(props)
-        chosen = engine.plan_encoding(plan, settings, props.encoding, seconds)
-        warnings = chosen.warnings
+        chosen = session.encoding_of(context.scene)
     except engine.InvalidInput as error:
         alert(layout, context, str(error))
+        return
+    if chosen is None:
         return
     column = layout.column(align=True)
     label = ENCODINGS[chosen.method].label
     wrapped(column, context, f"{label}: About {duration(chosen.seconds)}" if chosen.seconds else label)
     if chosen.memory_bytes:
         wrapped(column, context, f"Memory: {chosen.memory_bytes / 1e6:.0f} MB")
-    for warning in warnings:
+    for warning in chosen.warnings:
         wrapped(column, context, warning, icon="ERROR")
     reason = column.column(align=True)
     reason.active = False

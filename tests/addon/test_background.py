@@ -206,6 +206,27 @@ def test_words(moving, monkeypatch):
     assert found[len(words) :] == "--focus 0.3,0.5 --pupil=-1.0,2.0,3.0 --cluster tcp://10.0.0.5:8786".split()
 
 
+def test_what_the_window_shows_is_rendered(moving, tmp_path):
+    """Its scene and view layer, and not where the animation of another one is."""
+    moving.frame_end = 1
+    layer = moving.view_layers.new("Foreground")
+    assert background._opened(moving, layer)[:2] == [f"--scene-name={moving.name}", "--view-layer=Foreground"]
+    for each in layer.layer_collection.children:
+        each.exclude = True
+    with bpy.context.temp_override(view_layer=layer):
+        assert bpy.ops.holopath.render_animation() == {"FINISHED"}
+    opened = json.loads((tmp_path / "out" / "frame_0001" / "report.json").read_text())["opened"]
+    assert (opened["scene"], opened["view_layer"]) == (moving.name, "Foreground")
+    background._check_free(tmp_path / "out", "saved.blend", "Since")
+    job = tmp_path / "out" / "job.json"
+    job.write_text(job.read_text().replace(background.UNTITLED, "shot_a.blend"))
+    background._check_free(tmp_path / "out", "shot_a.blend", moving.name)
+    with pytest.raises(RuntimeError, match=r"animation of shot_a.blend, which would be replaced"):
+        bpy.ops.holopath.render_animation()
+    with pytest.raises(engine.InvalidInput, match=f"animation of the scene '{moving.name}'"):
+        background._check_free(tmp_path / "out", "shot_a.blend", "Other")
+
+
 def test_command(addon, monkeypatch, tmp_path):
     """Blender runs itself, even where its preferences on disk do not know the add-on; a cluster wants Python."""
     command, _ = background._command(["render"], "/opt/blender")

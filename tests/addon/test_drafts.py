@@ -72,7 +72,7 @@ def drafted(scene):
     """The draft that a plan of the scene has, or None."""
     task = task_of(scene)
     view = task.exported.scene, task.exported.camera, task.hologram, task.settings
-    return pipeline._draft(*view, task.plan(), task.store)
+    return pipeline._draft(*view, task.plan(lambda *_: None), task.store)
 
 
 @pytest.mark.parametrize("settings", [{"quality": "draft"}, {"method": "direct"}, {"method": "point"}])
@@ -84,7 +84,7 @@ def test_no_draft_of_drafts_and_other_methods(scene, eager, settings):
 
 
 def test_no_draft_where_it_would_take_much_of_the_time(scene, eager, monkeypatch):
-    draft, plan = drafted(scene), task_of(scene).plan()
+    draft, plan = drafted(scene), task_of(scene).plan(lambda *_: None)
     assert 0 < draft.seconds < plan.seconds
     monkeypatch.setattr(pipeline, "SEVERAL", 1e6)
     assert drafted(scene) is None

@@ -151,6 +151,59 @@ def test_another_file_forgets(scene):
     assert session.current.field is None and session.current.plan is None
 
 
+def test_a_file_that_cannot_be_opened_loses_nothing(scene, tmp_path):
+    bpy.ops.holopath.render_hologram()
+    field, broken = session.current.field, tmp_path / "broken.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(broken), copy=True, compress=False)
+    broken.write_bytes(broken.read_bytes()[:4000])
+    with pytest.raises(RuntimeError):
+        bpy.ops.wm.open_mainfile(filepath=str(broken))
+    assert session.current.field is field and session.current.task is not None
+
+
+def test_a_render_that_fails_leaves_what_was_there(scene):
+    """The field before, and its scene, which the best phases want."""
+    bpy.ops.holopath.render_hologram()
+    field, task = session.current.field, session.current.task
+    scene.camera = None
+    with pytest.raises(RuntimeError, match="no active camera"):
+        bpy.ops.holopath.render_hologram()
+    assert session.current.field is field and session.current.task is task
+    scene.holopath.encoding, scene.holopath.limit_encoding = "refine", True
+    scene.holopath.encode_seconds = 1.0
+    assert bpy.ops.holopath.encode() == {"FINISHED"} and session.current.phase.method == "refine"
+
+
+def test_what_encoding_will_do_is_told_of_the_field(scene):
+    """Whatever is planned since: Encode works on what was rendered."""
+    bpy.ops.holopath.render_hologram()
+    made = session.encoding_of(scene)
+    assert made.method == "refine"
+    scene.holopath.frames = 1
+    bpy.ops.holopath.plan()
+    assert session.encoding_of(scene) == made
+
+
+def test_baked_light_is_that_of_its_scene(lit):
+    bpy.ops.holopath.bake()
+    other = bpy.data.scenes.new("Other")
+    assert session.bake_of(lit) and session.texture_of(lit) is not None
+    assert session.bake_of(other) is None and session.texture_of(other) is None
+    with bpy.context.temp_override(scene=other):
+        assert not bpy.ops.holopath.show_texture.poll()
+
+
+def test_another_camera_than_the_scene_has(scene):
+    """As F12 asks for where a 3D View has a local camera."""
+    camera = bpy.data.objects.new("Local", bpy.data.cameras.new("Local"))
+    camera.location.x = 0.1
+    scene.collection.objects.link(camera)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    task = session.prepare(depsgraph, scene.holopath, camera=camera)
+    assert task.exported.camera.position[0] == pytest.approx(0.1)
+    assert task.still().opened["camera"] == "Local"
+
+
 def test_opening_a_file_cancels(scene):
     task = session.prepare(bpy.context.evaluated_depsgraph_get(), scene.holopath)
 

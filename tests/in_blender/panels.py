@@ -403,6 +403,8 @@ def estimating(scene):
     for method in ("point", "auto"):
         scene.holopath.method = method
         press(bpy.ops.holopath.plan)
+        while module("operators.session").current.job is not None:
+            yield 0.05
         yield from all_drawn(f"estimated, {method}")
     assert module("operators.session").current.notes
 

@@ -161,8 +161,8 @@ def test_window(blender, tmp_path):
     print(json.dumps(result, indent=1))
     assert "error" not in result, f"{result}\n{output}"
     assert status == 0, output
-    steps = "rendered refocused encoded cancelled undone deleted reopened f12 alive"
-    assert result["steps"] == steps.split()
+    steps = "rendered refocused encoded cancelled undone deleted not opened reopened dragged f12 alive"
+    assert " ".join(result["steps"]) == steps
     assert result["pressed"] == ["RUNNING_MODAL"] and result["twice"] is False
     assert result["size"] == [256, 256] and result["middle"] > 5 * result["corners"]
     # A window that waited for the work would stand still for seconds, in one gap as long as all of it; these
@@ -178,6 +178,11 @@ def test_window(blender, tmp_path):
     assert result["f12"] is True and [len(notes) for notes in result["baked"]] == [1, 1]
     assert result["scenes"] == 1
     assert "camera" in result["without_camera"]
+    assert result["broken"] == [True, True]
+    assert result["estimating"] and result["estimated"] > 0
+    half_way, undone = result["dragged"]
+    assert half_way > 0.1 and undone < 1e-6
+    assert 3 < result["f12_focus"] < 6  # the cube's distance
 
     scene, window, command = (f"{target}{end}" for end in (".blend", "", ".command"))
     words = ["render", scene, "--quiet", "--focus", "1m", "--out", command]

@@ -1,5 +1,5 @@
 """Runs inside a Blender window and does what a user does there: press Render Hologram, refocus, play, encode,
-cancel, undo, delete the scene or open another file meanwhile, F12.
+cancel, undo, delete the scene, move something or open another file meanwhile, F12.
 
     blender --enable-event-simulate --python window.py -- RESULT.json
 
@@ -151,6 +151,7 @@ def steps():
     yield from encoding()
     yield from cancelling()
     yield from disturbing()
+    yield from dragging()
     yield from f12()
     yield from without_a_camera()
 
@@ -264,6 +265,8 @@ def disturbing():
     result["deleted"] = [session().current.error, session().current.field is not None]
     result["steps"].append("deleted")
 
+    yield from opening_a_broken_file()
+
     bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
     yield 0.5
     prepare()
@@ -277,16 +280,76 @@ def disturbing():
     yield 0.5
 
 
+def opening_a_broken_file():
+    """While a hologram is rendered: the render ends, the one before stays, and the next one is served."""
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    yield 0.5
+    prepare()
+    press(bpy.ops.holopath.render_hologram)
+    yield from over()
+    field, broken = session().current.field, target + ".broken.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=broken, copy=True, compress=False)
+    os.truncate(broken, 4000)
+    press(bpy.ops.holopath.render_hologram)
+    yield 0.3
+    try:
+        bpy.ops.wm.open_mainfile(filepath=broken)
+    except RuntimeError:
+        result["broken"] = [session().current.field is field]
+    yield 0.3
+    move(500)
+    yield from over()
+    press(bpy.ops.holopath.render_hologram)
+    yield from over()
+    result["broken"].append(session().current.field is not field)
+    result["steps"].append("not opened")
+
+
+def move(x):
+    """Have the pointer lie elsewhere."""
+    bpy.context.window_manager.windows[0].event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=400)
+
+
+def dragging():
+    """A render ends while the cube is moved, which is then canceled: no undo step has the cube half way."""
+    cube = bpy.data.objects["Cube"]
+    press(bpy.ops.holopath.plan)
+    result["estimating"] = session().current.job is not None
+    yield from over()
+    result["estimated"] = session().current.plan.seconds
+    bpy.ops.ed.undo_push(message="before")
+    press(bpy.ops.holopath.render_hologram)
+    move(400)
+    press(bpy.ops.transform.translate)
+    yield 0.2
+    move(600)
+    yield from over()
+    half_way = cube.location.copy()
+    window = bpy.context.window_manager.windows[0]
+    window.event_simulate(type="ESC", value="PRESS", x=600, y=400)
+    window.event_simulate(type="ESC", value="RELEASE", x=600, y=400)
+    yield 0.5
+    bpy.data.objects["Light"].location.x += 1
+    bpy.ops.ed.undo_push(message="after")
+    press(bpy.ops.ed.undo)
+    yield 0.2
+    result["dragged"] = [half_way.length, bpy.data.objects["Cube"].location.length]
+    result["steps"].append("dragged")
+
+
 def f12():
     done = []
     bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
     bpy.app.handlers.render_cancel.append(lambda *_: done.append(False))
     bpy.context.scene.render.engine = "HOLOPATH"
     bpy.context.scene.render.resolution_x = bpy.context.scene.render.resolution_y = 96
+    bpy.context.scene.holopath.focus = 1.0
+    bpy.context.scene.holopath.focus_auto = True
     press(bpy.ops.render.render)
     while not done:
         yield 0.1
-    result["f12"] = done[0]
+    yield 0.3
+    result["f12"], result["f12_focus"] = done[0], bpy.context.scene.holopath.focus
     result["baked"].append(baked())
     result["scenes"] = len(bpy.data.scenes)
     result["steps"].append("f12")
