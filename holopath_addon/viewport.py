@@ -23,6 +23,7 @@ from .engine.scene import variants
 from .export import baking, read_scene, unit_scale
 from .export.camera import about, export_camera, find_camera
 from .export.notes import Notes
+from .export.world import sees_sky, world_of
 from .operators import session
 from .operators.jobs import Job
 from .operators.working import dragging
@@ -329,7 +330,7 @@ def view_of(context, depsgraph, shrink):
         camera = export_camera(depsgraph, object, size, scale, Notes())
         place = _frame(object.evaluated_get(depsgraph), scene, region, region_view)
     elif region_view.is_perspective:
-        camera = _free_camera(region_view, space, scale, not scene.render.film_transparent)
+        camera = _free_camera(region_view, space, scale, sees_sky(depsgraph))
         place = 0.0, 0.0, region.width, region.height
     else:
         raise engine.InvalidInput(
@@ -368,9 +369,10 @@ def _free_camera(region_view, space, scale, sees_sky):
 
 def _facts(depsgraph):
     """What Blender reports like a selection, as a change of the scene: compared in its stead."""
-    scene, layer = depsgraph.scene, depsgraph.view_layer
+    layer = depsgraph.view_layer
     shown = [thing.session_uid for thing in layer.objects if thing.visible_get(view_layer=layer)]
-    return unit_scale(scene), scene.world and scene.world.session_uid, shown
+    taken = [block and block.session_uid for block in (world_of(depsgraph), layer.material_override)]
+    return unit_scale(depsgraph.scene), taken, shown
 
 
 def _texture(pixels):

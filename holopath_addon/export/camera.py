@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from ..engine import Camera, InvalidInput
+from .world import sees_sky
 
 
 def find_camera(scene, camera=None):
@@ -63,7 +64,7 @@ def export_camera(depsgraph, camera, resolution, scale, notes):
     evaluated = camera.evaluated_get(depsgraph)
     view = view_of(evaluated, resolution, scale)
     _note_differences(depsgraph.scene, evaluated, notes)
-    return dataclasses.replace(view, sees_sky=not depsgraph.scene.render.film_transparent)
+    return dataclasses.replace(view, sees_sky=sees_sky(depsgraph))
 
 
 def view_of(camera, resolution, scale):

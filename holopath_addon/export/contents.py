@@ -126,7 +126,8 @@ class Contents:
             object = instance.object
             original = object.original
             owner = instance.parent.original if instance.is_instance else original
-            if owner.name in self._shown and not owner.hide_render and not original.hide_render:
+            hidden = owner.hide_render or (original.hide_render and not _scattered(instance, owner))
+            if owner.name in self._shown and not hidden:
                 yield instance, object, owner
 
     def _add(self, instance, object, owner):
@@ -457,6 +458,16 @@ class Contents:
                 continue
             if object.type in MESH_TYPES | {"LIGHT"} and (object.hide_viewport or object.hide_get()):
                 self._notes.add(object.name, "Hidden in the viewport", "left out, though shown in renders")
+
+
+def _scattered(instance, owner):
+    """Whether it is an instance of an object that nodes or particles show, also where that is disabled in renders.
+
+    Collections, and children at vertices and faces, show what renders do.
+    """
+    system = instance.particle_system if instance.is_instance else None
+    of_collection = system is not None and system.settings.render_type == "COLLECTION"
+    return instance.is_instance and owner.instance_type == "NONE" and not of_collection
 
 
 def _render_visible(view_layer):

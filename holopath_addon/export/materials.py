@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..engine.scene.variants import made
+from .baking import ATLAS
 from .node_graph import Pin, first_link, follow, output_node, uses_nodes
 from .notes import Notes
 from .textures import LUMINANCE, ImageValue, MaterialReading
@@ -120,9 +121,10 @@ def export_material(material, textures, baked):
         bsdf = made(_BLACK)
         return ExportedMaterial(name, bsdf, None, "", False, Notes(), reading.wanted)
     distinct = list(dict.fromkeys(uv_names))
+    # what is baked can be read by its own alone
+    uv_name = ATLAS if ATLAS in distinct else distinct[0] if distinct else ""
     if len(distinct) > 1:
-        notes.add(name, "Several UV maps in one material", f"all use {distinct[0] or 'the active one'}")
-    uv_name = distinct[0] if distinct else ""
+        notes.add(name, "Several UV maps in one material", f"all use {uv_name or 'the active one'}")
     bsdf = made(look.both_sides)
     return ExportedMaterial(name, bsdf, look.emission, uv_name, look.smooth, notes, {})
 

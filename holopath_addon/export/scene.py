@@ -11,7 +11,7 @@ from .cache import ExportCache
 from .camera import about, export_camera, find_camera
 from .contents import Contents
 from .notes import Notes
-from .world import export_world
+from .world import export_world, world_of
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -186,7 +186,7 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
         contents = Contents(depsgraph, scale, pixel, cache, notes, origin)
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
             parts[f"part_{number}"] = part
-        world = appearances.world(scene.world, scene.frame_current_final, export_world)
+        world = appearances.world(world_of(depsgraph), scene.frame_current_final, export_world)
         cache.end(contents.meshes)
     except BaseException:
         cache.clear()

@@ -20,7 +20,7 @@ _BAKED_AS = (
         {
             *("Fresnel", "LayerWeight", "CameraData", "LightPath"),
             *(("TexCoord", name) for name in ("Camera", "Window", "Reflection")),
-            ("NewGeometry", "Incoming"),
+            *(("NewGeometry", name) for name in ("Incoming", "Backfacing")),
         },
     ),
     ("of the object alone", {"AmbientOcclusion", "Bevel"}),

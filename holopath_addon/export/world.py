@@ -10,6 +10,18 @@ from .textures import MAGENTA, ImageValue, missing
 WIDTH, HEIGHT = 2048, 1024
 
 
+def world_of(depsgraph):
+    """The world of an evaluated view layer, `bpy.types.World` or None: its own, or the scene's."""
+    return getattr(depsgraph.view_layer, "world_override", None) or depsgraph.scene.world
+
+
+def sees_sky(depsgraph):
+    """Whether the world is seen around the scene, which it lights in any case."""
+    world = world_of(depsgraph)
+    rays = getattr(world, "cycles_visibility", None)  # not where Cycles is switched off
+    return not depsgraph.scene.render.film_transparent and (rays is None or rays.camera)
+
+
 def export_world(world, frame, textures, notes):
     """Turn the world into one Mitsuba environment emitter.
 

@@ -353,6 +353,28 @@ def test_nodes_that_depend_on_the_view_are_told(stage):
     assert note.effect.endswith("as seen by the camera from straight above the surface")
 
 
+def test_nodes_that_ask_for_the_back_are_told(stage):
+    material = stage.material(DIFFUSE)
+    geometry = add(material, "ShaderNodeNewGeometry")
+    material.node_tree.links.new(geometry.outputs["Backfacing"], shader_of(material).inputs["Color"])
+    stage.plane(3, material)
+    stage.world((0.5, 0.5, 0.5))
+    assert any("straight above the surface" in note.effect for note in stage.export().notes)
+
+
+def test_what_is_baked_stays_in_place_beside_anisotropy(stage):
+    """Whose direction is of a UV map: what is baked has one of its own."""
+    material, texture = noise(stage, "Base Color", PRINCIPLED, Scale=2.0, Detail=0.0)
+    principled = shader_of(material)
+    for name, value in (("Metallic", 1.0), ("Roughness", 0.8), ("Anisotropic", 0.2)):
+        principled.inputs[name].default_value = value
+    bpy.ops.mesh.primitive_cube_add(size=1.6, rotation=(0.5, 0.6, 0.2))
+    bpy.context.object.data.materials.append(material)
+    stage.world((0.5, 0.5, 0.5))
+    difference, contrast = apart(stage, spp=256)
+    assert difference < 0.03 < 0.1 < contrast
+
+
 def test_a_second_export_bakes_only_what_changed(stage, monkeypatch):
     from holopath_addon.export import ExportCache, baking, export_scene
 

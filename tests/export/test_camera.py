@@ -160,6 +160,23 @@ def test_transparent_film(stage, case):
     assert stage.export((48, 48)).camera.sees_sky
 
 
+def test_a_world_of_the_view_layer_that_cameras_do_not_see(stage):
+    """It lights the scene, in the place of the scene's, and is black around it: as Cycles has it."""
+    stage.world((0.5, 0.6, 0.7))
+    stage.plane(1.2)
+    own = bpy.data.worlds.new("own")
+    own.use_nodes = True
+    own.node_tree.nodes["Background"].inputs["Color"].default_value = (0.1, 0.8, 0.2, 1)
+    bpy.context.view_layer.world_override = own
+    own.cycles_visibility.camera = False
+    exported = stage.export((48, 48))
+    assert exported.notes == [] and not exported.camera.sees_sky
+    ours, theirs = view(exported, 4.0), stage.cycles((48, 48), depth=8)
+    assert theirs[:8].max() == 0 and np.abs(ours[:8]).max() < 1e-4
+    middle = (slice(18, 30), slice(18, 30))
+    assert ours[middle].mean((0, 1)) == pytest.approx(theirs[middle].mean((0, 1)), rel=0.02)
+
+
 def test_transparent_glass_of_the_film_is_noted(stage):
     stage.plane()
     stage.world()

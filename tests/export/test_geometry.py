@@ -177,6 +177,33 @@ def test_materials_by_slot_and_object(stage):
     assert image[16, 31] == pytest.approx((0, 1, 0))
 
 
+def test_what_nodes_scatter_is_shown_where_its_source_is_not(stage):
+    """As Cycles does: the source is switched off in renders, its instances are not."""
+    source = cube(stage, "source")
+    source.hide_render = True
+    ground = stage.plane(size=4, location=(0, 0, 10))
+    group = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    nodes = {
+        name: group.nodes.new(kind)
+        for name, kind in (
+            ("in", "NodeGroupInput"),
+            ("of", "GeometryNodeObjectInfo"),
+            ("on", "GeometryNodeInstanceOnPoints"),
+            ("out", "NodeGroupOutput"),
+        )
+    }
+    nodes["of"].inputs["Object"].default_value = source
+    nodes["of"].inputs["As Instance"].default_value = True
+    group.links.new(nodes["in"].outputs[0], nodes["on"].inputs["Points"])
+    group.links.new(nodes["of"].outputs["Geometry"], nodes["on"].inputs["Instance"])
+    group.links.new(nodes["on"].outputs[0], nodes["out"].inputs[0])
+    ground.modifiers.new("scatter", "NODES").node_group = group
+    bpy.context.view_layer.update()
+    assert area(stage.export().scene) == pytest.approx(4 * 6, rel=1e-5)
+
+
 def test_hidden_objects_are_left_out(stage):
     stage.plane(name="shown")
     hidden = stage.plane(name="hidden", location=(5, 0, 0))
