@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from .engine import InvalidInput, PhaseHologram, Pupil, WaveField
-from .engine.files import whole_file, whole_folder
+from .engine.files import BROWSED, whole_file, whole_folder
 from .engine.scene import variants
 from .lengths import format_distance
 
@@ -24,8 +24,6 @@ FORMAT_VERSION = 1
 # HoloPath's own, which only some installations tell; a test holds that pyproject.toml and the manifest say the same.
 VERSION = "0.2.0"
 FRAME = re.compile(r"frame_(-?[0-9]+)")
-# What file browsers leave in the folders that they show.
-_BROWSED = {".DS_Store", "Thumbs.db", "desktop.ini"}
 _OWN = {
     "wavefield",
     "reconstruction",
@@ -95,7 +93,7 @@ def frame_folder(folder, number):
 
 def frame_folders(folder):
     """Output folders of the frames that `folder` keeps of an animation, in order."""
-    frames = [path for path in Path(folder).glob("frame_*") if path.name[6:].isdecimal()]
+    frames = [path for path in Path(folder).glob("frame_*") if FRAME.fullmatch(path.name)]
     return sorted(frames, key=lambda path: int(path.name[6:]))
 
 
@@ -315,7 +313,7 @@ def _contents(folder):
             before = folder.stat()
             if not stat.S_ISDIR(before.st_mode):
                 break
-            names = {entry.name for entry in folder.iterdir()} - _BROWSED
+            names = {entry.name for entry in folder.iterdir()}.difference(BROWSED)
             own = read_report(folder).get("format") == FORMAT
             if folder.stat().st_ino == before.st_ino:
                 return names, own

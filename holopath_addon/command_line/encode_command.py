@@ -210,7 +210,8 @@ def work_of(args, say) -> Work:
             f"{args.start} is one hologram: an animation's frames begin with arg or dpac."
         )
     words = {name: value for name, value in vars(args).items() if name not in _APART}
-    versions = {name: text or "none" for name, text in output.versions().items() if name != "blender"}
+    apart = ("blender", "python")
+    versions = {name: text or "none" for name, text in output.versions().items() if name not in apart}
     work = Work(
         Path(args.folder), SharedJob("", words, digests(render_command.response_of(args)), versions), {}, []
     )

@@ -282,14 +282,18 @@ class _Told:
         self.counts, self._progress, self._lost = slm.Counts(), progress, ""
 
     def __call__(self, counts):
+        self.heed(counts)
+        done = (counts.shown + counts.dropped) / counts.total if counts.total else 0.0
+        self._progress(min(done, 0.999), str(counts))
+
+    def heed(self, counts):
+        """Tell what happens to the device alone."""
         self.counts = counts
         if counts.lost and counts.lost != self._lost:
             self._progress.say(f"{counts.lost} Waiting for it.")
         if self._lost and not counts.lost:
             self._progress.say("The device is there again: going on.")
         self._lost = counts.lost
-        done = (counts.shown + counts.dropped) / counts.total if counts.total else 0.0
-        self._progress(min(done, 0.999), str(counts))
 
 
 def _driver(args, sequence):
@@ -358,18 +362,25 @@ def _captured(args, sequence, driver, controller, trigger, progress, tell):
     stop, shown = threading.Event(), threading.Event()
 
     def watch(counts):
-        tell.counts = counts
+        tell.heed(counts)
         if counts.shown >= len(sequence):
             shown.set()
         if stop.is_set():
             raise engine.Cancelled
 
     def look(number):
-        if streaming.done():
-            streaming.result()
-        file = part / f"{names[number]}.png"
-        slm.run_camera(args.camera, file, number, planes.planes[number].distance)
-        pictures[file.name] = file.read_bytes()
+        """A picture of what is shown; another one if the device was lost meanwhile."""
+        file, found = part / f"{names[number]}.png", None
+        while found is None:
+            while tell.counts.lost and not streaming.done():
+                time.sleep(0.1)
+            if streaming.done():
+                streaming.result()
+            before = tell.counts.reconnected
+            slm.run_camera(args.camera, file, number, planes.planes[number].distance)
+            if not tell.counts.lost and tell.counts.reconnected == before:
+                found = file.read_bytes()
+        pictures[file.name] = found
 
     pictures = {}
     with ThreadPoolExecutor(1) as workers, tempfile.TemporaryDirectory() as temporary:
@@ -422,6 +433,17 @@ def _focus(args):
         controller.close()
 
 
+def _check_writable(path):
+    """Refuse a file that cannot be made, before there is something to lose."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise engine.InvalidInput(
+            f"{path} cannot be made ({error.strerror}): choose another place."
+        ) from error
+
+
 def _calibrate(args):
     progress, path = Progress(quiet=args.quiet), Path(args.out)
     if path.suffix.lower() != ".json":
@@ -432,6 +454,11 @@ def _calibrate(args):
             f"{path} turns, moves, corrects or varies what the device shows, which a fit would not know: name another "
             "file."
         )
+    if before is not None and before.responses and before.bits != args.bits:
+        raise engine.InvalidInput(
+            f"{path} is of {before.bits} bits, not of {args.bits}: give --bits {before.bits}, or name another file."
+        )
+    _check_writable(path)
     if not 16 <= args.window <= 512:
         raise engine.InvalidInput(f"A window of {args.window} pixels cannot be fitted: choose 16 to 512.")
     if not 1 <= args.bits <= 16:

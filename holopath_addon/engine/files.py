@@ -8,18 +8,20 @@ import re
 import shutil
 import tempfile
 from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .errors import InvalidInput
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
 LEFT = re.compile(
     r"\.(.+)\.(part|old)-[^.]+"
 )  # names of folders and files that are unfinished, or moved away
 TAKEN = (errno.EEXIST, errno.ENOTEMPTY)  # of a rename to where a folder is; Windows says that it is denied
+BROWSED = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file browsers leave in folders that they show
 BEGUN = ".begun"  # file in an unfinished folder: a folder that was swept away and made again has none
 
 
@@ -69,8 +71,8 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
         raise
 
 
-def earlier(kind: str, *files) -> Callable[[Path], None]:
-    """Check for `whole_folder`: nothing is replaced but an empty folder, or one that has such files.
+def earlier(kind: str, *files, others: Sequence[str] = ()) -> Callable[[Path], None]:
+    """Check for `whole_folder`: an empty folder is replaced, and one with such files and no others.
 
     Parameters
     ----------
@@ -78,7 +80,10 @@ def earlier(kind: str, *files) -> Callable[[Path], None]:
         What such a folder holds, for the message.
     *files : str
         Names.
+    others : sequence of str
+        Patterns of names that may be there, too.
     """
+    known = [*files, *BROWSED, *others]
 
     def check(folder):
         if not os.path.lexists(folder):
@@ -86,6 +91,12 @@ def earlier(kind: str, *files) -> Callable[[Path], None]:
         names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else {""}
         if names and not names.issuperset(files):
             raise InvalidInput(f"{folder} holds something other than {kind}: choose another folder.")
+        strange = sorted(name for name in names if not any(fnmatchcase(name, each) for each in known))
+        if strange:
+            raise InvalidInput(
+                f"{folder} holds {strange[0]} beside {kind}, which would be lost: move it, or choose "
+                "another folder."
+            )
 
     return check
 

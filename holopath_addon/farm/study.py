@@ -305,8 +305,9 @@ def rows(study: Study, out: Path) -> list[dict]:
             found.append({**row, "error": failed or "This run is not made yet."})
             continue
         made = _of_report(report)
-        figures = report.get("comparison") or [{}] * len(report["focus_m"])
-        for focus, compared in zip(map(_number, report["focus_m"]), figures, strict=True):
+        figures = {_number(each["focus_m"]): each for each in report.get("comparison") or ()}
+        for focus in map(_number, report["focus_m"]):
+            compared = figures.get(focus, {})  # none where the reference is black
             picture = folder / "reconstruction" / f"{output.picture_name(focus, output.pupil_of(report))}.exr"
             found.append(
                 {

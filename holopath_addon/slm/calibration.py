@@ -260,9 +260,10 @@ class Calibration:
         return self._fitted(wavelength)[1]
 
     def _fitted(self, wavelength):
-        for fitted in zip(self.models, self.sensors, strict=True):
-            if abs(fitted[0].wavelength - wavelength) < FITTED:
-                return fitted
+        pairs = list(zip(self.models, self.sensors, strict=True))
+        apart = [abs(model.wavelength - wavelength) for model, _ in pairs]
+        if min(apart, default=FITTED) < FITTED:
+            return pairs[apart.index(min(apart))]
         known = ", ".join(f"{model.wavelength * 1e9:g}" for model in self.models) or "none"
         raise InvalidInput(
             f"The display was not calibrated at {wavelength * 1e9:g} nm, only at {known}: run `holopath "
@@ -461,7 +462,8 @@ class Calibration:
     def load(cls, path: Path | str) -> Calibration:
         """Read what `save` wrote, or what was written by hand: all but ``format`` may be left out.
 
-        The correction may also be a picture of 8 bits, of which 256 levels are a turn, as makers of SLMs give it.
+        The correction may also be a picture of 8 bits, of which 256 levels are a turn, as makers of SLMs give it. It is
+        unwrapped: for that its neighbors differ by less than half a turn.
 
         Raises
         ------
@@ -640,4 +642,6 @@ def _read_map(path):
     if levels.dtype != np.uint8:
         raise ValueError(f"{path.name} is no picture of 8 bits")
     levels = levels if levels.ndim == 2 else levels[..., 0]
-    return (levels * (2 * math.pi / 256)).astype(np.float32)
+    # of more than a turn it is wrapped, and for other wavelengths a turn is another length
+    turns = np.unwrap(np.unwrap(levels / 256.0, axis=0, period=1.0), axis=1, period=1.0)
+    return (2 * math.pi * turns).astype(np.float32)

@@ -73,6 +73,8 @@ class Stills:
             If the user closed its window.
         """
         number, info = next(self._numbers), self._driver.info
+        if info.bits and info.bits != bits:
+            raise InvalidInput(f"The levels have {bits} bits, {info.name} takes {info.bits}: give as many.")
         rows, columns = levels.shape
         pixels = placed(levels, (info.width or columns, info.height or rows), bits)
         picture = Picture(pixels, number, ((0, 0),), bits)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from holopath_addon import engine
 from holopath_addon.engine.scene import variants
+from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.engine.waves.modulator import grey_levels
-from holopath_addon.slm import Calibration, Response
+from holopath_addon.slm import Calibration, Response, Sensor
 from tests.slm.refusals import refused
 
 TURN = 2 * math.pi
@@ -389,6 +390,27 @@ def test_correction_from_a_picture(channels, tmp_path):
     found = Calibration.load(write(tmp_path, correction={"file": "flat.png", "wavelength_nm": 633}))
     np.testing.assert_allclose(found.correction, levels * (TURN / 256), rtol=1e-6)
     np.testing.assert_array_equal(found.levels(np.zeros((8, 32)), 633e-9), levels)
+
+
+def test_a_correction_of_more_than_a_turn_is_a_picture_too(tmp_path):
+    """Two turns of a bowl at 633 nm, wrapped as pictures are: at 450 nm it takes more turns, without a jump."""
+    y, x = np.indices((48, 64)) - [[[24]], [[32]]]
+    bowl = 2 * TURN * (x**2 + y**2) / 1600
+    variants.bitmaps().Bitmap(np.uint8(np.round(bowl * 256 / TURN) % 256)).write(str(tmp_path / "bowl.png"))
+    calibration = Calibration.load(write(tmp_path, correction={"file": "bowl.png", "wavelength_nm": 633}))
+    levels = calibration.levels(np.zeros((48, 64)), 450e-9).astype(float)
+    off = (levels - bowl * 633 / 450 * 256 / TURN + calibration.correction[24, 32]) % 256
+    off = (off - off[24, 32] + 128) % 256 - 128
+    assert np.abs(off).max() <= 2
+
+
+def test_the_nearest_display_is_taken():
+    """Of two that were calibrated a nanometer apart."""
+    models = [DisplayModel(nm * 1e-9, crosstalk=0.1 * nm / 638) for nm in (640, 638.5)]
+    sensors = [Sensor((4, 4), 1.0, 0.0, 1.0, {})] * 2
+    calibration = Calibration(models=tuple(models), sensors=tuple(sensors))
+    for model in models:
+        assert calibration.display([model.wavelength])[0] == model
 
 
 def test_pictures_that_are_no_correction(tmp_path):

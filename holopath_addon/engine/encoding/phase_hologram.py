@@ -101,7 +101,9 @@ class PhaseHologram:
         mi = variants.bitmaps()
         progress = progress or (lambda done, message: None)
         wavelengths = self.hologram.wavelengths
-        with whole_folder(folder, earlier("a hologram", "phase.npy", "meta.json")) as part:
+        with whole_folder(
+            folder, earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png",))
+        ) as part:
             np.save(part / "phase.npy", self.data)
             for m, frame in enumerate(self.data):
                 for phases, name in zip(frame, picture_names(m, wavelengths), strict=True):

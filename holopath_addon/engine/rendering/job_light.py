@@ -107,7 +107,7 @@ class JobLight:
         """
         variants.activate()
         views, before = spread(frames), self._record
-        with whole_folder(self.folder, earlier("HoloPath's light", RECORD)) as folder:
+        with whole_folder(self.folder, earlier("HoloPath's light", RECORD, others=("*",))) as folder:
             progress(0.0, "Exporting the scene")
             first = [_told(look, frame) for frame in views[:2]]
             moves = len({told and told[0] for told in first}) > 1

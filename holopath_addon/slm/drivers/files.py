@@ -52,7 +52,10 @@ class FilesDriver:
         """Begin; see `Driver`. Files are written as fast as they can be: their rate stands in ``pictures.json``."""
         self._told, self.info = told, replace(self.info, rate=rate or math.inf)
         self._rate, self._parts, self._shape, self._raw = rate, [], None, None
-        self._whole = whole_folder(self._folder, earlier("a sequence of pictures", "pictures.json"))
+        self._whole = whole_folder(
+            self._folder,
+            earlier("a sequence of pictures", "pictures.json", others=("picture_*.png", "pictures.raw")),
+        )
         self._part = self._whole.__enter__()
 
     def show(self, number: int, picture: Picture) -> None:

@@ -43,6 +43,19 @@ def test_round_trip(field, tmp_path):
     assert (tmp_path / "other" / "diary.txt").read_text() == "mine"
 
 
+def test_what_is_beside_phases_is_not_lost(field, tmp_path):
+    """Pictures that `stream --captures` or `reconstruct` put there, but for what file browsers leave."""
+    phase, folder = engine.encode(field, "dpac"), tmp_path / "hologram"
+    phase.save(folder)
+    (folder / "shots").mkdir()
+    with pytest.raises(engine.InvalidInput, match="holds shots beside a hologram, which would be lost"):
+        phase.save(folder)
+    (folder / "shots").rmdir()
+    (folder / ".DS_Store").touch()
+    phase.save(folder)
+    assert not (folder / ".DS_Store").exists()
+
+
 def test_close_wavelengths_have_files_of_their_own():
     assert phase_hologram.picture_names(3, (640.2e-9, 640.4e-9)) == [
         "frame_003_640.2nm.png",
