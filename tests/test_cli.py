@@ -381,6 +381,16 @@ def test_reconstruct_again(rendered, tmp_path, capfd):
     refused(cli.main(["reconstruct", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
 
 
+def test_what_cannot_be_encoded_is_refused_before_the_render(xml, tmp_path, capfd):
+    levels = tmp_path / "levels.txt"
+    levels.write_text(" ".join(f"{2 * math.pi * k / 16:.6f}" for k in range(16)))
+    words = [str(xml), *SMALL, "--encode", "auto", "--bits", "4", "--response", str(levels)]
+    refused(cli.main(["plan", *words]), capfd.readouterr().err, 2, "leave out --bits")
+    out = tmp_path / "out"
+    refused(cli.main(["render", *words, "--out", str(out)]), capfd.readouterr().err, 2, "leave out --bits")
+    assert not out.exists()
+
+
 def opened(blend, *words):
     args = cli.parse(["render", str(blend), "--out", "out", *words])
     return sources.asked(args)
