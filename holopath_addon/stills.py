@@ -137,6 +137,11 @@ class Still:
             "encode_seconds": self.encode_seconds,
         }
 
+    @property
+    def vertices(self):
+        """Most of a path, as its pictures by the path tracer have them, too."""
+        return resolved(self.settings).max_depth
+
     def compute(self, progress, rendered=None, offer=None):
         """Its `pipeline.Result`, see `pipeline.compute`; a field that was `rendered` before is only refocused."""
         settings = replace(self.settings, method=self.method) if self.method else self.settings
@@ -308,7 +313,7 @@ def _compare(folder, still, result, progress):
         result.focus,
         pupil,
         near=result.field.near,
-        max_depth=resolved(still.settings).max_depth,
+        max_depth=still.vertices,
         progress=progress,
         halves=True,
     )
@@ -352,7 +357,7 @@ def _write_rgbd(folder, still, result, white, progress):
         still.camera,
         hologram,
         [(0.0, 0.0)],
-        max_depth=resolved(still.settings).max_depth,
+        max_depth=still.vertices,
         progress=progress,
     )
     rgb = engine.to_rgb(picture[0], hologram.wavelengths)
@@ -385,7 +390,7 @@ def _write_quilt(folder, still, result, progress):
 
 def _views(still, points, progress, focus=None):
     """RGB of pictures through points of the pupil, in which everything is sharp."""
-    hologram, depth = still.hologram, resolved(still.settings).max_depth
+    hologram, depth = still.hologram, still.vertices
     what = still.scene, still.camera, hologram, points, VIEW_PATHS
     pictures = pinhole_pictures(*what, max_depth=depth, progress=progress, focus=focus)
     return engine.to_rgb(pictures, hologram.wavelengths)

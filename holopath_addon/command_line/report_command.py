@@ -193,8 +193,9 @@ def _phases(sections, phase, refocus, focus, progress):
 def _truth(args, field, say):
     """`assessment.PathTraced` of the scene that the words name, or else its report; None if none is wanted."""
     if args.scene is None:
-        if args.at_frame is not None:
-            raise engine.InvalidInput("--at-frame is of the scene to compare with: add --scene.")
+        if args.at_frame is not None or args.run_scripts:
+            flag = "--at-frame" if args.at_frame is not None else "--run-scripts"
+            raise engine.InvalidInput(f"{flag} is of the scene to compare with: add --scene.")
         return None
     found = sources.reopen(args.folder, field, args.scene or None, args.at_frame, args.run_scripts)
     if not found.same and not args.scene:

@@ -458,7 +458,6 @@ def _calibrate(args):
         raise engine.InvalidInput(
             f"{path} is of {before.bits} bits, not of {args.bits}: give --bits {before.bits}, or name another file."
         )
-    _check_writable(path)
     if not 16 <= args.window <= 512:
         raise engine.InvalidInput(f"A window of {args.window} pixels cannot be fitted: choose 16 to 512.")
     if not 1 <= args.bits <= 16:
@@ -470,6 +469,7 @@ def _calibrate(args):
         distances = [plane.distance for plane in planes.planes]
     if not distances:
         raise engine.InvalidInput("The foci are missing: give them with --distances or --focus-planes.")
+    _check_writable(path)
     told = partial(slm.calibrate, window=window, distances=distances, view=args.view, count=args.captures,
                    seed=args.seed, progress=progress)  # fmt: skip
     with _looking(args, window, planes, distances) as look:

@@ -131,6 +131,14 @@ def view(exported, focus, resolution=(48, 48), spp=256):
     return engine.reference(exported.scene, exported.camera, hologram, [focus], spp=spp)[0]
 
 
+def black_around(stage, exported):
+    """The world is not seen, and lights the middle as in Cycles."""
+    ours, theirs = view(exported, 4.0), stage.cycles((48, 48), depth=8)
+    assert theirs[:8].max() == 0 and np.abs(ours[:8]).max() < 1e-4
+    middle = (slice(18, 30), slice(18, 30))
+    assert ours[middle].mean((0, 1)) == pytest.approx(theirs[middle].mean((0, 1)), rel=0.02)
+
+
 @pytest.mark.parametrize("case", ["diffuse", "mirror", "transparent", "glass"])
 def test_transparent_film(stage, case):
     """The world lights a ball's stand-in, a tilted plate, and is seen in mirrors and through glass, not around."""
@@ -152,10 +160,7 @@ def test_transparent_film(stage, case):
     stage.scene.render.film_transparent = True
     exported = stage.export((48, 48))
     assert exported.notes == [] and not exported.camera.sees_sky
-    ours, theirs = view(exported, 4.0), stage.cycles((48, 48), depth=8)
-    assert theirs[:8].max() == 0 and np.abs(ours[:8]).max() < 1e-4
-    middle = (slice(18, 30), slice(18, 30))
-    assert ours[middle].mean((0, 1)) == pytest.approx(theirs[middle].mean((0, 1)), rel=0.02)
+    black_around(stage, exported)
     stage.scene.render.film_transparent = False
     assert stage.export((48, 48)).camera.sees_sky
 
@@ -171,10 +176,7 @@ def test_a_world_of_the_view_layer_that_cameras_do_not_see(stage):
     own.cycles_visibility.camera = False
     exported = stage.export((48, 48))
     assert exported.notes == [] and not exported.camera.sees_sky
-    ours, theirs = view(exported, 4.0), stage.cycles((48, 48), depth=8)
-    assert theirs[:8].max() == 0 and np.abs(ours[:8]).max() < 1e-4
-    middle = (slice(18, 30), slice(18, 30))
-    assert ours[middle].mean((0, 1)) == pytest.approx(theirs[middle].mean((0, 1)), rel=0.02)
+    black_around(stage, exported)
 
 
 def test_transparent_glass_of_the_film_is_noted(stage):

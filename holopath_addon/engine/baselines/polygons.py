@@ -270,7 +270,7 @@ def _radiance(job, origins, directions, progress):
 
         def body(number, light, sampler, ray=ray):
             found, _, _ = integrator.sample(job.scene, sampler, ray, None, True)
-            return number + 1, light + dr.select(dr.isfinite(found), found, 0), sampler
+            return number + 1, light + found, sampler
 
         state = (mi.UInt32(0), dr.zeros(mi.Color3f, dr.width(ray)), sampler)
         _, light, _ = dr.while_loop(state, lambda number, *_: number < limit, body, label="hidden facets")

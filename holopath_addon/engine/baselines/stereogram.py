@@ -207,7 +207,7 @@ class _LightField:
             aside = sampler.next_2d() - 0.5
             ray, _ = rays.world(*rays.place(column + aside.x, row + aside.y), slope_x, slope_y)
             found, _, _ = self.integrator.sample(job.scene, sampler, mi.RayDifferential3f(ray))
-            return n + 1, light + dr.select(dr.isfinite(found[self.channel]), found[self.channel], 0), sampler
+            return n + 1, light + found[self.channel], sampler
 
         state = (mi.UInt32(0), mi.Float(0), self.sampler)
         _, light, _ = dr.while_loop(state, lambda n, *_: n < self.paths, body, label="light field")

@@ -146,7 +146,7 @@ class Preview:
             place, point = corner + sampler.next_2d(), sampler.next_2d()
             point = self._centre + self._aperture * mi.warp.square_to_uniform_disk_concentric(point)
             found, _, _ = self._integrator.sample(self._scene, sampler, self._lens.ray(place, point))
-            return count + 1, light + dr.select(dr.isfinite(found), found, 0), sampler
+            return count + 1, light + found, sampler
 
         state = (mi.UInt32(0), mi.Color3f(0), sampler)
         _, light, _ = dr.while_loop(state, lambda n, *_: n < paths, body, label="preview")

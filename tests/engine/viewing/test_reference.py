@@ -63,3 +63,14 @@ def test_other_references_compile_nothing(build, camera, display):
         engine.reference(scene, shifted, display, [0.7], engine.Pupil(1e-4, 0.0, 2e-4), 16, 0.5, seed=4)
     kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
     assert kernels and all(kernel["cache_hit"] for kernel in kernels)
+
+
+def test_light_that_is_no_number_is_left_out(build, camera, display):
+    """Of a broken texel, which is black; beside it nothing is lost."""
+    texture = np.full((8, 8, 3), 0.6, np.float32)
+    texture[3, 3] = np.nan
+    texels = {"type": "bitmap", "data": build.mi.TensorXf(texture), "raw": True, "filter_type": "nearest"}
+    scene = build.scene(wall=build.plane(1.0, {"emitter": {"type": "area", "radiance": texels}}))
+    (picture,) = engine.reference(scene, camera, display, [1.0], spp=16, near=0.5)
+    assert np.isfinite(picture).all()
+    assert picture.max() == pytest.approx(0.6, rel=1e-3) and picture.min() < 0.1
