@@ -16,6 +16,7 @@ import pytest
 
 from holopath_addon import cli, engine, lengths, output, pipeline
 from holopath_addon.command_line import sources
+from tests.patience import NEVER, SOON
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["--resolution", "64x64", "--frames", "2", "--quality", "preview"]
@@ -218,7 +219,7 @@ def test_wrong_llvm(xml, tmp_path):
         tmp_path / "out",
         env=os.environ | {"DRJIT_LIBLLVM_PATH": str(library)},
     )
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=NEVER)
     if engine.scene.variants.describe()[0]["available"]:
         pytest.skip("CUDA needs no LLVM")
     refused(process.returncode, error, 1, "DRJIT_LIBLLVM_PATH.*install LLVM")
@@ -234,7 +235,7 @@ def test_full_disk(xml, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
     process = start("render", *words, preexec_fn=set_limit)
-    _, error = process.communicate(timeout=120)
+    _, error = process.communicate(timeout=NEVER)
     refused(process.returncode, error, 1, "could not be written")
     assert left_over(tmp_path) == []
 
@@ -266,8 +267,8 @@ def test_interrupt(number, method, at, tmp_path):
         heard += line
     sent = time.monotonic()
     process.send_signal(number)
-    _, error = process.communicate(timeout=60)
-    assert time.monotonic() - sent < 20  # a second on an idle machine
+    _, error = process.communicate(timeout=NEVER)
+    assert time.monotonic() - sent < SOON
     refused(process.returncode, error, 1, "Cancelled: nothing was written")
     assert left_over(tmp_path) == []
 
@@ -281,7 +282,7 @@ def test_interrupt_waits_for_blender_to_load(tmp_path):
     )
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     process = start("render", "demo:planes", "--out", tmp_path / "out", env=os.environ | {"PYTHONPATH": path})
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=NEVER)
     refused(process.returncode, error, 1, "Cancelled: nothing was written")
     assert (tmp_path / "whole").exists()  # bpy crashes where its import is torn
     assert not (tmp_path / "out").exists()
@@ -600,10 +601,10 @@ def test_seconds_of_encoding(xml, tmp_path, capfd):
     assert json.loads(capfd.readouterr().out)["encoding"] is None
     started = time.perf_counter()
     assert cli.main([*render, "--encode", "auto", "--encode-seconds", "2"]) == 0
-    assert time.perf_counter() - started < 20
+    assert time.perf_counter() - started < SOON
     report = json.loads((out / "report.json").read_text())
     assert report["encoding"]["plan"]["seconds"] == 2 and report["encode_seconds"] == 2
-    assert 1 < report["seconds"]["encoding"] < 6
+    assert 1 < report["seconds"]["encoding"] < SOON
 
 
 def by_torchoptics(pictures, gain, pitch, wavelength, z):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from holopath_addon.engine.scene import variants
+from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[1]
 CARD = variants._cuda_device()[0]
@@ -23,7 +24,7 @@ def run(*words, backend=variants.CUDA):
         env=os.environ | {"HOLOPATH_BACKEND": backend},
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=NEVER,
         check=False,
     )
 

@@ -18,6 +18,7 @@ from holopath_addon.operators import background
 from holopath_addon.ui import sections
 from tests.addon.layout import Context, Layout, draw
 from tests.addon.test_words import BRITISH
+from tests.patience import NEVER
 
 MAIN = Path(background.__file__).parents[1] / "__main__.py"
 
@@ -36,7 +37,7 @@ def moving(scene, tmp_path):
     scene.frame_start, scene.frame_end = 1, 2
     yield scene
     background.current.cancel()
-    assert background.current.wait(20)
+    assert background.current.wait(NEVER)
     background.current = background.Background()
 
 
@@ -91,7 +92,7 @@ def told(done, message):
 
 
 def until(condition):
-    end = time.monotonic() + 10
+    end = time.monotonic() + NEVER
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -117,7 +118,7 @@ def test_panel_while_at_work_and_canceled(moving):
     assert "Of scene.blend" in layout.words  # another file is open
     assert not bpy.ops.holopath.render_animation.poll()
     bpy.ops.holopath.cancel_animation()
-    assert work.wait(10) and ended and not work.error
+    assert work.wait(NEVER) and ended and not work.error
     layout = panel(moving)
     assert "Canceled: 11 of 250 Frames Done" in layout.words
     assert layout.all("operator", "operator") == ["holopath.render_animation"]
@@ -137,7 +138,7 @@ def test_panel_while_the_light_is_made(moving):
     work._hear(told(0.5 / 250, "Frame 1: Radiance"))
     assert panel(moving).all("progress", "text")[0].startswith("Frame 1 of 250, ")
     bpy.ops.holopath.cancel_animation()
-    assert work.wait(10)
+    assert work.wait(NEVER)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +151,7 @@ def test_panel_while_the_light_is_made(moving):
 )
 def test_panel_where_it_failed(moving, lines, then, words):
     work, ended = playing(lines, then)
-    assert work.wait(10) and ended
+    assert work.wait(NEVER) and ended
     layout = panel(moving)
     assert words in layout.words and layout.all("operator", "operator") == ["holopath.render_animation"]
 
@@ -285,7 +286,7 @@ def test_ends_with_its_input(tmp_path, killed):
     else:
         process.stdin.close()
         assert "holopath: Cancelled: the frames that are done are in" in lines.read()
-    process.wait(20)
+    process.wait(NEVER)
     until(lambda: not processes.started(pid))
     assert not copy.parent.exists()
     made = len(fields(out))
@@ -308,5 +309,5 @@ def test_nobody_hears(tmp_path):
     process = subprocess.Popen([sys.executable, "-c", code], cwd=MAIN.parents[1], **pipes)
     assert process.stderr and process.stderr.readline()
     process.stderr.close()
-    assert process.wait(60) == 0
+    assert process.wait(NEVER) == 0
     assert sorted(fields(tmp_path)) == ["frame_0001", "frame_0002"]

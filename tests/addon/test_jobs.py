@@ -8,6 +8,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
+from tests.patience import NEVER
 
 
 def serve_until_over(job):
@@ -41,7 +42,7 @@ def test_nobody_need_answer_a_cancelled_job():
     job = Job(lambda progress: job.ask(lambda: None))
     job.start()
     job.cancel()
-    assert job.wait(5) and isinstance(job.error, engine.Cancelled)
+    assert job.wait(NEVER) and isinstance(job.error, engine.Cancelled)
 
 
 def test_pictures_are_taken_once():

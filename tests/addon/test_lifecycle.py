@@ -18,6 +18,7 @@ import pytest
 
 from distribution import extension
 from distribution.wheels import this_platform
+from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[2]
 PLATFORM = this_platform()
@@ -38,7 +39,7 @@ def run(code, folder, *arguments, **environment):
         | environment,
         capture_output=True,
         text=True,
-        timeout=180,
+        timeout=NEVER,
         check=False,
     )
     assert result.returncode == 0, result.stdout + result.stderr
@@ -145,7 +146,7 @@ CYCLES = """
             time.sleep(1e-3)
         if number % 2 and number > 0:
             job.cancel()
-            assert job.wait(20)
+            assert job.wait(NEVER)
         holopath_addon.unregister()  # which cancels what is at work
         assert not job.running and (number >= 0 or job.result is not None)
         return type(job.error).__name__
@@ -199,7 +200,7 @@ def test_a_cancelled_job_lets_go_of_its_scene(scene, half):
     try:
         job.start()
         del task
-        assert job.wait(60)
+        assert job.wait(NEVER)
         assert isinstance(job.error, engine.Cancelled)
         assert seen() is None
     finally:

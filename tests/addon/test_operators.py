@@ -8,6 +8,7 @@ from holopath_addon import engine, pipeline, preferences, slm
 from holopath_addon.engine import rendering
 from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
+from tests.patience import NEVER
 
 
 def picture():
@@ -240,7 +241,7 @@ def test_job_in_a_thread_is_the_same_as_without(scene):
     here, there = Job(task.compute), Job(task.compute)
     here.run()
     there.start()
-    assert there.wait(60)
+    assert there.wait(NEVER)
     np.testing.assert_array_equal(here.result.field.data, there.result.field.data)
     assert there.done == pytest.approx(1.0)
 
@@ -265,7 +266,7 @@ def test_work_for_the_main_thread(monkeypatch):
     found = []
     thread = threading.Thread(target=lambda: found.append(jobs.on_main_thread(threading.current_thread)))
     thread.start()
-    thread.join(10)
+    thread.join(NEVER)
     assert found == [thread]
 
     def fail():
@@ -278,7 +279,7 @@ def test_work_for_the_main_thread(monkeypatch):
 
     thread = threading.Thread(target=expect)
     thread.start()
-    thread.join(10)
+    thread.join(NEVER)
     assert found[1:] == [None]
 
 
@@ -373,7 +374,7 @@ def test_a_failure_outlives_the_picture_that_comes_back(scene):
     session.current.wanted = (2.0, None, None)
     session._start_refocus()
     session.fail(engine.InvalidInput("No."))
-    assert session.current.refocus.wait(30)
+    assert session.current.refocus.wait(NEVER)
     session._poll_refocus()
     assert session.current.error == "No."
     scene.holopath.focus = 1.0
@@ -534,7 +535,7 @@ def test_a_picture_of_an_earlier_field_is_dropped(scene):
     bpy.ops.holopath.render_hologram()
     session.current.wanted = (2.0, None, None)
     session._start_refocus()
-    assert session.current.refocus.wait(30)
+    assert session.current.refocus.wait(NEVER)
     scene.holopath.resolution_x = 48
     bpy.ops.holopath.render_hologram()
     before = picture()

@@ -16,6 +16,7 @@ from holopath_addon.operators.jobs import Job
 from holopath_addon.ui import menus, sections
 from tests.addon.layout import Context, Layout, draw
 from tests.addon.test_words import BRITISH
+from tests.patience import NEVER
 
 SHOWN = [
     cls
@@ -63,12 +64,12 @@ def at_work(done, message, seconds=0.0):
     job = session.current.job = Job(work)
     job._started -= seconds
     job.start()
-    assert there.wait(5)
+    assert there.wait(NEVER)
     try:
         yield
     finally:
         go.set()
-        assert job.wait(5)
+        assert job.wait(NEVER)
         session.current.job = None
 
 

@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from holopath_addon import demo  # noqa: E402
 from holopath_addon.engine import InvalidInput  # noqa: E402
+from tests.patience import NEVER  # noqa: E402
 
 
 def depths(exported, x, y):
@@ -81,7 +82,7 @@ def test_what_one_process_compiled_serves_the_next(tmp_path):
             env=os.environ | {"DRJIT_CACHE_DIR": str(tmp_path)},
             capture_output=True,
             text=True,
-            timeout=180,
+            timeout=NEVER,
             check=True,
         )
         found.append(int(done.stdout.splitlines()[-1]))

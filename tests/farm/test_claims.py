@@ -13,6 +13,7 @@ import pytest
 
 from holopath_addon.farm import claims, processes
 from holopath_addon.farm.claims import Claim, Claims
+from tests.patience import NEVER, SOON
 
 ROOT = Path(__file__).parents[2]
 
@@ -82,7 +83,7 @@ def test_a_killed_process_is_noticed_at_once(tmp_path):
         with mine.claim("unit") as held:
             assert not held
         other.send_signal(signal.SIGKILL)  # not waited for: a zombie runs no more
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + SOON
         while mine.holder("unit") is not None and time.monotonic() < deadline:
             time.sleep(0.01)
         with mine.claim("unit") as held:
@@ -188,7 +189,7 @@ def test_of_many_that_are_killed_one_holds_it_at_a_time(tmp_path):
     """Each dies in the end while it holds the claim, which all others then find stale at once."""
     rivals = [start(TAKES, tmp_path, 100, seed) for seed in range(6)]
     for rival in rivals:
-        rival.communicate(timeout=60)
+        rival.communicate(timeout=NEVER)
     assert [rival.returncode for rival in rivals] == [0, *[-signal.SIGKILL] * 5]
     with Claims(tmp_path, "tag"):
         pass

@@ -17,6 +17,7 @@ from holopath_addon.engine import BackendUnavailable, InvalidInput
 from holopath_addon.farm import cluster, crew, errors
 from holopath_addon.farm import worker as worker_module
 from tests.farm import toy
+from tests.patience import NEVER, SOON
 
 psutil = pytest.importorskip("psutil")
 distributed = pytest.importorskip("distributed")
@@ -32,7 +33,7 @@ def children_find_the_toy(monkeypatch):
 @pytest.fixture(autouse=True)
 def nothing_runs_on():
     yield
-    end = time.monotonic() + 10
+    end = time.monotonic() + SOON
     while left := [
         p for p in psutil.Process().children(recursive=True) if "tracker" not in " ".join(p.cmdline())
     ]:
@@ -104,7 +105,7 @@ def started(*words, path=""):
     finally:
         process.terminate()
         try:
-            process.wait(10)
+            process.wait(NEVER)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
@@ -116,7 +117,7 @@ def scheduler(tmp_path):
     file = tmp_path / "scheduler.json"
     words = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--dashboard-address", "127.0.0.1:0")
     with started("distributed.cli.dask_scheduler", *words, "--scheduler-file", file) as process:
-        end = time.monotonic() + 20
+        end = time.monotonic() + SOON
         while not (file.exists() and file.read_text()):
             assert time.monotonic() < end
             time.sleep(0.05)
@@ -124,7 +125,7 @@ def scheduler(tmp_path):
 
 
 def worker(address, path=""):
-    words = ("--nthreads", 3, "--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--death-timeout", 20)
+    words = ("--nthreads", 3, "--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--death-timeout", int(NEVER))
     return started("distributed.cli.dask_worker", address, *words, path=path)
 
 
@@ -170,11 +171,11 @@ def test_a_child_that_crashes_is_replaced(tmp_path):
 
 
 def test_the_first_refusal_ends_it_all(tmp_path):
-    asked = Asked(tmp_path, 30, "a", "bad1")
+    asked = Asked(tmp_path, NEVER, "a", "bad1")
     begun = time.monotonic()
     with pytest.raises(InvalidInput, match=r"^bad1 cannot be made\.$"):
         asked.on("local:2")
-    assert time.monotonic() - begun < 20
+    assert time.monotonic() - begun < SOON
     assert names(tmp_path) == []
 
 
@@ -200,7 +201,7 @@ def test_a_worker_killed_three_times(tmp_path):
             if len(killed) < 3 and children and any(tmp_path.glob(".*.part-*")):
                 process.send_signal(signal.SIGKILL)
                 killed.append(children[0])
-                end = time.monotonic() + 5
+                end = time.monotonic() + SOON
                 while children[0].is_running() and children[0].status() != psutil.STATUS_ZOMBIE:
                     assert time.monotonic() < end
                     time.sleep(0.02)
@@ -280,9 +281,9 @@ def test_a_worker_of_another_version_is_not_used(tmp_path):
             asked.on(address)
         assert names(results) == []
         with worker(address):
-            end = time.monotonic() + 20
+            end = time.monotonic() + SOON
             with distributed.Client(address, set_as_default=False) as client:
-                client.wait_for_workers(2, timeout=20)
+                client.wait_for_workers(2, timeout=NEVER)
             asked.said.clear()
             assert asked.on(address) == 3
             assert time.monotonic() < end
@@ -411,7 +412,7 @@ def test_who_interrupts_it_keeps_what_is_done(number, alone, tmp_path):
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.05)
     os.killpg(process.pid, number)  # as a terminal does
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=NEVER)
     assert process.returncode == 1
     lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
     assert lines == [
@@ -476,10 +477,9 @@ def test_a_child_ends_with_its_parent_in_the_middle_of_a_kernel(phase, tmp_path)
         if phase in line:
             break
     time.sleep(0.5)
-    begun = time.monotonic()
     process.stdin.close()
-    process.wait(10)
-    assert time.monotonic() - begun < 2
+    process.wait(NEVER)
+    assert not list((tmp_path / "out").glob("*/wavefield"))  # it did not go on to its end
 
 
 def test_a_folder_that_a_machine_does_not_see(tmp_path, monkeypatch):

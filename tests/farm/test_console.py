@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -24,40 +23,70 @@ SCENE = """<scene version="3.0.0">
 SMALL = ["--resolution", "32x32", "--frames", "1", "--wavelengths", "516.5", "--quality", "preview"]
 
 
+class Hours:
+    """Time of the console that passes while its thread waits; what happens at which second of it."""
+
+    def __init__(self, monkeypatch, events):
+        self.now, self.events = 0.0, sorted(events.items(), reverse=True)
+        monkeypatch.setattr(console, "time", self)
+        monkeypatch.setattr(console.threading, "Event", lambda: self)
+        monkeypatch.setattr(console.threading, "Thread", lambda target, args, daemon: self)
+        with console.alive():
+            console._repeat(self)
+
+    def monotonic(self):
+        return self.now
+
+    def wait(self, seconds):
+        end = self.now + seconds
+        while self.events and self.events[-1][0] <= end:
+            self.now, happens = self.events.pop()
+            happens()
+        self.now = end
+        return not self.events
+
+    def start(self):
+        """As of a thread; the test is the one that runs."""
+
+    set = join = start
+
+
 def test_work_that_says_nothing_is_heard_of(capfd, monkeypatch):
-    monkeypatch.setattr(console, "SILENCE", 0.1)
-    with console.alive():
-        time.sleep(0.25)
-        assert capfd.readouterr().err == ""  # nothing is known of it yet
+    heard, progress = [], None
+
+    def listen():
+        heard.append(capfd.readouterr().err)
+
+    def begin():
+        nonlocal progress
         progress = console.Progress()
         progress(0.2, "Wave tracing")  # too soon to be printed by itself
-        time.sleep(0.35)
-        told = capfd.readouterr().err.splitlines()
-        assert set(told) == {" 20% Wave tracing (still at work)"} and 2 <= len(told) <= 4
-        progress(1.0, "Done")
-        time.sleep(0.25)
-    time.sleep(0.15)
-    assert capfd.readouterr().err == "100% Done\n"
+
+    events = {
+        125: listen,
+        130: begin,
+        310: listen,
+        311: lambda: progress(1.0, "Done"),
+        320: listen,
+        900: listen,
+    }
+    Hours(monkeypatch, events)
+    # nothing is known of it yet; at 180, 240 and 300 s
+    assert heard == ["", " 20% Wave tracing (still at work)\n" * 3, "100% Done\n", ""]
 
 
 def test_nothing_is_repeated_soon_after_news(capfd, monkeypatch):
-    monkeypatch.setattr(console, "SILENCE", 0.3)
-    with console.alive():
-        progress = console.Progress()
-        for step in range(1, 6):
-            progress._last_time = -1e9  # time for a line
-            progress(step / 5.5, "Radiance")
-            time.sleep(0.15)
-    assert "still" not in capfd.readouterr().err
+    progress = []
+    news = {40 * n: lambda n=n: progress[0](n / 6, "Radiance") for n in range(1, 6)}
+    Hours(monkeypatch, {1: lambda: progress.append(console.Progress())} | news | {250: lambda: None})
+    said = capfd.readouterr().err
+    assert said.count("Radiance") == 5 and "still" not in said
 
 
 def test_quiet_work_is_not_heard_of(capfd, monkeypatch):
-    monkeypatch.setattr(console, "SILENCE", 0.05)
-    with console.alive():
-        progress = console.Progress(quiet=True)
-        progress(0.2, "Wave tracing")
-        progress.saved(Path("/a/b.png"), 3)
-        time.sleep(0.2)
+    progress = console.Progress(quiet=True)
+    saved = {1: lambda: progress(0.2, "Wave tracing"), 2: lambda: progress.saved(Path("/a/b.png"), 3)}
+    Hours(monkeypatch, saved | {900: lambda: None})
     assert capfd.readouterr() == ("", "")
 
 

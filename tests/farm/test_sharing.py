@@ -15,6 +15,7 @@ import pytest
 from holopath_addon import cli, output
 from holopath_addon.farm import claims, processes
 from holopath_addon.farm.claims import Claims
+from tests.patience import NEVER
 
 bpy = pytest.importorskip("bpy")
 
@@ -82,7 +83,7 @@ def start(blend, out, *more, code=None):
 
 def ended(*others):
     """What processes said that end well."""
-    told = [other.communicate(timeout=300)[1] for other in others]
+    told = [other.communicate(timeout=NEVER)[1] for other in others]
     assert [other.returncode for other in others] == [0] * len(others), told
     return told
 
@@ -108,7 +109,7 @@ def fields(out):
 
 def wait_for(found, process=None):
     """Something that a process does in a while."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + NEVER
     while not found():
         assert time.monotonic() < deadline and (process is None or process.poll() is None)
         time.sleep(0.002)
@@ -168,7 +169,7 @@ def test_interrupted_it_gives_its_frame_back(number, blend, tmp_path):
     other = start(blend, out, "--frame-range", "1-300")
     wait_for(lambda: (out / FRAMES[0]).exists() and list(out.glob(".claims/frame_*")), other)
     other.send_signal(number)
-    _, error = other.communicate(timeout=60)
+    _, error = other.communicate(timeout=NEVER)
     assert other.returncode == 1 and "Cancelled: the frames that are done are in" in error, error
     assert all(re.fullmatch(r"frame_\d+|job.json", name) for name in names(out)) and FRAMES[0] in names(out)
 
@@ -191,7 +192,7 @@ def test_other_settings_wait_for_another_folder(blend, tmp_path, capfd):
 def test_of_two_jobs_that_begin_at_once_one_is_done(blend, tmp_path):
     out = tmp_path / "out"
     others = [start(blend, out, "--seed", seed) for seed in "12"]
-    errors = [other.communicate(timeout=300)[1] for other in others]
+    errors = [other.communicate(timeout=NEVER)[1] for other in others]
     statuses = [other.returncode for other in others]
     assert sorted(statuses) == [0, 2], errors
     refused(2, errors[statuses.index(2)], "with other settings")
@@ -298,7 +299,7 @@ sys.exit(cli.main(sys.argv[1:]))
 
 def is_full(other, out, status, says):
     """One sentence, and nothing but what was there."""
-    _, error = other.communicate(timeout=60)
+    _, error = other.communicate(timeout=NEVER)
     lines = [line for line in error.splitlines() if line.startswith("holopath: ")]
     assert other.returncode == status and len(lines) == 1 and "Traceback" not in error, error
     assert says in lines[0], error

@@ -12,6 +12,7 @@ import pytest
 
 from holopath_addon.command_line.template_command import FILES
 from tests.farm import scenes
+from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "holopath_addon" / "farm" / "templates" / FILES["slurm"]
@@ -73,7 +74,7 @@ def script(tmp_path):
 def test_what_a_task_runs(slurm, script):
     slurm.program("holopath", 'printf "%s\\n" "$@" "threads $HOLOPATH_THREADS $OMP_NUM_THREADS"; exit 3')
     task = slurm.start(script, 1, ["my scene.blend", "out dir", "--focus", "0.5m, 2m"])
-    said, _ = task.communicate(timeout=20)
+    said, _ = task.communicate(timeout=NEVER)
     assert said.splitlines() == [
         *("render", "my scene.blend", "--out", "out dir", "--frame-range", "3-6"),
         *("--focus", "0.5m, 2m", "threads 1 1"),
@@ -91,7 +92,7 @@ def test_what_a_task_runs(slurm, script):
 def test_what_is_wrong_is_said(slurm, script, task, words, says):
     slurm.program("holopath", "echo it ran")
     process = slurm.start(script, task, words)
-    said, _ = process.communicate(timeout=20)
+    said, _ = process.communicate(timeout=NEVER)
     assert process.returncode != 0 and re.search(says, said) and "it ran" not in said
 
 
@@ -107,7 +108,7 @@ def test_stopped_before_its_time_is_up(slurm, script, number, restarts, requeued
     task = slurm.start(script, 1, ["a.blend", "out"], restarts)
     assert task.stdout.readline() == "begun\n"
     task.send_signal(number)
-    said, _ = task.communicate(timeout=20)
+    said, _ = task.communicate(timeout=NEVER)
     assert said == "cleared\n" and task.returncode == 1
     assert slurm.requeued.exists() == requeued
     if requeued:
@@ -133,12 +134,12 @@ def test_the_animation_is_whole(slurm, script):
         assert line, heard
         heard += line
     second.send_signal(signal.SIGUSR1)
-    said, _ = second.communicate(timeout=60)
+    said, _ = second.communicate(timeout=NEVER)
     assert second.returncode == 1 and "Cancelled" in said, said
     assert slurm.requeued.read_text() == f"requeue {ARRAY_JOB}_1\n"
     again = slurm.start(script, 1, words, restarts=1)
     for task in (first, again):
-        said, _ = task.communicate(timeout=120)
+        said, _ = task.communicate(timeout=NEVER)
         assert task.returncode == 0, said
     frames = [f"frame_{number:04d}" for number in range(1, 7)]
     assert sorted(os.listdir(slurm.folder / "out")) == [*frames, "job.json", "light"]

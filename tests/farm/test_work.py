@@ -16,6 +16,7 @@ from holopath_addon.farm import claims, work
 from holopath_addon.farm.claims import Claim
 from holopath_addon.farm.units import Unit
 from holopath_addon.farm.work import work_off
+from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[2]
 
@@ -203,6 +204,6 @@ def test_processes_share_and_make_nothing_twice(tmp_path):
     words = [sys.executable, "-c", SHARES, str(tmp_path)]
     others = [subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(4)]
     for other in others:
-        _, error = other.communicate(timeout=60)
+        _, error = other.communicate(timeout=NEVER)
         assert other.returncode == 0, error
     assert sorted(os.listdir(tmp_path)) == [f"u{n:02d}.made" for n in range(40)]

@@ -8,6 +8,8 @@ import time
 
 import pytest
 
+from tests.patience import NEVER
+
 CONFIGURATION = """
 Section "ServerFlags"
   Option "AutoAddDevices" "false"
@@ -86,7 +88,7 @@ def x_server(tmp_path_factory):
     time.sleep(0.5)
     yield f":{number}"
     process.terminate()
-    process.wait(10)
+    process.wait(NEVER)
     os.close(told)  # not before: the server ends where it cannot write all of its number
 
 

@@ -19,6 +19,7 @@ from holopath_addon.engine.waves.gaussian_points import THIRD
 from holopath_addon.slm import FocusPlanes, Plane
 from holopath_addon.slm.fitting import STAGES
 from holopath_addon.slm.patterns import patterns
+from tests.patience import NEVER
 from tests.slm.conftest import SECOND
 from tests.slm.device import Board, Firmware
 
@@ -67,7 +68,7 @@ class Eye:
 
     def close(self):
         self._door.shutdown(socket.SHUT_RDWR)  # which wakes the thread
-        self._thread.join(5)
+        self._thread.join(NEVER)
         self._door.close()
 
 

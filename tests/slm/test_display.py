@@ -29,12 +29,13 @@ from holopath_addon.slm import (
 )
 from holopath_addon.slm.drivers import display
 from holopath_addon.slm.drivers.display import choose
+from tests.patience import NEVER, SOON
 from tests.slm.conftest import FIRST, SECOND
 
 WIDTH, HEIGHT = 1920, 1080
 ROOT = Path(__file__).parents[2]
 # what a crash of the window's process loses is shown again by the next
-PATIENCE = 20.0
+PATIENCE = SOON
 
 
 def pictures(count, seed=0):
@@ -67,7 +68,7 @@ class Told:
         self.what[number] = what
 
     def wait(self, number):
-        end = time.monotonic() + 10
+        end = time.monotonic() + SOON
         while number not in self.what:
             assert time.monotonic() < end
             time.sleep(0.005)
@@ -191,7 +192,7 @@ def test_sixty_a_second(two_monitors):
     for number in range(60):
         show(driver, number, sent[number % len(sent)])
     finish(driver)
-    assert 0.9 < time.monotonic() - start < 10
+    assert 0.9 < time.monotonic() - start < SOON
     assert sorted(told.what) == list(range(60))
     assert Counter(told.what.values())["dropped"] < 60  # how many are in time is the machine's doing
 
@@ -206,7 +207,7 @@ def test_rate_below_the_monitors(two_monitors):
     for number, picture in enumerate(pictures(10)):
         show(driver, number, picture)
     finish(driver)
-    assert 0.4 < time.monotonic() - start < 10  # at 60 a second it would take 0.17
+    assert 0.4 < time.monotonic() - start < SOON  # at 60 a second it would take 0.17
 
 
 def test_a_crash_of_the_window(two_monitors):
@@ -220,7 +221,7 @@ def test_a_crash_of_the_window(two_monitors):
     with pytest.raises(DeviceLost, match="window has crashed"):
         for number in range(1, 1000):
             show(driver, number, sent[number % 4])
-    assert time.monotonic() - start < 2
+    assert time.monotonic() - start < SOON
     driver.close()
 
     class Fragile(DisplayDriver):
@@ -246,8 +247,10 @@ def test_the_window_closes_with_its_program(two_monitors):
         "print(driver._window._process.pid, flush=True)\n"
         "os.kill(os.getpid(), 9)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, timeout=60)
-    window, end = int(done.stdout), time.monotonic() + 3
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, timeout=NEVER
+    )
+    window, end = int(done.stdout), time.monotonic() + SOON
     while Path(f"/proc/{window}").exists() and time.monotonic() < end:
         time.sleep(0.05)
     gone = not Path(f"/proc/{window}").exists() or "zombie" in Path(f"/proc/{window}/status").read_text()

@@ -8,6 +8,7 @@ import pytest
 
 from holopath_addon import cli
 from holopath_addon.slm.drivers.identify import numeral
+from tests.patience import SOON
 from tests.slm.test_display import WIDTH, screenshot
 
 
@@ -26,7 +27,7 @@ def test_on_each_monitor_its_own(two_monitors, capsys):
     thread = threading.Thread(target=cli.main, args=(["devices", "--identify", "3"],))
     thread.start()
     wanted = [np.repeat(numeral(n, 1920, 1080)[..., None], 3, 2) for n in (1, 2)]
-    end = time.monotonic() + 30
+    end = time.monotonic() + SOON
     while not all((screenshot(at) == picture).all() for at, picture in zip((0, WIDTH), wanted, strict=True)):
         assert time.monotonic() < end and thread.is_alive()
         time.sleep(0.05)

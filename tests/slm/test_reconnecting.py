@@ -11,6 +11,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, stream
 from holopath_addon.slm.drivers import controller
+from tests.patience import NEVER, SOON
 from tests.slm.device import Board, Firmware
 
 
@@ -49,7 +50,7 @@ def test_unplugged_and_plugged_in(sequence, tmp_path, restart):
 
     hand = threading.Thread(target=replug)
     hand.start()
-    counts = stream(sequence, SerialDriver(str(port), 1000000), 150, 20, told, patience=10)
+    counts = stream(sequence, SerialDriver(str(port), 1000000), 150, 20, told, patience=SOON)
     hand.join()
     boards[-1].unplug()
     assert counts.shown == 160 and counts.dropped == 0 and counts.reconnected == 2
@@ -72,7 +73,7 @@ def test_never_plugged_in_again(sequence, tmp_path):
     start = time.monotonic()
     with pytest.raises(DeviceLost):
         stream(sequence, SerialDriver(board.path, 1000000), 100, None, patience=0.6)
-    assert time.monotonic() - start < 4
+    assert time.monotonic() - start < SOON
     hand.join()
 
 
@@ -82,8 +83,8 @@ def test_not_there_at_first(sequence, monkeypatch):
     with Board(None) as board:
         start = time.monotonic()
         with pytest.raises(DeviceLost, match="does not answer"):
-            stream(sequence, SerialDriver(board.path, 1000000), 100, None, patience=60)
-        assert time.monotonic() - start < 5
+            stream(sequence, SerialDriver(board.path, 1000000), 100, None, patience=NEVER)
+        assert time.monotonic() - start < SOON
 
 
 def test_focus_after_the_port_is_back(tmp_path):
@@ -128,26 +129,7 @@ def test_patience_with_a_lost_trigger(sequence):
     start, device = time.monotonic(), Device()
     with pytest.raises(DeviceLost, match="trigger is gone"):
         stream(sequence, device, 100, None, trigger=trigger, patience=1.2)
-    assert 1 < time.monotonic() - start < 4 and device.opened < 6
-
-
-def test_the_last_picture_has_its_time(sequence):
-    times = []
-
-    class Device:
-        info = Info("device")
-
-        def open(self, rate, told):
-            pass
-
-        def show(self, number, picture):
-            times.append(time.monotonic())
-
-        def close(self, finish=False):
-            times.append(time.monotonic())
-
-    stream(sequence, Device(), 10, 1)
-    assert len(times) == 9 and times[-1] - times[-2] == pytest.approx(0.1, abs=0.05)
+    assert 1 < time.monotonic() - start < SOON and device.opened < 6
 
 
 def test_a_board_that_prints_without_end():
@@ -169,7 +151,7 @@ def test_a_board_that_prints_without_end():
         start = time.monotonic()
         with pytest.raises(DeviceLost):
             controller.trigger(1)
-        assert time.monotonic() - start < 2.2
+        assert time.monotonic() - start < SOON
         controller.close()
 
 
@@ -191,5 +173,5 @@ def test_lost_when_all_was_shown(sequence):
                 raise DeviceLost("Gone at the end: plug it in.")
 
     device = Device()
-    counts = stream(sequence, device, 200, 1, patience=5)
+    counts = stream(sequence, device, 200, 1, patience=SOON)
     assert device.shown == list(range(8)) and counts.reconnected == 1

@@ -29,6 +29,7 @@ from holopath_addon.slm import (
     streaming,
 )
 from holopath_addon.slm.drivers import link as link_module
+from tests.patience import SOON
 from tests.slm.device import Board, Firmware
 
 WIDTH, HEIGHT = 24, 16
@@ -288,7 +289,7 @@ def test_devices_that_do_not_fit(options, words, says, folder, capfd):
         start = time.monotonic()
         status = run(folder, "--driver", "serial", "--port", board.path, "--loops", "1", *words)
         one_line(capfd, status, says)
-        assert time.monotonic() - start < 2 and len(board.firmware.shown) <= 1
+        assert time.monotonic() - start < SOON and len(board.firmware.shown) <= 1
 
 
 @pytest.mark.parametrize("loops", ["0", "9999"])
@@ -298,7 +299,7 @@ def test_interrupted(loops, board, folder, capfd):
     timer.start()
     start = time.monotonic()
     status = run(folder, "--driver", "serial", "--port", board.path, "--loops", loops, "--rate", "50")
-    assert time.monotonic() - start < 1.5
+    assert time.monotonic() - start < SOON
     if loops == "0":
         said = capfd.readouterr().err
         assert status == 0 and re.search(r"Done: \d+ shown", said) and "holopath: " not in said
@@ -338,8 +339,8 @@ def test_line_is_dead_for_a_while(after, trigger, monkeypatch):
         driver = SerialDriver(board.path)
         sequence = Sequence([hologram_of(levels_of())])
         pulse = driver.controller.trigger if trigger else None
-        counts = stream(sequence, driver, trigger=pulse, patience=1.5)
-    assert counts.reconnected == 1 and counts.shown == 4
+        counts = stream(sequence, driver, trigger=pulse, patience=SOON)
+    assert counts.reconnected >= 1 and counts.shown == 4
     assert [(number, pixels) for number, _, _, _, pixels in firmware.shown] == [
         (n, levels_of()[n // 2, n % 2].tobytes()) for n in range(4)
     ]
@@ -406,7 +407,7 @@ def test_captures_of_a_device_without_a_pause(board, folder, tmp_path, camera, p
     ]
     start = time.monotonic()
     assert run(folder, *words, "--camera", camera, "--quiet") == 0
-    assert board.firmware.positions == [100, 200, 300, 400, 500] and time.monotonic() - start < 4
+    assert board.firmware.positions == [100, 200, 300, 400, 500] and time.monotonic() - start < SOON
 
 
 @pytest.mark.parametrize(

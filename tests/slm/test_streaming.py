@@ -11,6 +11,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.slm import Calibration, Counts, DeviceLost, Sequence, Stills, stream, streaming
 from holopath_addon.slm.driver import DROPPED, LATE, SHOWN, Info
+from tests.patience import NEVER, SOON
 
 
 def made(pictures=5, packing="time", calibration=None):
@@ -66,7 +67,7 @@ def lost(*numbers):
     return trouble
 
 
-def within(seconds):
+def within(seconds=SOON):
     """Progress that ends what would last for ever."""
     end = time.monotonic() + seconds
 
@@ -146,18 +147,18 @@ def test_rate(clock):
     assert counts.seconds == pytest.approx(0.49, rel=0.1) and counts.dropped == 0
 
 
-def test_without_a_rate_as_fast_as_it_takes_them():
-    start = time.monotonic()
-    stream(made(), Device(lambda number: time.sleep(0.002)), loops=20)
-    assert 0.2 <= time.monotonic() - start < 0.5
+def test_without_a_rate_as_fast_as_it_takes_them(clock):
+    device = Device(lambda number: clock.sleep(0.002))
+    stream(made(), device, loops=20)
+    assert device.times[-1] - device.times[0] == pytest.approx(99 * 0.002)
 
 
 def test_slow_device_that_drops(clock):
     """The schedule is kept: what cannot be shown in time is left out, what is shown is the right one."""
     device = Device(lambda number: clock.sleep(0.023), drops=True)
-    start = clock.monotonic()
     counts = stream(made(), device, rate=100, loops=10)
-    assert clock.monotonic() - start < 0.65  # all of them would take 1.15 s
+    # from the first picture on: before it, time passes while pictures are prepared
+    assert clock.monotonic() - device.times[0] < 0.55  # all of them would take 1.15 s
     assert counts.shown + counts.dropped == counts.total == 50
     assert counts.shown == len(device.shown) and 10 < counts.dropped < 45
     numbers = [number for number, _ in device.shown]
@@ -184,6 +185,17 @@ def test_catches_up(clock):
     assert np.median(np.abs(behind[12:])) < 2e-3
 
 
+def test_the_last_picture_has_its_time(clock):
+    class Last(Device):
+        def close(self, finish=False):
+            super().close(finish)
+            self.times.append(clock.monotonic())
+
+    device = Last()
+    stream(made(), device, rate=10)
+    assert len(device.times) == 6 and np.diff(device.times) == pytest.approx(0.1, abs=0.005)
+
+
 # Lost
 
 
@@ -191,7 +203,7 @@ def test_catches_up(clock):
 def test_goes_on_with_the_first_that_was_not_shown(number, at_once):
     device, said = Device(lost(number)), []
     counts = stream(
-        made(7), device, patience=5, progress=lambda counts: said.append((counts.lost, counts.reconnected))
+        made(7), device, patience=SOON, progress=lambda counts: said.append((counts.lost, counts.reconnected))
     )
     assert device.in_order(7, 7), device.shown
     assert (counts.shown, counts.reconnected, counts.lost) == (7, 1, "")
@@ -201,7 +213,7 @@ def test_goes_on_with_the_first_that_was_not_shown(number, at_once):
 
 def test_lost_again_and_again(at_once):
     device = Device(lost(2, 2, 3, 9, 9, 9))
-    counts = stream(made(), device, rate=500, loops=2, patience=5)
+    counts = stream(made(), device, rate=500, loops=2, patience=SOON)
     assert device.in_order(10) and (counts.shown, counts.reconnected) == (10, 6)
 
 
@@ -213,7 +225,7 @@ def test_not_there_for_a_while(at_once):
             raise DeviceLost("Not there: plug it in.")
 
     device = Device(lost(3, 4), opening)
-    counts = stream(made(), device, patience=5)
+    counts = stream(made(), device, patience=SOON)
     assert device.in_order(5) and (counts.shown, counts.reconnected) == (5, 2) and len(device.rates) == 7
 
 
@@ -223,16 +235,16 @@ def test_never_there():
     def opening(time):
         raise DeviceLost("Not there: plug it in.")
 
-    device, start = Device(opening=opening), time.monotonic()
+    device = Device(opening=opening)
     with pytest.raises(DeviceLost, match="Not there"):
-        stream(made(), device, patience=60, progress=within(3))
-    assert time.monotonic() - start < 0.5 and device.closed == [False] and len(device.rates) == 1
+        stream(made(), device, patience=NEVER, progress=within())
+    assert device.closed == [False] and len(device.rates) == 1
 
 
 def test_the_time_away_is_no_reason_to_drop(at_once, clock):
     """With a rate, and a device that drops: the schedule begins anew where it goes on."""
     device = Device(lost(3), drops=True)
-    counts = stream(made(), device, rate=200, loops=2, patience=5)
+    counts = stream(made(), device, rate=200, loops=2, patience=SOON)
     assert device.in_order(10) and counts.dropped == 0
 
 
@@ -246,7 +258,7 @@ def test_lost_while_it_finishes(at_once):
                 raise DeviceLost("Gone at the end: plug it in.")
 
     device = Late()
-    assert stream(made(), device, patience=5).shown == 5 and device.in_order(5)
+    assert stream(made(), device, patience=SOON).shown == 5 and device.in_order(5)
 
 
 def test_without_patience():
@@ -256,37 +268,34 @@ def test_without_patience():
     assert device.in_order(3) and device.closed == [False]
 
 
-def test_patience_over(monkeypatch):
+def test_patience_over(clock):
     """The device stays away: given up when the patience is over, not much later."""
-    monkeypatch.setattr(streaming, "AGAIN", 0.05)
 
     def opening(time):
         if time > 1:
             raise DeviceLost("Still away: plug it in.")
 
     device = Device(lost(3), opening)
-    start = time.monotonic()
     with pytest.raises(DeviceLost, match="Still away"):
-        stream(made(), device, patience=0.3, progress=within(5))
-    assert 0.3 <= time.monotonic() - start < 0.6
+        stream(made(), device, patience=3)
+    assert 3 <= clock.monotonic() - device.times[3] < 3 + 1.2 * streaming.AGAIN
     assert device.in_order(3) and not any(device.closed) and not device.open_now
 
 
-def test_patience_with_a_device_that_opens_but_shows_nothing(monkeypatch):
+def test_patience_with_a_device_that_opens_but_shows_nothing(clock):
     """It answers, but takes no picture: that is no coming back, and is given up too."""
-    monkeypatch.setattr(streaming, "AGAIN", 0.05)
     device = Device(lost(*[3] * 1000))
     with pytest.raises(DeviceLost, match="Gone at 3"):
-        stream(made(), device, patience=0.3, progress=within(2))
+        stream(made(), device, patience=3)
+    assert len(device.times) < 20
     assert device.in_order(3) and not device.open_now
 
 
-def test_patience_begins_anew_after_each_picture(monkeypatch):
+def test_patience_begins_anew_after_each_picture(clock):
     """A bad plug: away for a short while, often, for longer than the patience in all."""
-    monkeypatch.setattr(streaming, "AGAIN", 0.05)
     device = Device(lost(*range(5)))
-    counts = stream(made(), device, patience=0.12, progress=within(5))
-    assert device.in_order(5) and counts.reconnected == 5 and counts.seconds > 0.2
+    counts = stream(made(), device, patience=1.2)
+    assert device.in_order(5) and counts.reconnected == 5 and counts.seconds > 2
 
 
 # Stopped
@@ -308,23 +317,37 @@ def test_cancelled(case):
     device, start, asked = Device(trouble, opening), time.monotonic(), None
     with pytest.raises(engine.Cancelled):
         stream(
-            made(), device, rate=0.5 if case == "waiting" else None, loops=None, progress=stop, patience=60
+            made(),
+            device,
+            rate=1 / NEVER if case == "waiting" else None,
+            loops=None,
+            progress=stop,
+            patience=NEVER,
         )
-    assert time.monotonic() - start < 0.5 and asked
+    assert time.monotonic() - start < SOON and asked
     assert not device.open_now and device.closed and not any(device.closed)
     assert threading.active_count() < 20
 
 
 def test_cancelled_while_pictures_are_prepared(monkeypatch):
     """Large ones take a while: it does not wait for those that no one will see."""
-    sequence, make = made(), Sequence.picture
-    monkeypatch.setattr(
-        Sequence, "picture", lambda self, number: time.sleep(0.25) or make(self, number), raising=True
-    )
-    device, start = Device(), time.monotonic()
+    sequence, make, begun = made(), Sequence.picture, []
+
+    def picture(self, number):
+        begun.append(number)
+        time.sleep(0.4)
+        return make(self, number)
+
+    def stop(counts):
+        if begun:
+            raise engine.Cancelled
+
+    monkeypatch.setattr(streaming, "TOLD", 0.0)
+    monkeypatch.setattr(Sequence, "picture", picture)
+    device = Device()
     with pytest.raises(engine.Cancelled):
-        stream(sequence, device, loops=None, progress=within(0.1))
-    assert time.monotonic() - start < 0.1 + 0.25 + 0.5 and not device.open_now
+        stream(sequence, device, loops=None, progress=stop)
+    assert len(begun) < streaming.RING and not device.open_now
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, MemoryError])
@@ -335,7 +358,7 @@ def test_whatever_is_raised_closes_the_device(error):
 
     device = Device(trouble)
     with pytest.raises(error):
-        stream(made(), device, patience=60)
+        stream(made(), device, patience=NEVER)
     assert device.in_order(2) and device.closed == [False]
 
 
@@ -379,7 +402,7 @@ def test_a_trigger_that_raises_ends_it(number, threaded):
 
     device, pulses = Clockwork() if threaded else Device(), []
     with pytest.raises(ValueError, match=f"no pulse {number}"):
-        stream(made(), device, trigger=trigger, patience=60)
+        stream(made(), device, trigger=trigger, patience=NEVER)
     assert pulses == list(range(number + 1)) and not device.open_now
 
 
@@ -391,7 +414,7 @@ def test_lost_in_a_trigger(at_once):
         pulses.append(number)
         trouble(number)
 
-    counts = stream(made(), device, trigger=trigger, patience=1, progress=within(5))
+    counts = stream(made(), device, trigger=trigger, patience=SOON, progress=within())
     assert device.in_order(5) and counts.shown == 5 and counts.reconnected == 1
     assert [n for n in pulses if n != 2] == [0, 1, 3, 4]
 
@@ -414,7 +437,7 @@ def test_lost_in_a_trigger(at_once):
 def test_refused_before_the_first(options, info, says):
     device = Device(**info)
     with pytest.raises(engine.InvalidInput, match=says):
-        stream(made(**options), device, patience=60)
+        stream(made(**options), device, patience=NEVER)
     assert device.shown == [] and device.closed == [False]
 
 
@@ -470,11 +493,11 @@ class Clockwork(Device):
 
 def test_device_that_keeps_time():
     """The streamer neither waits nor counts: what the device tells is what was."""
-    device, pulses = Clockwork(fates={3: LATE, 4: DROPPED, 7: LATE}), []
+    device, pulses, rate = Clockwork(fates={3: LATE, 4: DROPPED, 7: LATE}), [], 1 / SOON
     start = time.monotonic()
-    counts = stream(made(), device, rate=5.0, loops=4, trigger=pulses.append)
-    assert time.monotonic() - start < 0.5  # 20 pictures at 5 a second would take 4 s
-    assert device.rates == [5.0] and device.seen == list(range(20)) and device.most_waiting > 1
+    counts = stream(made(), device, rate=rate, loops=4, trigger=pulses.append)
+    assert time.monotonic() - start < SOON  # as much as each would take
+    assert device.rates == [rate] and device.seen == list(range(20)) and device.most_waiting > 1
     assert (counts.shown, counts.late, counts.dropped) == (19, 2, 1)
     assert pulses == [number for number in range(20) if number != 4]
 
@@ -483,7 +506,7 @@ def test_device_that_keeps_time_lost(at_once):
     """What it had taken but not shown is sent again, and counted once, though an old thread tells of it late."""
     device, old = Clockwork(lost(9)), []
     counts = stream(
-        made(), device, loops=4, patience=5, progress=lambda counts: old.append(device.told(0, SHOWN))
+        made(), device, loops=4, patience=SOON, progress=lambda counts: old.append(device.told(0, SHOWN))
     )
     assert device.seen == sorted(device.seen) and device.seen == list(range(20))
     assert (counts.shown, counts.dropped, counts.reconnected) == (20, 0, 1) and old

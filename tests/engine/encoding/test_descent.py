@@ -19,6 +19,7 @@ from holopath_addon.engine.encoding.views import Views
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
+from tests.patience import SOON
 
 GREEN, PITCH = 516.5e-9, 8e-6
 BORDER = 25
@@ -450,7 +451,7 @@ def test_refinement_takes_the_seconds_that_it_is_given(bits):
     more = np.concatenate([smooth(24, n, (32, 32)) for n in (1, 6)], axis=1)
     begun = time.perf_counter()
     phase = engine.encode(field, "refine", many=many(more, 8), seconds=seconds, bits=bits, most_steps=10**9)
-    assert 0.8 * seconds < time.perf_counter() - begun < seconds + 5
+    assert 0.8 * seconds < time.perf_counter() - begun < SOON
     refined = [stage for stage in phase.report["stages"] if stage["stage"] == "refine"]
     assert len(refined) == 2 and min(stage["steps"] for stage in refined) > 1
     if bits:
@@ -468,7 +469,7 @@ def test_frames_that_are_not_there_in_time_are_done_without():
 
     field, begun = wave_field(smooth(4)), time.perf_counter()
     phase = engine.encode(field, "refine", many=endless, seconds=2)
-    assert time.perf_counter() - begun < 4
+    assert time.perf_counter() - begun < SOON
     sgd, traced, refined = phase.report["stages"]
     assert traced["frames"] == 0 and 0.5 < traced["seconds"] < 1.5 and refined["steps"] >= encoder.LEAST_STEPS
     assert refined["psnr_db"] > sgd["psnr_db"] + 2

@@ -14,6 +14,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.scene import variants as module
+from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[3]
 
@@ -40,7 +41,7 @@ def run(code, **environment):
         env=variables,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=NEVER,
         check=False,
     )
     assert result.returncode == 0, result.stderr
