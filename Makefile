@@ -1,4 +1,4 @@
-# make demo: a hologram of a Blender scene and refocused pictures of it, in out/demo
+# make demo: phases of a Blender scene and pictures of what they show, in out/demo; demo.png has it all at a glance
 # make test: the tests, in minutes            make env: only what both need, in .venv
 # make test-slow: those that take long, or compare with other people's programs (MINUTES=8: as many as begin in that time)
 # make test-all: both, and those in the Blender that HOLOPATH_BLENDER names
@@ -57,7 +57,7 @@ $(ORACLES): pyproject.toml | $(DEV)
 
 demo: $(RUN)
 	$(PY) -m holopath_addon render demo:suzanne --resolution 512x512 --pitch 8 --frames 8 \
-		--focus 0.5m,1m,4m --out out/demo
+		--focus 0.5m,1m,4m --encode auto --encode-seconds 20 --contact-sheet demo.png --out out/demo
 
 test: $(RUN) $(DEV)
 	$(PYTEST_PARALLEL)

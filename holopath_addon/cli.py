@@ -271,8 +271,7 @@ def _reconstruct(args):
     white = (alike and report.get("exposure_white")) or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
     files = output.picture_files(rgb, focus, white, pupil)
-    prefix = "hologram_" if args.hologram else ""
-    output.write_pictures(target, {prefix + name: data for name, data in files.items()})
+    output.write_pictures(target, output.of_phases(files) if args.hologram else files)
     progress(1.0, f"Done: {target}")
 
 

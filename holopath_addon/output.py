@@ -24,6 +24,11 @@ FORMAT_VERSION = 1
 # HoloPath's own, which only some installations tell; a test holds that pyproject.toml and the manifest say the same.
 VERSION = "0.2.0"
 FRAME = re.compile(r"frame_(-?[0-9]+)")
+SHEET_SIDE, SHEET_GAP, SHEET_GRAY = (
+    640,
+    8,
+    96,
+)  # of a contact sheet: pixels of a picture, between two, and around them
 _OWN = {
     "wavefield",
     "reconstruction",
@@ -73,10 +78,78 @@ def encode_png(rgb, white):
     -------
     bytes
     """
-    mi = variants.bitmaps()
+    return _encode(_srgb(rgb, white), variants.bitmaps().Bitmap.FileFormat.PNG)
+
+
+def _srgb(rgb, white):
+    """Bytes of a linear picture, IEC 61966-2-1."""
     linear = np.clip(np.asarray(rgb, np.float32) / white, 0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return _encode((encoded * 255 + 0.5).astype(np.uint8), mi.Bitmap.FileFormat.PNG)
+    return (encoded * 255 + 0.5).astype(np.uint8)
+
+
+def contact_sheet(pictures, lens, phases=None):
+    """PNG file that shows a hologram at a glance.
+
+    At the left are the phases of one frame and wavelength, black to white for a turn, each pixel as two by two; the
+    middle of them where there are more than fit. At the right are the pictures in pairs, the middle one last, and
+    beside it the picture through a thin lens.
+
+    Parameters
+    ----------
+    pictures : sequence of numpy.ndarray, linear RGB, shape (y, x, 3)
+        Focused at each distance, to be shown at one exposure.
+    lens : numpy.ndarray, linear RGB, shape (y, x, 3)
+        Of a thin lens that is focused as the middle one of the pictures, `middle`.
+    phases : numpy.ndarray, shape (y, x), optional
+        Radians. Without them there are pictures alone.
+
+    Returns
+    -------
+    bytes
+    """
+    order = list(pictures)
+    compared = order.pop(middle(order))
+    whites = exposure(np.stack(pictures)), exposure(lens)
+    tiles = [_tile(picture, whites[0]) for picture in [*order, compared]] + [_tile(lens, whites[1])]
+    if len(tiles) % 2:
+        tiles.insert(-2, np.full_like(tiles[0], SHEET_GRAY))
+    height, width = tiles[0].shape[:2]
+    rows, step = len(tiles) // 2, (height + SHEET_GAP, width + SHEET_GAP)
+    tall, left = rows * step[0] - SHEET_GAP, 0
+    drawn = None
+    if phases is not None:
+        drawn = np.round(np.asarray(phases) * (256 / (2 * np.pi))).astype(np.int64) % 256
+        drawn = _inner(drawn.repeat(2, 0).repeat(2, 1), tall, 2 * width + SHEET_GAP)
+        left = drawn.shape[1] + SHEET_GAP
+    sheet = np.full((tall, left + 2 * step[1] - SHEET_GAP, 3), SHEET_GRAY, np.uint8)
+    if drawn is not None:
+        top = (tall - len(drawn)) // 2
+        sheet[top : top + len(drawn), : drawn.shape[1]] = drawn[..., None]
+    for number, tile in enumerate(tiles):
+        y, x = number // 2 * step[0], left + number % 2 * step[1]
+        sheet[y : y + height, x : x + width] = tile
+    return _encode(sheet, variants.bitmaps().Bitmap.FileFormat.PNG)
+
+
+def middle(pictures):
+    """Index of the picture that a contact sheet compares with a thin lens's."""
+    return len(pictures) // 2
+
+
+def _tile(rgb, white):
+    """Bytes of a picture, at most `SHEET_SIDE` pixels wide and high: means of blocks of pixels, which keep speckle."""
+    rgb = np.asarray(rgb, np.float32)
+    block = -(-max(rgb.shape[:2]) // SHEET_SIDE)
+    height, width = (side // block for side in rgb.shape[:2])
+    inner = rgb[: height * block, : width * block].reshape(height, block, width, block, 3)
+    return _srgb(inner.mean((1, 3)), white)
+
+
+def _inner(image, height, width):
+    """The middle of an image, no larger than that."""
+    top, left = (max(0, (have - want) // 2) for have, want in zip(image.shape, (height, width), strict=True))
+    return image[top : top + height, left : left + width]
 
 
 def _encode(pixels, file_format):
@@ -128,6 +201,11 @@ def picture_files(images, focus, white=None, pupil=None):
         if white is not None:
             files[name + ".png"] = encode_png(image, white)
     return files
+
+
+def of_phases(files):
+    """`picture_files` under the names that pictures of phases have, beside those of the field."""
+    return {f"hologram_{name}": data for name, data in files.items()}
 
 
 def pupil_of(report):
@@ -300,7 +378,7 @@ def output_folder(folder):
 
 def _check_free(folder):
     names, own = _contents(folder)
-    if names and not (own and names <= _OWN):
+    if names and not (own and names <= _OWN | {read_report(folder).get("contact_sheet")}):
         raise InvalidInput(
             f"The output folder {folder} holds files that are not HoloPath's: choose a new folder."
         )

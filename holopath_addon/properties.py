@@ -22,6 +22,7 @@ from .engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
 
 CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
+_VALUES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}  # types of properties that hold one
 # Options of a path that may start at the .blend; older Blenders let any path do so.
 _KNOWS_RELATIVE = "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
 _RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if _KNOWS_RELATIVE else set()
@@ -87,8 +88,22 @@ def _display_changed(props, context):
         display.height,
         display.pitch * 1e6,
     )
-    whole = engine.Hologram(display.width, display.height, display.pitch)
-    props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
+    props.depth_far_mm, props.depth_near_mm = (end * 1e3 for end in display.depth_range)
+
+
+def _depth_set(props, context):
+    props.depth_auto = False
+
+
+def _ends_set(props):
+    return props.is_property_set("depth_far_mm") or props.is_property_set("depth_near_mm")
+
+
+def _depth_auto_changed(props, context):
+    """By hand it begins with what it was automatically."""
+    if not props.depth_auto and not _ends_set(props):
+        whole = engine.Hologram(props.resolution_x, props.resolution_y, props.pitch_um * 1e-6)
+        props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
 
 
 # Called with the settings when focus or pupil change, and when another frame of the phases is chosen: callables.
@@ -257,6 +272,15 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         description="How the scene's depth fills the depth range of the hologram",
         items=menu(DEPTH_MAPPINGS),
     )
+    depth_auto: BoolProperty(
+        name="Near the SLM",
+        description=(
+            "Let the depth range lie as near to the SLM as it keeps its depth: no light passes beside the aperture, "
+            "and borders stay bright"
+        ),
+        default=True,
+        update=_depth_auto_changed,
+    )
     depth_far_mm: FloatProperty(
         name="Far End (mm)",
         description="Distance from the SLM at which infinity appears, in millimeters",
@@ -265,6 +289,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         soft_max=500.0,
         step=10,
         precision=2,
+        update=_depth_set,
     )
     depth_near_mm: FloatProperty(
         name="Near End (mm)",
@@ -274,6 +299,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         soft_max=500.0,
         step=10,
         precision=2,
+        update=_depth_set,
     )
     near_auto: BoolProperty(
         name="Nearest Surface",
@@ -516,16 +542,23 @@ def hologram_of(props, resolution=None):
     """
     width, height = resolution or (props.resolution_x, props.resolution_y)
     wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
+    ends = (props.depth_far_mm, props.depth_near_mm)
+    far, near = (None, None) if depth_is_auto(props) else (_tidy(mm * 1e-3) for mm in ends)
     return engine.Hologram(
         width,
         height,
         _tidy(props.pitch_um * 1e-6),
         tuple(_tidy(w * 1e-9) for w in wavelengths),
-        depth_far=_tidy(props.depth_far_mm * 1e-3),
-        depth_near=_tidy(props.depth_near_mm * 1e-3),
+        depth_far=far,
+        depth_near=near,
         depth_mapping=props.depth_mapping,
         near=None if props.near_auto else _tidy(props.near),
     )
+
+
+def depth_is_auto(props):
+    """Whether nobody set the depth range; in scenes of earlier versions, which know no switch, the ends tell."""
+    return props.depth_auto and (props.is_property_set("depth_auto") or not _ends_set(props))
 
 
 def display_of(props):
@@ -628,10 +661,34 @@ def register():
     attach()
 
 
+def _anything_set(props):
+    own = [prop for prop in props.bl_rna.properties if prop.type in _VALUES]
+    # other ways to write a property always count as set
+    return any(
+        props.is_property_set(prop.identifier)
+        for prop in own
+        if prop.identifier not in _Focus.__annotations__
+    )
+
+
+@bpy.app.handlers.persistent
+def _stamp(*_):
+    """Files tell whether the depth range is automatic: earlier versions, of which it was 10 to 15 mm, do not."""
+    for scene in bpy.data.scenes:
+        if scene.library is None and _anything_set(of(scene)):
+            of(scene).depth_auto = depth_is_auto(of(scene))
+
+
 @bpy.app.handlers.persistent
 def _settle(*_):
-    """Choices that only a later version of HoloPath knows are at their defaults in this one."""
+    """Choices that only a later version of HoloPath knows are at their defaults in this one.
+
+    Scenes of earlier versions keep the depth range that they had by default.
+    """
     for scene in bpy.data.scenes:
+        props = of(scene)
+        if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):
+            props.depth_far_mm, props.depth_near_mm = props.depth_far_mm, props.depth_near_mm
         for props in (of(scene), of(scene).device):
             for prop in props.bl_rna.properties:
                 if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
@@ -643,11 +700,13 @@ def attach():
     for owner, group in _GROUPS.items():
         setattr(owner, _NAME, PointerProperty(type=group))
     bpy.app.handlers.load_post.append(_settle)
+    bpy.app.handlers.save_pre.append(_stamp)
 
 
 def detach():
     """Take the settings from scenes, view layers and materials."""
-    if _settle in bpy.app.handlers.load_post:  # another add-on may have cleared the list
-        bpy.app.handlers.load_post.remove(_settle)
+    for handlers, own in ((bpy.app.handlers.load_post, _settle), (bpy.app.handlers.save_pre, _stamp)):
+        if own in handlers:  # another add-on may have cleared the list
+            handlers.remove(own)
     for owner in _GROUPS:
         delattr(owner, _NAME)

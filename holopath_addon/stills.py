@@ -25,11 +25,12 @@ if TYPE_CHECKING:
     import mitsuba as mi
 
 VIEW_PATHS = 64  # a pixel, of each view of a light field
+SHEET_PATHS = 64  # and of the thin lens's picture on a contact sheet
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
 _PHASES = {"encoded", "encoding_bits", "encoding_levels", "encoding_display", "encode_seconds"}
-_VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", "quilt", *_PHASES}
+_VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", "quilt", "contact_sheet", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
     "focus_asked": "focus",
@@ -43,6 +44,7 @@ _NAMES = {
     "rgbd": "picture with depth",
     "light_field": "light field",
     "quilt": "quilt",
+    "contact_sheet": "contact sheet",
     "settings": "setting",
 }
 
@@ -87,6 +89,8 @@ class Still:
         That the SLM has at each wavelength.
     display : list of engine.DisplayModel, or None
         What the display does to light at each wavelength, see `engine.encode`.
+    contact_sheet : str or None
+        Name of a picture to write that shows all at a glance, see `output.contact_sheet`.
     opened : dict
         The scene's frame and the name of the camera that was asked for, None each where there is none: with them it can
         be opened again.
@@ -112,6 +116,7 @@ class Still:
     levels: list | None = None
     quilt: tuple | None = None
     display: list | None = None
+    contact_sheet: str | None = None
     opened: dict = dataclasses.field(default_factory=dict)
 
     @cached_property
@@ -135,6 +140,7 @@ class Still:
             "light_field": self.light_field,
             "quilt": self.quilt and list(self.quilt),
             "encode_seconds": self.encode_seconds,
+            "contact_sheet": self.contact_sheet,
         }
 
     @property
@@ -196,7 +202,7 @@ def write(
     with clock("export"):
         asked = still.asked
     encodes = still.encode not in ("none", "dpac")
-    more = still.compare or still.rgbd or still.light_field or still.quilt
+    more = still.compare or still.rgbd or still.light_field or still.quilt or still.contact_sheet
     rendered_at = 0.4 if encodes else 0.7 if more else 0.95
     end = 0.7 if more else 0.95
     result = still.compute(stage(progress, 0.0, rendered_at), rendered)
@@ -211,13 +217,21 @@ def write(
         )
     phase, told = encoded, []
     if phase is None and still.encode != "none":
-        at = stage(progress, rendered_at, end)
+        at = stage(progress, rendered_at, end - 0.02)
         with clock("encoding"):
             phase, told = _encode(still, result.field, at, stoppable)
         result.field = replace(result.field, more=None)  # which has done what it was for
+    seen = rgb
     if phase is not None:
+        with clock("refocusing phases"):
+            at = stage(progress, end - 0.02, end)
+            light = phase.field(display=still.display)
+            shown = engine.reconstruct(light, result.focus, still.pupil, progress=at)
+            seen = engine.to_rgb(shown, wavelengths)
         with clock("files"):
             phase.save(folder / "hologram")
+            files = output.picture_files(seen, result.focus, white, still.pupil)
+            output.write_pictures(folder / "reconstruction", output.of_phases(files))
     bake = result.field.report.get("bake")
     notes = [*result.plan.warnings, *pipeline.bake_notes(bake), *told]
     report = {
@@ -240,9 +254,10 @@ def write(
     }
     if phase is not None:
         report["encoding"] = {"method": phase.method, **phase.report}
-    if still.compare and not (phase and phase.report.get("stopped")):
+    stopped = phase is not None and phase.report.get("stopped")
+    if still.compare and not stopped:
         with clock("reference"):
-            rows = _compare(folder, still, result, stage(progress, end, 0.9))
+            rows = _compare(folder, still, result, stage(progress, end, 0.9), phase and shown)
         dark = [
             format_distance(depth) for depth in result.focus if depth not in {row["focus_m"] for row in rows}
         ]
@@ -259,6 +274,11 @@ def write(
     if still.quilt:
         with clock("quilt"):
             _write_quilt(folder / "quilt", still, result, stage(progress, 0.96, 0.98))
+    if still.contact_sheet and not stopped:
+        with clock("contact sheet"):
+            _write_sheet(
+                folder / still.contact_sheet, still, result, seen, phase, stage(progress, 0.96, 0.98)
+            )
     report["seconds"] = {
         **result.seconds,
         **clock.seconds,
@@ -299,11 +319,11 @@ def _noise_notes(rows):
     ]
 
 
-def _compare(folder, still, result, progress):
+def _compare(folder, still, result, progress, shown=None):
     """References of the pictures, into the folder, and rows of PSNR and SSIM by them.
 
     The border that light from outside the view reaches is left out. PSNR also against what light through the pupil
-    shows at best, see `engine.diffracted`.
+    shows at best, see `engine.diffracted`. Where there are phases, `shown` are their pictures, which are compared, too.
     """
     hologram, plan, mapping, pupil = result.field.hologram, result.plan, result.field.mapping, still.pupil
     truth = engine.reference(
@@ -324,7 +344,8 @@ def _compare(folder, still, result, progress):
     openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
     slope = hologram.widest_slope
     rows = []
-    for depth, image, halves in zip(result.focus, result.images, truth, strict=True):
+    of_phases = [None] * len(result.focus) if shown is None else shown
+    for depth, image, light, halves in zip(result.focus, result.images, of_phases, truth, strict=True):
         z = float(mapping.depth_to_z(depth))
         border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / hologram.pitch)
         border = max(0, min(border, (min(hologram.width, hologram.height) - 12) // 2))
@@ -333,19 +354,41 @@ def _compare(folder, still, result, progress):
             continue
         if pupil is not None:
             image = assessment.even(result.field, image, pupil)
+            light = light if light is None else assessment.even(result.field, light, pupil)
         perfect = engine.diffracted(halves, hologram, openings)
-        rows.append(
-            {
-                "focus_m": depth,
-                "psnr_db": engine.psnr(image, halves, border),
-                "psnr_deviation_db": engine.psnr_deviation(image, halves, border),
-                "psnr_of_diffracted_db": engine.psnr(image, perfect, border),
-                "psnr_ceiling_db": engine.psnr_of_halves(perfect, halves, border),
-                "ssim": engine.ssim(image, halves, border),
-                "border_pixels": border,
-            }
-        )
+        row = {
+            "focus_m": depth,
+            "psnr_db": engine.psnr(image, halves, border),
+            "psnr_deviation_db": engine.psnr_deviation(image, halves, border),
+            "psnr_of_diffracted_db": engine.psnr(image, perfect, border),
+            "psnr_ceiling_db": engine.psnr_of_halves(perfect, halves, border),
+            "ssim": engine.ssim(image, halves, border),
+            "border_pixels": border,
+        }
+        if light is not None:
+            row["phases_psnr_db"] = engine.psnr(light, halves, border)
+            row["phases_ssim"] = engine.ssim(light, halves, border)
+        rows.append(row)
     return rows
+
+
+def _write_sheet(path, still, result, pictures, phase, progress):
+    """The contact sheet: phases of the first frame in the middle wavelength, pictures, and one through a thin lens."""
+    hologram, depth = result.field.hologram, result.focus[output.middle(result.focus)]
+    lens = engine.reference(
+        still.scene,
+        still.camera,
+        hologram,
+        [depth],
+        still.pupil,
+        SHEET_PATHS,
+        result.field.near,
+        still.vertices,
+        progress,
+    )
+    rgb = engine.to_rgb(lens[0], hologram.wavelengths)
+    phases = None if phase is None else phase.data[0, phase.data.shape[1] // 2]
+    path.write_bytes(output.contact_sheet(pictures, rgb, phases))
 
 
 def _write_rgbd(folder, still, result, white, progress):

@@ -122,6 +122,8 @@ def test_distances_that_are_none(text):
         (["{xml}", "--animation"], "--animation"),
         (["{xml}", "--seed", "-1"], "Seed"),
         (["{xml}", "--quality", "high", "--spp", "3"], "not allowed with"),
+        (["{xml}", "--contact-sheet", "demo.jpg"], "not the name of a picture in DIR"),
+        (["{xml}", "--contact-sheet", "../demo.png"], "not the name of a picture in DIR"),
     ],
 )
 def test_bad_words(words, says, xml, tmp_path, capfd):
@@ -346,7 +348,7 @@ def test_pictures(rendered):
 
 def test_report(rendered):
     report = json.loads((rendered / "report.json").read_text())
-    assert report["hologram"]["depth_far"] == pytest.approx(1.25e-3)
+    assert report["hologram"]["depth_far"] == pytest.approx(0.125e-3)
     assert report["settings"]["quality"] == "preview"
     assert report["focus_m"] == [0.5, 2.0, "inf"]
     assert report["spp"] == report["plan"]["rays_per_pixel"] > 0
@@ -449,6 +451,51 @@ def test_encode(rendered, xml, tmp_path, capfd):
     stored = engine.PhaseHologram.load(tmp_path / "out" / "hologram").data
     again = engine.encode(engine.WaveField.load(tmp_path / "out" / "wavefield"), "dpac")
     np.testing.assert_array_equal(stored, again.data)
+
+
+def test_contact_sheet(xml, tmp_path):
+    """All at a glance, as the files have it; and a render with phases has pictures of what they show."""
+    out = tmp_path / "out"
+    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--focus", "0.5m,1m,2m", "--out", str(out)]
+    words += ["--encode", "dpac", "--contact-sheet", "a.png", "--compare-reference", "--quiet"]
+    assert cli.main(words) == 0
+    sheet, side, gap = read(out / "a.png"), 64, output.SHEET_GAP
+    assert sheet.shape == (2 * side + gap, 4 * side + 2 * gap, 3)
+    phases = read(out / "hologram" / "frame_000_516nm.png")
+    top = gap // 2
+    np.testing.assert_array_equal(sheet[top : top + 2 * side : 2, : 2 * side : 2, 0], np.squeeze(phases))
+    left, below = 2 * side + gap, side + gap
+    for number, focus in enumerate(("0.5", "2", "1")):
+        y, x = number // 2 * below, left + number % 2 * (side + gap)
+        shown = read(out / "reconstruction" / f"hologram_focus_{focus}m.exr")
+        assert np.abs(shown - read(out / "reconstruction" / f"focus_{focus}m.exr")).max() > 0
+        tile = sheet[y : y + side, x : x + side].astype(float)
+        seen = read(out / "reconstruction" / f"hologram_focus_{focus}m.png")
+        assert np.corrcoef(tile.ravel(), seen.ravel())[0, 1] > 0.95  # exposed otherwise
+    lens = sheet[below:, left + side + gap :].astype(float)
+    truth = read(out / "reference" / "focus_1m.png")
+    assert np.corrcoef(lens.ravel(), truth.ravel())[0, 1] > 0.95
+    report = json.loads((out / "report.json").read_text())
+    assert all(5 < row["phases_psnr_db"] < row["psnr_db"] + 1 for row in report["comparison"])
+    assert cli.main(words) == 0  # its own folder, which is replaced
+    assert left_over(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("count", "phases", "rows"),
+    [(1, True, 1), (2, True, 2), (4, False, 3), (5, True, 3)],
+)
+def test_contact_sheets_of_any_number(count, phases, rows, backend, tmp_path):
+    """Pictures in pairs, the middle one beside the lens's; large ones are made smaller, phases are cut."""
+    shape, gap = (output.SHEET_SIDE * 2, output.SHEET_SIDE * 2 - 6), output.SHEET_GAP
+    pictures = [np.full((*shape, 3), n + 1.0) for n in range(count)]
+    data = output.contact_sheet(pictures, np.ones((*shape, 3)), np.zeros(shape) if phases else None)
+    (tmp_path / "a.png").write_bytes(data)
+    sheet = read(tmp_path / "a.png")
+    height, width = shape[0] // 2, shape[1] // 2
+    across = 2 * width + gap
+    assert sheet.shape[:2] == (rows * (height + gap) - gap, 2 * across + gap if phases else across)
+    assert (sheet[-1, -1] == 255).all()  # the lens's
 
 
 def test_encoding_afterwards_is_encoding_with_the_render(xml, tmp_path, capfd):
@@ -718,7 +765,7 @@ def test_plan_as_json_and_a_blend_brings_its_settings(tmp_path, capfd):
     assert plan["hologram"]["depth_near"] == 1.5e-3 and plan["settings"]["frames"] == 3
     assert cli.main(["plan", path, "--json", "--frames", "5", "--resolution", "64x64"]) == 0
     plan = json.loads(capfd.readouterr().out)
-    assert plan["settings"]["frames"] == 5 and plan["hologram"]["depth_near"] == pytest.approx(1.875e-3)
+    assert plan["settings"]["frames"] == 5 and plan["hologram"]["depth_near"] == pytest.approx(0.75e-3)
 
 
 def test_plan_as_text(xml, capfd):

@@ -14,7 +14,6 @@ import numpy as np
 from benchmarks.scenes import FOV, GREEN, Scenes
 from holopath_addon import engine
 from holopath_addon.engine.encoding import descent
-from holopath_addon.engine.planning.planner import captured_share
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves import propagation
 
@@ -210,7 +209,7 @@ def aperture(millimetres):
     return {
         "psnr": engine.psnr(picture, truth, EDGE),
         "brightness": float(picture[EDGE:-EDGE, EDGE:-EDGE].mean() / truth[EDGE:-EDGE, EDGE:-EDGE].mean()),
-        "captured": captured_share(hologram, z),
+        "captured": hologram.captured_share(z),
     } | said(plan)
 
 

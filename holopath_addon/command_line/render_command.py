@@ -25,6 +25,7 @@ from .options import argument
 
 DEMO_SCENES = ", ".join(f"demo:{name}" for name in DEMOS)
 MOST_VIEWS = 256  # of a quilt
+ENDS = ("depth_far", "depth_near")  # of the volume
 # Words that leave results as they are; all others decide them.
 _APART = {
     "run",
@@ -104,6 +105,13 @@ def add(command, store):
         help="also write such pictures from the left of the pupil to its right, C x R in one as Looking Glass displays "
         "read it, into DIR/quilt",
     )
+    render.add_argument(
+        "--contact-sheet",
+        type=argument(_sheet),
+        metavar="NAME.png",
+        help="also write one picture of all into DIR: phases of a frame, what is seen at each focus, and a thin lens's "
+        "picture of the middle one beside it",
+    )
     render.add_argument("--attended", action="store_true", help=argparse.SUPPRESS)  # by a window
 
 
@@ -133,7 +141,8 @@ def add_scene(parser, store):
         "--depth-range",
         type=options.numbers(2, "FAR,NEAR", "millimeters"),
         metavar="FAR_MM,NEAR_MM",
-        help="infinity's and the near end's distances from the SLM (default: what the display can show)",
+        help="infinity's and the near end's distances from the SLM (default: so near that no border darkens; 80,85 "
+        "with --display)",
     )
     add(
         "--depth-mapping",
@@ -236,6 +245,12 @@ def _quilt(text):
     return int(columns), int(rows)
 
 
+def _sheet(text):
+    if Path(text).name != text or Path(text).suffix != ".png":
+        raise engine.InvalidInput(f"'{text}' is not the name of a picture in DIR, such as demo.png")
+    return text
+
+
 def _one_frame(text):
     frames = ranges.frames(text)
     if len(frames) != 1:
@@ -321,9 +336,11 @@ def hologram_of(args, base):
     if args.pitch is not None:
         changes["pitch"] = args.pitch * 1e-6
     if args.depth_range is not None:
-        changes.update(depth_far=args.depth_range[0] * 1e-3, depth_near=args.depth_range[1] * 1e-3)
+        changes.update(zip(ENDS, (mm * 1e-3 for mm in args.depth_range), strict=True))
+    elif args.display is not None:
+        changes.update(zip(ENDS, args.display.depth_range, strict=True))
     elif changes:
-        changes.update(depth_far=None, depth_near=None)
+        changes.update(dict.fromkeys(ENDS))
     if args.wavelengths is not None:
         changes["wavelengths"] = tuple(w * 1e-9 for w in args.wavelengths)
     if args.depth_mapping is not None:
@@ -399,6 +416,7 @@ def still_of(args, source, job=None):
         levels=levels,
         quilt=args.quilt,
         display=display,
+        contact_sheet=args.contact_sheet,
         opened={
             "frame": source.frame,
             "camera": args.camera,
@@ -567,8 +585,9 @@ def _remarks(report):
     for row in report.get("comparison", []):
         depth = row["focus_m"]
         where = "infinity" if math.isinf(depth) else f"{lengths.format_distance(depth)} m"
+        phases = f", of the phases {row['phases_psnr_db']:.2f} dB" if "phases_psnr_db" in row else ""
         lines.append(
-            f"focus {where}: PSNR {row['psnr_db']:.2f} dB, SSIM {row['ssim']:.3f}; "
+            f"focus {where}: PSNR {row['psnr_db']:.2f} dB{phases}, SSIM {row['ssim']:.3f}; "
             f"a perfect hologram of this pitch: {row['psnr_ceiling_db']:.1f} dB"
         )
     return lines

@@ -25,6 +25,9 @@ class Display:
         Bits of phase per pixel that the device's interface takes.
     number : int
         By which .blend files hold it, for ever.
+    depth_range : (float, float)
+        Distances from the SLM of the far and the near end of its volume, meters: those of the paper's prototype
+        (section 5), whose relay has room for them.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Display:
     pitch: float
     bits: int
     number: int
+    depth_range: tuple[float, float] = (80e-3, 85e-3)
 
 
 DISPLAYS = {

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
+import numpy as np
+
 from .errors import InvalidInput
 from .settings import DEPTH_MAPPINGS
 
-LARGE_DISPLAY, LARGE_DEPTH_RANGE = 6e-3, (80e-3, 85e-3)  # metres of the shorter side from which on it suits
-SMALL_DISPLAY, SMALL_DEPTH_RANGE = 4.096e-3, (10e-3, 15e-3)  # 512 pixels of 8 µm
+# Meters from the SLM: as near as the volume keeps its depth on a display whose shorter side is so long or longer, which
+# is 512 pixels of 8 µm. Measured: docs/measurements.md, How near to the SLM.
+DEPTH_RANGE, SHORTER_SIDE = (-4e-3, 1e-3), 4.096e-3
+MIN_CAPTURED = 0.9  # of the light; where less passes the aperture, borders are seen to be dark
 
 
 @dataclass(frozen=True)
@@ -26,8 +30,8 @@ class Hologram:
         Vacuum wavelengths, metres; each takes the red, green or blue radiance of the scene,
         whichever is nearest (`channel`).
     depth_far, depth_near : float
-        Distance from the SLM of the far end (world infinity) and of the near end, metres. Default: what its
-        aperture can show without dark edges.
+        Distance from the SLM of the far end (world infinity) and of the near end, metres. Default: as near as its
+        aperture shows without dark edges.
     depth_mapping : {'fit', 'eyepiece'}
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
@@ -92,15 +96,40 @@ class Hologram:
             raise InvalidInput(f"The near end of the scene must be a positive distance, not {self.near:g} m.")
 
     def _depth_range(self):
-        """Depth range that the aperture can show without dark edges.
+        """Depth range that the aperture shows without dark edges.
 
-        Light spreads on its way to the SLM; a small display far from its volume loses most of it.
+        Light spreads on its way to the SLM, by slope times distance, and what passes beside the aperture is lost to
+        the picture's border. So the volume lies near, and that of a small display is less deep.
         """
-        side = min(self.width, self.height) * self.pitch
-        if side >= LARGE_DISPLAY:
-            return LARGE_DEPTH_RANGE
-        scale = min(1.0, side / SMALL_DISPLAY)
-        return tuple(end * scale for end in SMALL_DEPTH_RANGE)
+        scale = min(1.0, min(self.width, self.height) * self.pitch / SHORTER_SIDE)
+        return tuple(end * scale for end in DEPTH_RANGE)
+
+    def captured_share(self, distance: float) -> float:
+        """Share of the recordable cones' light, from a picture at `distance` in meters, that passes the aperture.
+
+        Geometric: the overlap of the picture and its copies shifted by slope times distance, averaged over
+        the cone of the widest wavelength.
+        """
+        n = 33
+        axis = np.linspace(-1, 1, n)
+        slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
+        disk = slope_x**2 + slope_y**2 <= 1
+        walk = self.widest_slope * abs(distance) / self.pitch
+        kept = np.clip(1 - np.abs(slope_x) * walk / self.width, 0, 1) * np.clip(
+            1 - np.abs(slope_y) * walk / self.height, 0, 1
+        )
+        return float(kept[disk].mean())
+
+    def lost_light(self, distance: float) -> str:
+        """What a picture at `distance` in meters loses beside the aperture, in words; empty where that is little."""
+        captured = self.captured_share(distance)
+        if captured >= MIN_CAPTURED:
+            return ""
+        border = math.ceil(self.widest_slope * abs(distance) / self.pitch)
+        return (
+            f"Only {captured:.0%} of the light fits through the SLM's aperture at {abs(distance) * 1e3:.3g} mm: the "
+            f"outer {border} pixels darken"
+        )
 
     def max_slope(self, wavelength: float) -> float:
         """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge."""

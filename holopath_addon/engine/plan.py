@@ -158,6 +158,8 @@ class Plan:
         Estimated peak of the arrays.
     decisions : tuple of Decision
     warnings : tuple of str
+    beside : int
+        Pixels beyond each edge of the picture that are traced, too, see `window`.
     """
 
     near: float
@@ -197,6 +199,7 @@ class Plan:
     memory_bytes: int
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
+    beside: int = 0  # as in files of versions that did not have it
 
     @property
     def seconds(self) -> float:

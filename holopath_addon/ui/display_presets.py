@@ -25,6 +25,7 @@ class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
             "wavelength_nm",
             "depth_far_mm",
             "depth_near_mm",
+            "depth_auto",  # after those, which switch it off
         )
     ]
 

@@ -1,5 +1,6 @@
 """The contents of the panels, each drawn into any layout."""
 
+from contextlib import suppress
 from typing import Any
 
 import bpy
@@ -57,9 +58,21 @@ def depth(layout: UILayout, context: Context) -> None:
     """How the scene's depth fills the hologram's volume, and the distances to look at."""
     props = properties.of(context.scene)
     layout.prop(props, "depth_mapping")
-    column = layout.column(align=True)
-    column.prop(props, "depth_far_mm")
-    column.prop(props, "depth_near_mm")
+    layout.prop(props, "depth_auto")
+    if properties.depth_is_auto(props):
+        with suppress(engine.InvalidInput):
+            hologram = properties.hologram_of(props)
+            ends = f"{hologram.depth_far * 1e3:.3g} to {hologram.depth_near * 1e3:.3g} mm from the SLM"
+            wrapped(layout, context, ends)
+    else:
+        column = layout.column(align=True)
+        column.prop(props, "depth_far_mm")
+        column.prop(props, "depth_near_mm")
+    with suppress(engine.InvalidInput):
+        hologram = properties.hologram_of(props)
+        lost = hologram.lost_light(max(hologram.depth_far, hologram.depth_near, key=abs))
+        if lost:
+            wrapped(layout, context, f"{lost}.", icon="ERROR")
     if props.depth_mapping == "eyepiece":
         wrapped(layout, context, "Near End: Set by Eyepiece", icon="INFO")
     else:

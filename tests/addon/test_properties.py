@@ -18,7 +18,7 @@ def settings(addon):
 
 def test_defaults(settings):
     hologram = properties.hologram_of(settings)
-    assert hologram == engine.Hologram(512, 512, 8e-6, depth_far=10e-3, depth_near=15e-3)
+    assert hologram == engine.Hologram(512, 512, 8e-6)
     assert properties.settings_of(settings) == engine.Settings()
     assert properties.focus_of(settings) == 1.0 and properties.pupil_or_none(settings) is None
 
@@ -45,9 +45,7 @@ def test_all_settings(settings):
     settings.planes_auto, settings.planes, settings.paths = False, 4, 5
     settings.phase_field, settings.despeckle, settings.method = "random", 40, "fast"
     hologram = properties.hologram_of(settings, (20, 10))
-    assert hologram == engine.Hologram(
-        20, 10, 8e-6, (532e-9,), depth_far=10e-3, depth_near=15e-3, depth_mapping="eyepiece", near=0.3
-    )
+    assert hologram == engine.Hologram(20, 10, 8e-6, (532e-9,), depth_mapping="eyepiece", near=0.3)
     assert properties.settings_of(settings) == engine.Settings(
         frames=3,
         method="fast",
@@ -65,6 +63,38 @@ def test_all_settings(settings):
         despeckle=40,
         seed=7,
     )
+
+
+def test_depth_range(settings):
+    """Near the SLM until somebody sets it, by hand, by script or by a display."""
+    settings.resolution_x = 256
+    assert properties.hologram_of(settings) == engine.Hologram(256, 512, 8e-6)
+    settings.depth_auto = False  # begins with what it was
+    assert (settings.depth_far_mm, settings.depth_near_mm) == pytest.approx((0.5, 3.0))
+    settings.depth_auto = True
+    settings.depth_near_mm = 7.0
+    assert not settings.depth_auto and properties.hologram_of(settings).depth_near == 7e-3
+    settings.depth_auto = True
+    settings.display = "pluto-2"
+    assert not settings.depth_auto and properties.hologram_of(settings).depth_far == 80e-3
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_files_of_versions_before_depth_ranges_were_automatic(old, settings, tmp_path, monkeypatch):
+    """In these 10 to 15 mm was the default, which no file tells; those of this version tell that it is automatic."""
+    settings.frames = 3
+    if old:
+        monkeypatch.setattr(properties, "_anything_set", lambda props: False)
+    file = str(tmp_path / "a.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    monkeypatch.undo()
+    bpy.ops.wm.open_mainfile(filepath=file)
+    settings = bpy.context.scene.holopath
+    hologram = properties.hologram_of(settings)
+    assert hologram == engine.Hologram(
+        512, 512, 8e-6, **({"depth_far": 10e-3, "depth_near": 15e-3} if old else {})
+    )
+    assert settings.depth_auto is not old and settings.frames == 3
 
 
 def test_materials_hold_an_abbe_number(addon):
@@ -297,6 +327,7 @@ def test_a_file_of_version_0_1_0_keeps_its_settings(addon):
     (scene,) = wanted.scenes
     try:
         told = {name: getattr(scene.holopath, name) for name in OLD}
+        assert properties.hologram_of(scene.holopath).depth_far == 100e-3
         assert {name: round(v, 5) if isinstance(v, float) else v for name, v in told.items()} == OLD
     finally:
         bpy.data.scenes.remove(scene)

@@ -125,7 +125,15 @@ def scheduler(tmp_path):
 
 
 def worker(address, path=""):
-    words = ("--nthreads", 3, "--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--death-timeout", int(NEVER))
+    words = (
+        "--nthreads",
+        3,
+        "--no-dashboard",
+        "--dashboard-address",
+        "127.0.0.1:0",
+        "--death-timeout",
+        int(NEVER),
+    )
     return started("distributed.cli.dask_worker", address, *words, path=path)
 
 

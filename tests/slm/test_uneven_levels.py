@@ -160,9 +160,11 @@ def thickness(height, width):
     return 1 + 0.25 * (x - 0.5) + 0.1 * np.sin(5 * y)
 
 
-@pytest.mark.parametrize(("name", "gain"), [("plm", 2), ("bent", 5)])
-def test_a_response_that_varies_over_the_panel(name, gain, field):
-    """On a larger panel, mirrored, moved and bent: nothing is lost where it is known, decibels where it is not."""
+# Over seeds known ones lose 0.45 (deviation 0.09) and -0.1 (0.4) dB to even ones, as thin places lack levels; where the
+# variation is not known, it is 2.4 (0.11) and 7.3 (0.25) dB.
+@pytest.mark.parametrize(("name", "gain", "loss"), [("plm", 2, 0.8), ("bent", 5, 1.2)])
+def test_a_response_that_varies_over_the_panel(name, gain, loss, field):
+    """On a larger panel, mirrored, moved and bent: little is lost where it is known, decibels where it is not."""
     height, width = field.hologram.height, field.hologram.width
     plain = calibration(name)
     device = replace(
@@ -184,7 +186,7 @@ def test_a_response_that_varies_over_the_panel(name, gain, field):
         decibels(field, unknown, device, alike),
         decibels(field, even, plain),
     ]
-    assert found[0] > found[1] + gain and found[0] > found[2] - 0.5, found
+    assert found[0] > found[1] + gain and found[0] > found[2] - loss, found
     if name == "plm":  # 16 levels of which none is missed: the device shows exactly what was encoded
         levels = slm.Sequence([known], device).picture(0).pixels
         seen = device.seen(levels, GREEN, (height, width))

@@ -21,6 +21,7 @@ FIXABLE = {
     "grey": (0, 1, "whether all wavelengths share one radiance"),
     "dispersion": (0, 1, "whether each wavelength has rays of its own where glass disperses"),
     "regions": (0, 1, "whether each tile has as many rays as it needs"),
+    "beside": (0, 1 << 12, "pixels beyond each edge of the picture that are traced, too"),
     "chunk": (1, 1 << 40, "bytes of the sums of pixels that are traced at once"),
     "steps": (1, 1 << 20, "steps of baselines that find phases by descent"),
 }

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..mapping import DepthMapping
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
 
 RAY_OFFSET = 9e-5  # that Mitsuba starts rays above surfaces, times 1 m + their largest coordinate
 MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
-LEAST_CAPTURED = 0.75  # of the light: less is warned of
 # columns that the radiance map's filter ends at
 FILTER_REACH = {"draft": 2, "preview": 4, "balanced": 4, "high": 4}
 FEW_LEVELS = 64  # of a draft's or preview's kernel tables at least
@@ -93,8 +90,21 @@ def plan(
     paths = light.radiance_paths(survey, cached)
     cells = light.radiance_map(survey, margin)
     rays = light.wavelengths(survey)
-    frames, chunk, padding = _frames(survey), _chunk(settings), _padding(hologram, planes.value)
-    choices = _depth(survey), survey.hits, planes, baking, bounces, paths, cells, rays, frames, chunk, padding
+    frames, chunk, padding = _frames(survey), _chunk(settings), _padding(survey.hologram, planes.value)
+    choices = (
+        _depth(survey),
+        _window(survey),
+        survey.hits,
+        planes,
+        baking,
+        bounces,
+        paths,
+        cells,
+        rays,
+        frames,
+        chunk,
+        padding,
+    )
     (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
     memory = costs.memory(survey, planes.value, margin, slabs, bins, cached)
     warnings += [warning for choice in choices for warning in choice.warnings]
@@ -139,6 +149,7 @@ def plan(
         memory_bytes=memory,
         decisions=tuple(decision for choice in choices for decision in choice.decisions),
         warnings=tuple(warnings),
+        beside=survey.beside,
     )
 
 
@@ -226,6 +237,19 @@ def _depth(survey: Survey) -> Decided[None]:
     return Decided(None, (Decision("depth", value, reason), pupil))
 
 
+def _window(survey: Survey) -> Decided[None]:
+    """What is traced besides the picture."""
+    if not survey.beside:
+        return Decided(None)
+    wide = survey.hologram
+    inner = (wide.width - 2 * survey.beside) * (wide.height - 2 * survey.beside)
+    reason = (
+        f"light from {survey.beside} pixels beside the picture crosses the aperture, too, for "
+        f"{wide.width * wide.height / inner - 1:.0%} more rays"
+    )
+    return Decided(None, (Decision("window", f"{wide.width} x {wide.height} pixels", reason),))
+
+
 def _frames(survey: Survey) -> Decided[None]:
     """Frames, what speckle they leave over the metres that eyes focus through, and steps against it."""
     hologram, settings, mapping = survey.hologram, survey.settings, survey.mapping
@@ -279,27 +303,7 @@ def _cautions(survey: Survey) -> list[str]:
             f"mirrors shift and light leaks; move the scene to the origin, or enlarge it."
         )
     farthest = max(survey.z_low, survey.z_high, key=abs)
-    captured = captured_share(survey.hologram, farthest)
-    if captured < LEAST_CAPTURED:
-        found.append(
-            f"Only {captured:.0%} of the light fits through the SLM's aperture at {farthest * 1e3:.0f} mm: edges "
-            f"darken; bring the depth range nearer to the SLM or use more pixels."
-        )
+    lost = survey.hologram.lost_light(farthest)
+    if lost:
+        found.append(f"{lost}; bring the depth range nearer to the SLM or use more pixels.")
     return found
-
-
-def captured_share(hologram: Hologram, distance: float) -> float:
-    """Share of the recordable cones' light, from a picture at `distance`, that passes the SLM's aperture.
-
-    Geometric: the overlap of the picture and its copies shifted by slope times distance, averaged over
-    the cone of the widest wavelength.
-    """
-    n = 33
-    axis = np.linspace(-1, 1, n)
-    slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
-    disk = slope_x**2 + slope_y**2 <= 1
-    walk = hologram.widest_slope * abs(distance) / hologram.pitch
-    kept = np.clip(1 - np.abs(slope_x) * walk / hologram.width, 0, 1) * np.clip(
-        1 - np.abs(slope_y) * walk / hologram.height, 0, 1
-    )
-    return float(kept[disk].mean())

@@ -13,6 +13,7 @@ from ..light.path_tracer import PathTracer
 from ..mapping import DepthMapping
 from ..plan import Decided, Decision
 from ..scene.specular_chains import FirstHits, SpecularChains
+from ..window import pixels_beside, widened
 from . import noise
 from .machine import slowness
 from .pilot import Pilot, near_end
@@ -78,6 +79,8 @@ class Survey:
     mapping : DepthMapping
     near : float
         World depth of the volume's near end, metres.
+    beside : int
+        Pixels beyond each edge of the picture, by which camera and hologram are `widened`.
     pilot : Pilot
         Whom to ask for more.
     hits : Decided of Chains
@@ -97,6 +100,7 @@ class Survey:
     settings: Settings
     mapping: DepthMapping
     near: float
+    beside: int
     pilot: Pilot
     hits: Decided[Chains]
     seen: Probe
@@ -116,6 +120,8 @@ def look_at(
 ) -> Survey:
     """Look at a scene with a few rays and paths; `folder` keeps this machine's speed."""
     near = near_end(scene, camera, hologram, settings.seed)
+    beside = settings.fixed.get("beside", pixels_beside(hologram))
+    camera, hologram = widened(camera, hologram, beside)
     mapping = DepthMapping.of(hologram, camera, near)
     pilot = Pilot.of(scene, hologram, camera, mapping, settings)
     hits = specular_hits(pilot, settings)
@@ -134,6 +140,7 @@ def look_at(
         settings=settings,
         mapping=mapping,
         near=near,
+        beside=beside,
         pilot=pilot,
         hits=hits,
         seen=seen,

@@ -13,6 +13,7 @@ from ..progress import Clock, Stages, named, parts
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..wavefield import WaveField
+from ..window import widened
 from .fields import Tracing, at_slm
 from .many import along
 from .planned import PlannedRender, added, report_of
@@ -156,6 +157,7 @@ def baked_picture(
 
     settings = replace(settings, method="fast")
     planned = planner.plan(scene, camera, hologram, settings, store)
+    camera, hologram = widened(camera, hologram, planned.beside)
     optics = optics_of(scene, camera, planned)
     cache, done = bake(
         scene, camera, hologram, planned, optics, settings, store=store, progress=progress, anew=anew

@@ -112,6 +112,7 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
     Returns
     -------
     numpy.ndarray, complex64, shape (frames, wavelengths of `recorded`, y, x)
+        Of the picture, without what was traced beside it.
     """
     hologram, steps = recorded.hologram, recording.settings.despeckle
     stages = Stages(progress, DESPECKLED if steps else PLAIN)
@@ -123,8 +124,8 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
             field[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
-    beyond = recording.beyond
-    return field[..., beyond : beyond + hologram.height, beyond : beyond + hologram.width]
+    edge = recording.beyond + recording.plan.beside
+    return field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
 
 
 def _in_scene(recording, recorded, number, progress):

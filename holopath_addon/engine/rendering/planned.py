@@ -12,6 +12,7 @@ import numpy as np
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of
+from ..window import widened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -44,6 +45,8 @@ class PlannedRender:
 
     Attributes
     ----------
+    camera, hologram : Camera, Hologram
+        As wide as the plan says.
     cache : RadianceCache or None
         Baked light, after `bake`.
     baked : Bake or None
@@ -59,7 +62,7 @@ class PlannedRender:
         plan: Plan,
         clock: Clock,
     ) -> None:
-        self.scene, self.camera, self.hologram = scene, camera, hologram
+        self.scene, (self.camera, self.hologram) = scene, widened(camera, hologram, plan.beside)
         self.settings, self.plan, self.clock = settings, plan, clock
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None

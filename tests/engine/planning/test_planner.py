@@ -9,7 +9,6 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.planning import planner
-from holopath_addon.engine.planning.planner import captured_share
 from holopath_addon.engine.waves.phase_fields import speckle_contrast
 
 
@@ -79,7 +78,7 @@ def test_captured_share_against_a_monte_carlo_count(small):
     angle = rng.uniform(0, 2 * np.pi, len(start))
     end = start + 20e-3 * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
     inside = (np.abs(end) < width / 2).all(1).mean()
-    assert captured_share(small, 20e-3) == pytest.approx(inside, abs=0.02)
+    assert small.captured_share(20e-3) == pytest.approx(inside, abs=0.02)
 
 
 def test_mirrors_are_named(build, camera, small):
