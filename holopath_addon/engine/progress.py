@@ -80,13 +80,15 @@ class Stages:
 class Pace:
     """How many units of work to do at a time, for progress to be told, and cancel heard, several times a second.
 
-    One at first, twice as many as before where these took little time, and half as many where they took long: programs
+    Few at first, twice as many as before where these took little time, and half as many where they took long: programs
     are written down in Python before they run, which takes a fast graphics card ten times as long as to run one unit.
 
     Parameters
     ----------
     most : int
         Units at a time, at most: those to come may be dearer.
+    first : int
+        Units at first.
 
     Attributes
     ----------
@@ -94,8 +96,8 @@ class Pace:
         Units to do next.
     """
 
-    def __init__(self, most: int) -> None:
-        self.together, self._most = 1, most
+    def __init__(self, most: int, first: int = 1) -> None:
+        self.together, self._most = first, most
 
     @contextmanager
     def __call__(self) -> Iterator[None]:

@@ -121,12 +121,12 @@ def test_few_bits():
 
 def test_what_does_not_fit_into_memory(monkeypatch):
     monkeypatch.setattr(memory, "installed", lambda: 16 << 30)
-    monkeypatch.setattr(memory, "available", lambda: 2 << 30)
+    monkeypatch.setattr(memory, "available", lambda: 5 << 29)
     small, large, largest = few("memory")
     assert "warned" not in small
     assert "this machine has 17.2 GB" in large["refused"]
     assert "67 megapixels" in largest["refused"]
-    assert "2.15 GB are free" in displays.memory(4)["warned"]
+    assert "2.68 GB are free" in displays.memory(4)["warned"]
     near, far = few("memory over distance")
     assert "refused" not in near and "nearer to the SLM" in far["refused"]
 

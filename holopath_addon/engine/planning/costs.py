@@ -11,7 +11,7 @@ from ..encoding.views import MOST_DEPTHS, STEP, transforms
 from ..memory import AT_ONCE
 from ..plan import PHASES
 from ..progress import OFTEN
-from ..scene.variants import units_at_once
+from ..scene.variants import chunks_at_once, units_at_first, units_at_once
 from ..tracing.grains import CHUNK_PATHS
 from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
@@ -115,14 +115,14 @@ def path_seconds(light: Light, paths: float, slowness: Slowness) -> float:
     return traced + slowness.core * LAUNCH[1] * launches(traced, paths / CHUNK_PATHS)
 
 
-def launches(seconds: float, units: float) -> float:
-    """Times that work is launched whose programs take so many seconds, in so many units.
+def launches(seconds: float, units: float, first: float = 1.0) -> float:
+    """Times that work is launched whose programs take so many seconds, in so many units, and `first` ones at first.
 
     `progress.Pace` doubles the units of a launch until it takes one to two times `OFTEN`.
     """
     units = max(units, 1.0)
     together = min(max(1.4 * OFTEN * units / max(seconds, 1e-9), 1.0), units_at_once(), units)
-    return units / together + math.log2(together)
+    return units / together + max(0.0, math.log2(together / min(first, units)))
 
 
 def _wave_launches(survey, planes, seconds):
@@ -131,7 +131,7 @@ def _wave_launches(survey, planes, seconds):
     rays, count = pixels * sum(mean_rays(planes, survey.chains.branches)), len(planes)
     if survey.settings.radiance == "ray" or survey.settings.estimator == "paper":
         return max(rays / CHUNK_RAYS, count)  # drawn at random, so that no blocks are joined
-    return count * launches(seconds / count, rays / count / CHUNK_RAYS)
+    return count * launches(seconds / count, rays / count / CHUNK_RAYS, units_at_first())
 
 
 def stages(
@@ -273,7 +273,9 @@ def memory(
     radiance = cells * ((16 * slabs << survey.chains.splits) + surfaces)
     texels = min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES if cached else 0
     moving = _moving(survey, max(frames, SETS[-1]) if settings.despeckle else frames)
-    return fields + tables + radiance + texels + CHUNK_BYTES + moving
+    # sums of a launch; a card's are brought to the processor in one piece
+    sums = min((chunks_at_once() - 1) * CHUNK_BYTES // 2, 8 * pixels * frames * colours)
+    return fields + tables + radiance + texels + CHUNK_BYTES + sums + moving
 
 
 def _moving(survey, frames):

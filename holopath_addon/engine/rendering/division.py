@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import secrets
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
@@ -489,9 +490,11 @@ class _Stored:
 
         chosen, whole = self._chosen(number), self._divided.hologram
         what = self._group, number, plane, chosen, self._colour
-        for frames, pixels, values in self._divided.stored(*what):
-            add_pixels(out[frames.start - chosen.start : frames.stop - chosen.start], whole, pixels, values)
-            progress(0.5, "Joining waves")
+        with ThreadPoolExecutor(variants.threads()) as executor:
+            for frames, pixels, values in self._divided.stored(*what):
+                own = slice(frames.start - chosen.start, frames.stop - chosen.start)
+                add_pixels(out[own], whole, pixels, values, executor)
+                progress(0.5, "Joining waves")
 
 
 def _report(folder, name, job):

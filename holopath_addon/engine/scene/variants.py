@@ -171,6 +171,26 @@ def units_at_once() -> int:
     return 64 if activate() == CUDA else 4
 
 
+def units_at_first() -> int:
+    """Units of work of the first launch of rays, whose speed is unknown: a tenth of a second of a card, of most scenes.
+
+    Returns
+    -------
+    int
+    """
+    return 16 if activate() == CUDA else 1
+
+
+def chunks_at_once() -> int:
+    """Chunks of sums (`Plan.chunk`) that a launch adds up at most: half a gigabyte of a card, of 128 MB each.
+
+    Returns
+    -------
+    int
+    """
+    return 4 if activate() == CUDA else 1
+
+
 def describe() -> list[dict]:
     """List the backends of this machine; raises nothing and activates nothing.
 

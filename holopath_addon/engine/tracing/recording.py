@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from ..mapping import DepthMapping
 from ..scene.buffers import loaded
 from ..scene.rays import Rays, intersect
 from ..scene.specular_chains import FirstHits, Images, OwnLight, optics_of
+from ..scene.variants import threads
 from .estimators import LatticeEstimator, RandomEstimator
 from .grain_grid import GrainGrid
 from .kernel_table import Lattice, directions_of, kernel_table
@@ -120,9 +122,10 @@ class Recording:
     ) -> None:
         """Add the wave field on a recording plane, see `trace` and `wave_tracer.add_pixels`."""
         blocks = self.blocks(plane, radiance, len(phasors))
-        for block, pixels, values in self.trace(plane, radiance, phasors, blocks, progress):
-            with self.clock("wave tracing"):
-                add_pixels(out[block.start : block.stop], self.hologram, pixels, values)
+        with ThreadPoolExecutor(threads()) as executor:
+            for block, pixels, values in self.trace(plane, radiance, phasors, blocks, progress):
+                with self.clock("wave tracing"):
+                    add_pixels(out[block.start : block.stop], self.hologram, pixels, values, executor)
 
     def blocks(self, plane: RecordingPlane, radiance: RadianceMap | PathsPerRay, frames: int) -> list[Block]:
         """What is to be traced on a recording plane for so many frames, see `wave_tracer.blocks_of`."""

@@ -8,7 +8,6 @@ accumulation (here).
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -20,10 +19,11 @@ from ..hologram import channel
 from ..progress import Pace
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
 from ..scene.rays import PACKET
-from ..scene.variants import threads, units_at_once
+from ..scene.variants import CUDA, activate, chunks_at_once, units_at_first, units_at_once
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+    from concurrent.futures import Executor
 
     from ..hologram import Hologram
     from ..light.path_tracer import PathsPerRay
@@ -220,34 +220,55 @@ def trace_blocks(
         limit = dr.opaque(mi.UInt32, part.rays_per_pixel)
         state = (mi.UInt32(0), field, random, sampler)
         _, field, _, _ = dr.while_loop(state, lambda step, *_: step < limit, body, label="wave path tracer")
-        dr.eval(field)
-        return field
+        return _as_numpy(field, frames, colours, size)
 
     work, done, packed = sum(block.work for block in blocks), 0, (-1, None)
-    pace, traced, left = Pace(units_at_once()), -1, list(blocks)
+    most = chunks_at_once() * chunk // (8 * colours)  # pixels of one frame in a launch
+    pace, traced, left = Pace(units_at_once(), units_at_first()), -1, list(blocks)
     while left:
         if left[0].part != traced:  # whose rays may be dearer
-            pace, traced = Pace(units_at_once()), left[0].part
+            pace, traced = Pace(units_at_once(), units_at_first()), left[0].part
         block, part, frames = left[0], parts[left[0].part], left[0].stop - left[0].start
         if packed[0] != block.start:  # the frames that are traced together
             packed = block.start, packed_phasors(phasors[block.start : block.stop])
         # random numbers are each block's own
         drawn = part.estimator.random(0, 1) is not None or radiance.sampler(0, 1) is not None
-        joined = _joined(left[: 1 if drawn else pace.together], chunk // (8 * frames * colours))
+        joined = _joined(left[: 1 if drawn else pace.together], most // frames)
         size = sum(each.count for each in joined)
         with pace():
-            field = trace_chunk(part, block.first, size, packed[1], frames)
-            values = np.empty((frames, colours, size), np.complex64)
-            for k, m in np.ndindex(colours, frames):
-                for n, half in enumerate((values[m, k].real, values[m, k].imag)):
-                    sums = np.asarray(field[2 * (k * frames + m) + n])
-                    np.multiply(sums, np.float32(1 / PHASOR_SCALE), out=half)
+            values = trace_chunk(part, block.first, size, packed[1], frames)
         for each in joined:
             at = slice(each.first - block.first, each.first - block.first + each.count)
             yield each, part.pixels[each.first : each.first + each.count], values[..., at]
             done += each.work
             progress(done / work)
-        del left[: len(joined)], field, values
+        del left[: len(joined)], values
+
+
+def _as_numpy(field, frames, colours, size):
+    """Sums of a launch, real and imaginary parts of each wavelength's frames, as complex64 (frames, colours, size).
+
+    A graphics card puts them in order in its own memory and sends them in one piece. Copied one by one they take the
+    processor eight times as long as all rays take the card (docs/measurements.md). The processor's own lie in its
+    memory as they are.
+    """
+    scale = 1 / PHASOR_SCALE
+    if activate() == CUDA:
+        ordered = dr.empty(mi.Float, 2 * frames * colours * size)
+        pixel, across = dr.arange(mi.UInt32, size), dr.opaque(mi.UInt32, size)
+        for k, m in np.ndindex(colours, frames):
+            at = 2 * (k * frames + m)
+            wave = mi.Vector2f(field[at], field[at + 1]) * scale
+            place = (m * colours + k) * across + pixel
+            # without this mode Dr.Jit would trace anew for each
+            dr.scatter(ordered, wave, place, mode=dr.ReduceMode.NoConflicts)
+        return np.asarray(ordered).view(np.complex64).reshape(frames, colours, size)
+    dr.eval(field)
+    values = np.empty((frames, colours, size), np.complex64)
+    for k, m in np.ndindex(colours, frames):
+        for n, half in enumerate((values[m, k].real, values[m, k].imag)):
+            np.multiply(np.asarray(field[2 * (k * frames + m) + n]), np.float32(scale), out=half)
+    return values
 
 
 def _joined(blocks, most):
@@ -264,7 +285,9 @@ def _joined(blocks, most):
     return joined
 
 
-def add_pixels(out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: np.ndarray) -> None:
+def add_pixels(
+    out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: np.ndarray, executor: Executor
+) -> None:
     """Add the values of some of the hologram's pixels.
 
     Parameters
@@ -275,6 +298,8 @@ def add_pixels(out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: 
     pixels : numpy.ndarray of uint32
         Numbers, row by row.
     values : numpy.ndarray, complex64, shape (frames, wavelengths, pixels)
+    executor : concurrent.futures.Executor
+        Of threads, by frames.
     """
     across, flat = out.shape[-1], out.reshape(*out.shape[:2], -1)
     begin = (out.shape[-2] - hologram.height) // 2 * across + (across - hologram.width) // 2
@@ -284,8 +309,7 @@ def add_pixels(out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: 
         for wave, more in zip(flat[frame], values[frame], strict=True):
             wave[places] += more
 
-    with ThreadPoolExecutor(threads()) as pool:
-        list(pool.map(add, range(len(values))))
+    list(executor.map(add, range(len(values))))
 
 
 def _wrapped(index, size):

@@ -80,7 +80,8 @@ def transfer_function(
     rows, columns = representable(shape, pitch, wavelength, distance)
     transfer = np.empty(shape, np.complex64)
     height = max(1, BLOCK // shape[1])
-    for first in range(0, shape[0], height):  # double precision, of a few rows at a time
+
+    def fill(first):  # double precision, of a few rows at a time
         part = slice(first, first + height)
         square = fx[None, :] ** 2 + fy[part, None] ** 2
         u = (wavelength / pitch) ** 2 * square
@@ -91,6 +92,13 @@ def transfer_function(
         phase = np.remainder(phase, 2 * math.pi).astype(np.float32)
         transfer[part].real = np.where(keep, np.cos(phase), 0)
         transfer[part].imag = np.where(keep, np.sin(phase), 0)
+
+    parts = range(0, shape[0], height)
+    if len(parts) == 1:
+        fill(0)
+        return transfer
+    with ThreadPoolExecutor(min(threads(), len(parts))) as pool:
+        list(pool.map(fill, parts))
     return transfer
 
 

@@ -33,3 +33,18 @@ def test_launches_are_foretold(backend, monkeypatch, unit):
             made += 1
         monkeypatch.setattr(costs, "units_at_once", lambda most=most: most)
         assert costs.launches(unit * units, units) == pytest.approx(made, rel=0.5, abs=1)
+
+
+def test_launches_of_many_units_from_the_first(backend, monkeypatch):
+    """As many as a card's `Pace` makes of quick units."""
+    from holopath_addon.engine.planning import costs
+    from holopath_addon.engine.progress import Pace
+
+    monkeypatch.setattr(costs, "units_at_once", lambda: 64)
+    for units in (1, 10, 34, 300):
+        pace, left, made = Pace(64, 16), units, 0
+        while left > 0:
+            with pace():
+                left -= pace.together
+            made += 1
+        assert costs.launches(1e-3, units, 16) == pytest.approx(made, rel=0.5, abs=1)

@@ -21,7 +21,7 @@ def anew(folder):
 
 def test_the_machine_s_speed_is_kept(tmp_path, monkeypatch):
     found = anew(tmp_path)
-    assert all(0.05 < times < 50 for times in astuple(found))
+    assert all(1e-3 < times < 50 for times in astuple(found))  # a card runs programs in a hundredth
     with monkeypatch.context() as patched:
         patched.delattr(machine, "_measured")
         assert anew(tmp_path) == found

@@ -127,7 +127,26 @@ def test_blocks_together_or_apart(build, camera, monkeypatch):
         monkeypatch.setattr(wave_tracer, "CHUNK_RAYS", rays)
         monkeypatch.setattr(wave_tracer, "_joined", joined)
         monkeypatch.setattr(wave_tracer.Pace, "together", 100, raising=False)
-        monkeypatch.setattr(wave_tracer.Pace, "__init__", lambda self, most: setattr(self, "_most", most))
+        monkeypatch.setattr(
+            wave_tracer.Pace, "__init__", lambda self, most, first=1: setattr(self, "_most", most)
+        )
         fields.append(engine.render(*view, plan).data)
     assert launches.count(1) > 4 and max(launches) > 2
     assert np.array_equal(fields[0], fields[1]) and np.array_equal(fields[0], fields[2])
+
+
+def test_sums_ordered_on_a_card_are_the_same(build, camera, monkeypatch):
+    """A card orders a launch's sums in its own memory: as the processor does it, in one launch or several."""
+    from holopath_addon.engine.scene import variants
+    from holopath_addon.engine.tracing import wave_tracer
+
+    hologram = engine.Hologram(72, 64, 8e-6, (516.5e-9, 640e-9), 1e-3, 2e-3)
+    settings = engine.Settings(frames=3, method="full", quality="preview")
+    view = build.two_planes(build.emissive), camera, hologram, settings
+    plan = engine.plan(*view)
+    field = engine.render(*view, plan).data
+    monkeypatch.setattr(wave_tracer, "activate", lambda: variants.CUDA)
+    monkeypatch.setattr(wave_tracer, "CHUNK_RAYS", 1 << 15)
+    for at_first in (1, 16):
+        monkeypatch.setattr(wave_tracer, "units_at_first", lambda at_first=at_first: at_first)
+        assert np.array_equal(engine.render(*view, plan).data, field)
