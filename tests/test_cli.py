@@ -348,7 +348,7 @@ def test_pictures(rendered):
 
 def test_report(rendered):
     report = json.loads((rendered / "report.json").read_text())
-    assert report["hologram"]["depth_far"] == pytest.approx(0.125e-3)
+    assert report["hologram"]["depth_far"] == pytest.approx(-0.5e-3)
     assert report["settings"]["quality"] == "preview"
     assert report["focus_m"] == [0.5, 2.0, "inf"]
     assert report["spp"] == report["plan"]["rays_per_pixel"] > 0
@@ -765,7 +765,7 @@ def test_plan_as_json_and_a_blend_brings_its_settings(tmp_path, capfd):
     assert plan["hologram"]["depth_near"] == 1.5e-3 and plan["settings"]["frames"] == 3
     assert cli.main(["plan", path, "--json", "--frames", "5", "--resolution", "64x64"]) == 0
     plan = json.loads(capfd.readouterr().out)
-    assert plan["settings"]["frames"] == 5 and plan["hologram"]["depth_near"] == pytest.approx(0.75e-3)
+    assert plan["settings"]["frames"] == 5 and plan["hologram"]["depth_near"] == pytest.approx(0.125e-3)
 
 
 def test_plan_as_text(xml, capfd):

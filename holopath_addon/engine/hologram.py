@@ -10,8 +10,9 @@ import numpy as np
 from .errors import InvalidInput
 from .settings import DEPTH_MAPPINGS
 
-# Meters from the SLM: as near as the volume keeps its depth on a display whose shorter side is so long or longer, which
-# is 512 pixels of 8 µm. Measured: docs/measurements.md, How near to the SLM.
+# Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
+# 8 µm. What is looked at first, between the near end and twice its distance, is at most 1.5 mm from the SLM. Measured:
+# docs/measurements.md, How near to the SLM.
 DEPTH_RANGE, SHORTER_SIDE = (-4e-3, 1e-3), 4.096e-3
 MIN_CAPTURED = 0.9  # of the light; where less passes the aperture, borders are seen to be dark
 
@@ -30,8 +31,8 @@ class Hologram:
         Vacuum wavelengths, metres; each takes the red, green or blue radiance of the scene,
         whichever is nearest (`channel`).
     depth_far, depth_near : float
-        Distance from the SLM of the far end (world infinity) and of the near end, metres. Default: as near as its
-        aperture shows without dark edges.
+        Distance from the SLM of the far end (world infinity) and of the near end, metres, negative behind it. Default:
+        around the SLM, so that its aperture shows both without dark edges.
     depth_mapping : {'fit', 'eyepiece'}
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
@@ -99,7 +100,7 @@ class Hologram:
         """Depth range that the aperture shows without dark edges.
 
         Light spreads on its way to the SLM, by slope times distance, and what passes beside the aperture is lost to
-        the picture's border. So the volume lies near, and that of a small display is less deep.
+        the picture's border. So the volume lies around the SLM, and that of a small display is less deep.
         """
         scale = min(1.0, min(self.width, self.height) * self.pitch / SHORTER_SIDE)
         return tuple(end * scale for end in DEPTH_RANGE)

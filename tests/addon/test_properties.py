@@ -70,7 +70,7 @@ def test_depth_range(settings):
     settings.resolution_x = 256
     assert properties.hologram_of(settings) == engine.Hologram(256, 512, 8e-6)
     settings.depth_auto = False  # begins with what it was
-    assert (settings.depth_far_mm, settings.depth_near_mm) == pytest.approx((0.5, 3.0))
+    assert (settings.depth_far_mm, settings.depth_near_mm) == pytest.approx((-2.0, 0.5))
     settings.depth_auto = True
     settings.depth_near_mm = 7.0
     assert not settings.depth_auto and properties.hologram_of(settings).depth_near == 7e-3

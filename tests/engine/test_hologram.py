@@ -33,15 +33,15 @@ def test_depth_ranges_fit_the_display():
         hologram = Hologram(width, height, 8e-6, **given)
         return hologram.depth_far, hologram.depth_near
 
-    assert ends(1920, 1080) == ends(512, 512) == (1e-3, 6e-3)
-    assert ends(64, 512) == (pytest.approx(0.125e-3), pytest.approx(0.75e-3))
-    assert ends(64, 64, depth_near=9e-3) == (pytest.approx(0.125e-3), 9e-3)
+    assert ends(1920, 1080) == ends(512, 512) == (-4e-3, 1e-3)
+    assert ends(64, 512) == (pytest.approx(-0.5e-3), pytest.approx(0.125e-3))
+    assert ends(64, 64, depth_near=9e-3) == (pytest.approx(-0.5e-3), 9e-3)
 
 
 def test_light_that_the_aperture_loses_is_told():
     """Nothing by default, at any size; at 10 to 15 mm a border of an eighth of the picture."""
     for side in (64, 512, 1080):
-        assert Hologram(side, side, 8e-6).lost_light(Hologram(side, side, 8e-6).depth_near) == ""
+        assert Hologram(side, side, 8e-6).lost_light(Hologram(side, side, 8e-6).depth_far) == ""
     assert Hologram(512, 512, 8e-6).lost_light(15e-3) == (
         "Only 88% of the light fits through the SLM's aperture at 15 mm: the outer 76 pixels darken"
     )
