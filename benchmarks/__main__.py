@@ -14,6 +14,7 @@ from holopath_addon.engine.scene import variants
 from .parts import Incomplete, joined
 
 OUT = "out/bench"
+SMALLEST = f"{OUT}/smallest"
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ ALL = {
     "export_speed": Benchmark("export_speed.run", ("repeats=1 objects=8",)),
     "exporter": Benchmark(
         "exporter.main",
-        ("cube --pictures {out}/exporter --markdown {out}/exporter.md",),
+        ("NURBS --pictures {out}/exporter --markdown {out}/exporter.md",),
         usual="--pictures {out}/exporter",
     ),
 }
@@ -80,9 +81,12 @@ NAMED = {
 def main():
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
-        "--smallest",
-        action="store_true",
-        help=f"see that it runs: on as little as it takes, into {OUT}/smallest",
+        "--smallest", action="store_true", help="see that it runs to its end, on as little as it takes"
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FOLDER",
+        help=f"of charts and what is kept; default: {OUT}, with --smallest {SMALLEST}",
     )
     parser.add_argument("name", nargs="?", choices=ALL | NAMED, help="default: all but " + ", ".join(NAMED))
     parser.add_argument(
@@ -90,7 +94,7 @@ def main():
     )
     options = parser.parse_args()
     chosen = {options.name: (ALL | NAMED)[options.name]} if options.name else ALL
-    out = f"{OUT}/smallest" if options.smallest else OUT
+    out = options.out or (SMALLEST if options.smallest else OUT)
     runs = {}
     for name, benchmark in chosen.items():
         lines = benchmark.smallest if options.smallest else [benchmark.usual]

@@ -2,6 +2,8 @@
 
 import traceback
 
+from holopath_addon.engine import InvalidInput
+
 
 class Incomplete(Exception):
     """What was measured of a benchmark that lacks something.
@@ -31,6 +33,9 @@ def attempt(faults, name, work, instead=None):
     except Incomplete as error:
         faults += [f"{name}: {fault}" for fault in error.faults]
         return error.table
+    except InvalidInput as error:
+        faults.append(f"{name}: {error}")
+        return instead
     except Exception as error:
         traceback.print_exc()
         faults.append(f"{name}: {sentence_of(error)}")
