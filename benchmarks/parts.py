@@ -1,6 +1,7 @@
 """Parts of a benchmark: one that fails takes no other with it."""
 
 import traceback
+from typing import Any
 
 from holopath_addon.engine import InvalidInput
 
@@ -26,7 +27,7 @@ def sentence_of(error):
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def attempt(faults, name, work, instead=None):
+def attempt(faults, name, work, instead: Any = None) -> Any:
     """Result of ``work()``; where that fails, `instead`, and `name` with the reason is among the `faults`."""
     try:
         return work()

@@ -265,7 +265,7 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
         try:
             result["phase_loss_db"] = 0.0 if phases else phase_loss(field, foci, truth, result["pictures"])
         except Exception as error:  # the other figures hold all the same
-            result["lacks"] = f"phase-only loss: {sentence_of(error)}"
+            result |= {"lacks": f"phase-only loss: {sentence_of(error)}"}
     return result
 
 

@@ -165,7 +165,7 @@ def run(*arguments):
     if scenes:
         chart = replace(chart, triangles=())  # only what is named
     if options.out:
-        chart = replace(chart, folder=Path(options.out), kept=None)
+        chart = replace(chart, folder=Path(options.out).absolute(), kept=None)
     names = options.methods or chart.methods
     for name in scenes:
         _check(name, SCENES, "scene")
