@@ -152,9 +152,8 @@ def gloss():
         )
 
 
-def displacement(picture, truth):
+def displacement(picture, truth, edge=30):
     """Pixels to the right by which a picture lies off the truth, least squares over contrast and shift."""
-    edge = round(30 * len(picture) / PIXELS)
     inner = slice(edge, -edge)
     a, t = (scipy.ndimage.gaussian_filter(p[..., 0].astype(float), 2)[inner, inner] for p in (picture, truth))
     model = np.stack([np.ones_like(t), t, -np.gradient(t, axis=1)], -1).reshape(-1, 3)
@@ -177,14 +176,14 @@ def highlights(roughness, seeds=4, pixels=PIXELS):
     aside = math.tan(math.radians(0.5)) * mapping.beta / mapping.focal
     pupils = [engine.Pupil(x, 0, 0.6 * radius) for x in (-aside, aside)]
     views = [engine.reference(scene, camera, hologram, [0.81], p, spp=256, near=plan.near)[0] for p in pupils]
-    errors = []
+    errors, edge = [], round(30 * pixels / PIXELS)
     for seed in range(seeds):
         settings = engine.Settings(frames=24, phase_field="random", seed=seed)
         field = engine.render(scene, camera, hologram, settings, plan)
         pictures = [engine.reconstruct(field, [0.81], pupil)[0] for pupil in pupils]
-        left, right = (displacement(p, v) for p, v in zip(pictures, views, strict=True))
+        left, right = (displacement(p, v, edge) for p, v in zip(pictures, views, strict=True))
         errors.append(right - left)
-    return plan, errors, displacement(views[1], views[0])
+    return plan, errors, displacement(views[1], views[0], edge)
 
 
 def run(pixels=PIXELS, scenes=None):

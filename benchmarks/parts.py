@@ -57,12 +57,21 @@ def joined(parts, between="\n"):
     Incomplete
         With the text of those that did not fail.
     """
-    faults = []
-    texts = [attempt(faults, name, work) for name, work in parts.items()]
-    table = between.join(text for text in texts if text)
+    faults, texts = [], []
+    try:
+        for name, work in parts.items():
+            texts.append(attempt(faults, name, work))
+    except KeyboardInterrupt:
+        print(_text(texts, between), flush=True)  # hours of work are not lost
+        raise
+    table = _text(texts, between)
     if faults:
         raise Incomplete(table, faults)
     return table
+
+
+def _text(texts, between):
+    return between.join(text for text in texts if text)
 
 
 def drawn(table, draw):

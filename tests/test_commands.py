@@ -100,7 +100,7 @@ def test_every_benchmark_has_a_smallest_run(tmp_path):
     assert documented <= known.keys()
 
 
-def test_what_fails_leaves_the_others():
+def test_what_fails_leaves_the_others(capsys):
     def fail():
         raise ZeroDivisionError("no light")
 
@@ -112,6 +112,13 @@ def test_what_fails_leaves_the_others():
         "c: chart: ZeroDivisionError: no light",
     ]
     assert joined({"a": lambda: "first", "b": lambda: "second"}) == "first\nsecond"
+
+    def interrupt():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        joined({"a": lambda: "first", "b": interrupt, "c": fail})
+    assert capsys.readouterr().out == "first\n"
 
 
 @pytest.mark.parametrize(("commands", "others"), [(26, 370), (27, 111), (2, 5), (0, 3), (4, 0)])
