@@ -182,7 +182,7 @@ def test_a_benchmark_runs_to_its_end(name, copy, tmp_path, request, monkeypatch)
     command = [sys.executable, "-m", "benchmarks", "--smallest", "--out", str(tmp_path), name]
     done = subprocess.run(command, cwd=copy, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert len(done.stdout.splitlines()) > 1
+    assert done.stdout.strip()
     for page in tmp_path.rglob("*.md"):
         for link in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text("utf-8")):
             assert (page.parent / link).stat().st_size > 1000, link
