@@ -60,7 +60,9 @@ ALL = {
     ),
 }
 NAMED = {
-    "display_model": Benchmark("display_model.run", ("1 pixels=16", "tuned 1 pixels=16")),
+    "display_model": Benchmark(
+        "display_model.run", ("1 pixels=16 captures=30", "tuned 1 pixels=16 rounds=1")
+    ),
     "farm": Benchmark("farm.run", ("pixels=32 max_workers=4", "check pixels=32"), takes_folder=True),
     "foretold": Benchmark("foretold.run", ("planes pixels=32",)),
     "full_hd": Benchmark("full_hd.run", ("32x18",)),

@@ -23,23 +23,25 @@ AT = (2e-3, 3.2e-3, 4.5e-3, 6e-3)  # and those of a camera in the loop: two of i
 FRAMES = 8
 
 
-def run(*seeds, pixels=SIDE):
+def run(*seeds, pixels=SIDE, captures=64, rounds=12):
     """Table of seeds; worst parameters in percent of their range, in brackets the standard deviation that noise leaves
     them; PSNR of pictures on the bench in dB.
     """
     if seeds[:1] == ("tuned",):
-        return _tuned(seeds[1:] or range(1, 4), pixels)
+        return _tuned(seeds[1:] or range(1, 4), pixels, rounds)
     head = f"seed  seconds  crosstalk  {'worst parameters':<76}  uncalibrated   fitted    known"
-    rows = {f"seed {seed}": lambda seed=int(seed): _row(seed, pixels) for seed in seeds or range(1, 21)}
+    rows = {
+        f"seed {seed}": lambda seed=int(seed): _row(seed, pixels, captures) for seed in seeds or range(1, 21)
+    }
     return joined({"head": lambda: head} | rows)
 
 
-def _row(seed, pixels):
+def _row(seed, pixels, captures):
     window = slm.PatternWindow(pixels, PITCH, GREEN)
     camera = round(1.4 * pixels)
     bench, truth = slm.mis_set(slm.nominal(window, FOCI, (camera, camera), VIEW), window, seed)
     begun = time.perf_counter()
-    found = slm.calibrate(bench.look, window, FOCI, VIEW)
+    found = slm.calibrate(bench.look, window, FOCI, VIEW, captures)
     seconds = time.perf_counter() - begun
     spans = np.array([row.high - row.low for row in found.parameters])
     left = 100 * np.abs(found.values - vector(truth)) / spans
@@ -56,7 +58,7 @@ def _row(seed, pixels):
     return row
 
 
-def _tuned(seeds, pixels):
+def _tuned(seeds, pixels, rounds):
     """PSNR on the bench before and after, by a model that is right but knows no source of any size."""
     window, camera = slm.PatternWindow(pixels, PITCH, GREEN), round(1.4 * pixels)
     start = slm.nominal(window, FOCI, (camera, camera), VIEW)
@@ -70,7 +72,7 @@ def _tuned(seeds, pixels):
         calibration = slm.calibration_of(found, window)
         levels = calibration.levels_of(field.hologram)
         phase = engine.encode(field, "joint", display=calibration.display([GREEN]), levels=levels)
-        tuned = slm.tune(phase, field, bench.look, calibration, GREEN)
+        tuned = slm.tune(phase, field, bench.look, calibration, GREEN, rounds)
         cells = [
             ", ".join(f"{_on_bench(bench, field, calibration, each, z):.1f}" for each in (phase, tuned))
             for z in AT
@@ -79,8 +81,8 @@ def _tuned(seeds, pixels):
         print(text, file=sys.stderr, flush=True)
         return text
 
-    rounds = {f"seed {seed}": lambda seed=int(seed): row(seed) for seed in seeds}
-    return joined({"head": lambda: "\n".join(head)} | rounds)
+    tuned_rows = {f"seed {seed}": lambda seed=int(seed): row(seed) for seed in seeds}
+    return joined({"head": lambda: "\n".join(head)} | tuned_rows)
 
 
 def _as_found(found, truth: Setup):
