@@ -7,7 +7,8 @@
 # make guide: the parts of the documentation that the code declares: commands, settings, figures of the chart
 # make extension: the zips that Blender installs, in dist; make repository: a folder that Blender updates from
 # (ZIPS='--platform linux-x64 --python 3.13': one of them)
-# make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
+# make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten
+# minutes, in build/chart/quick
 
 VENV := .venv
 PY := $(VENV)/bin/python

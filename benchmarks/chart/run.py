@@ -45,8 +45,8 @@ class Chart:
         Whether the loss of phase-only encoding is found.
     apart : bool
         Whether each scene and method has a process of its own; without, peak memory is not each one's own.
-    folder, kept : Path
-        What is written, and where records and references are kept, by default there, too.
+    folder : Path
+        Of what is written, and of records and references that are kept.
     """
 
     name: str
@@ -61,7 +61,6 @@ class Chart:
     loss: bool = False
     apart: bool = True
     folder: Path = FOLDER
-    kept: Path | None = None
 
     def __post_init__(self):
         """Refuse what could only fail after hours: names that there are not, and methods without an effort."""
@@ -99,7 +98,7 @@ class Chart:
         """The `measure.Task` of a scene and the name of a method."""
         hologram = self.hologram.to_dict()
         return measure.Task(
-            scene, method, hologram, self.spp, self.limit, records, self.loss, str(self.kept or self.folder)
+            scene, method, hologram, self.spp, self.limit, records, self.loss, str(self.folder)
         )
 
 
@@ -137,7 +136,7 @@ def quick(pixels=256):
     }
     return Chart(
         "quick", hologram, 16, 60.0, ("planes", "mirror"), tuple(efforts), efforts, {"planes": (1, 24)},
-        (2_000, 200_000), kept=FOLDER / "quick",  # a chart in little must not put out hours of work
+        (2_000, 200_000), folder=FOLDER / "quick",  # a chart in little must not put out hours of work
     )  # fmt: skip
 
 
@@ -165,7 +164,7 @@ def run(*arguments):
     if scenes:
         chart = replace(chart, triangles=())  # only what is named
     if options.out:
-        chart = replace(chart, folder=Path(options.out).absolute(), kept=None)
+        chart = replace(chart, folder=Path(options.out).absolute())
     names = options.methods or chart.methods
     for name in scenes:
         _check(name, SCENES, "scene")
@@ -190,7 +189,9 @@ def parser():
     parser.add_argument("--pixels", type=int, default=256, help="of the holograms, a side; default: 256")
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
     parser.add_argument("--docs", action="store_true", help="write docs/chart.md and its pictures, too")
-    parser.add_argument("--out", metavar="FOLDER", help=f"for records and page; default: {FOLDER}")
+    parser.add_argument(
+        "--out", metavar="FOLDER", help=f"of records and page; default: {FOLDER}, of quick {FOLDER}/quick"
+    )
     return parser
 
 
