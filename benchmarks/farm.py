@@ -255,12 +255,11 @@ def best(found, workers, scale) -> list[Step]:
     return min(stills, key=lambda steps: simulate(steps, workers, SLOW, rules, found["start"]).seconds)
 
 
-def check(kept: Path, size=SMALL) -> str:
+def check(kept: Path, size=SMALL, count=8, frames=6) -> str:
     """Processes with one processor each that share small work; and what is foretold of them."""
     processors = sorted(os.sched_getaffinity(0))[:2]
     os.sched_setaffinity(0, processors[:1])
     found, lines = measure(kept, size), []
-    count, frames = 8, 6
     jobs = {
         f"a still in {count} parts": (["--method", "full", "--divide", str(count)], still(found, count)),
         f"{frames} frames": (["--method", "fast", "--frame-range", f"1-{frames}"], film(found)[:frames]),
@@ -295,12 +294,12 @@ def check(kept: Path, size=SMALL) -> str:
     return "\n".join(lines)
 
 
-def run(folder, what="small", pixels=SMALL[0], max_workers=WORKERS[-1]) -> str:
-    """Tables as text; `pixels` is the width of what is measured where that is small."""
+def run(folder, what="small", pixels=SMALL[0], max_workers=WORKERS[-1], parts=8, frames=6) -> str:
+    """Tables as text; `pixels` is the width of what is measured where that is small, parts and frames are of check."""
     kept = Path(folder) / "farm.json"
     small = pixels, pixels * SMALL[1] // SMALL[0]
     if what == "check":
-        return check(kept, small)
+        return check(kept, small, parts, frames)
     if what == "again":
         found = json.loads(kept.read_text())
     else:

@@ -132,7 +132,7 @@ def quick(pixels=256):
         "gaussian": ("preview",),
         "focal-stack": ("draft", "preview"),
         "direct": ("512 rays",),
-        "auto": ("draft", "preview", "balanced", "preview, encoded 5 s"),
+        "auto": ("draft", "preview", "balanced", "balanced, encoded"),
     }
     return Chart(
         "quick", hologram, 16, 60.0, ("planes", "mirror"), tuple(efforts), efforts, {"planes": (1, 24)},
