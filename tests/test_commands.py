@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.__main__ import ALL, NAMED, words_of
+from benchmarks import __main__ as command
+from benchmarks.__main__ import ALL, NAMED, Benchmark, words_of
 from benchmarks.parts import Incomplete, drawn, joined
 from distribution.wheels import this_platform
 from holopath_addon.engine.scene import variants
@@ -121,6 +122,30 @@ def test_what_fails_leaves_the_others(capsys):
     assert capsys.readouterr().out == "first\n"
 
 
+def test_of_several_benchmarks_one_may_fail(monkeypatch, capsys, tmp_path):
+    """The others' tables are printed; the last lines name it, and the status is 1."""
+
+    def fail(pixels):
+        raise ZeroDivisionError(f"no light on {pixels + 1} pixels")
+
+    toys = SimpleNamespace(fail=fail, run=lambda folder, name: f"table of {name} in {folder}")
+    monkeypatch.setitem(sys.modules, "benchmarks.toys", toys)
+    known = {
+        "broken": Benchmark("toys.fail", ("pixels=32",)),
+        "sound": Benchmark("toys.run", ("{out}/a",), takes_folder=True),
+    }
+    monkeypatch.setattr(command, "ALL", known)
+    monkeypatch.setattr(command.variants, "activate", lambda: None)
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "--smallest", "--out", str(tmp_path)])
+    assert command.main() == 1
+    said = capsys.readouterr()
+    assert said.out == f"table of {tmp_path}/a in {tmp_path}\n"
+    assert said.err.splitlines()[-2:] == [
+        "Not all was measured:",
+        "  broken pixels=32: ZeroDivisionError: no light on 33 pixels",
+    ]
+
+
 @pytest.mark.parametrize(("commands", "others"), [(26, 370), (27, 111), (2, 5), (0, 3), (4, 0)])
 def test_all_have_their_turn(commands, others):
     """Where a day runs a tenth of the other tests, 17 days have run each; and each day some commands."""
@@ -179,8 +204,8 @@ def test_a_benchmark_runs_to_its_end(name, copy, tmp_path, request, monkeypatch)
         request.getfixturevalue("hsplat")
     if name == "slm":
         monkeypatch.setenv("DISPLAY", request.getfixturevalue("x_server"))
-    command = [sys.executable, "-m", "benchmarks", "--smallest", "--out", str(tmp_path), name]
-    done = subprocess.run(command, cwd=copy, capture_output=True, text=True, timeout=600)
+    words = [sys.executable, "-m", "benchmarks", "--smallest", "--out", str(tmp_path), name]
+    done = subprocess.run(words, cwd=copy, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout.strip()
     for page in tmp_path.rglob("*.md"):
