@@ -61,7 +61,7 @@ ALL = {
 }
 NAMED = {
     "display_model": Benchmark(
-        "display_model.run", ("1 pixels=16 captures=20 foci=2", "tuned 1 pixels=16 rounds=1")
+        "display_model.run", ("1 pixels=16 captures=20 foci=2 stages=1", "tuned 1 pixels=16 rounds=1")
     ),
     "farm": Benchmark(
         "farm.run", ("pixels=32 max_workers=4", "check pixels=32 parts=2 frames=1"), takes_folder=True
