@@ -95,7 +95,7 @@ def _tuned(seeds, pixels, rounds):
 
 
 def _as_found(found, truth: Setup):
-    return slm.Fitted(truth, found.parameters, vector(truth), 0 * found.deviations, 0.0, 1.0)
+    return slm.Fitted(truth, found.parameters, vector(truth), np.zeros_like(found.deviations), 0.0, 1.0)
 
 
 def _field(pixels):
