@@ -6,7 +6,9 @@
 # make lint, make bench; make docs: the documentation as a site, in build/site
 # make guide: the parts of the documentation that the code declares: commands, settings, figures of the chart
 # make extension: the zips that Blender installs, in dist; make repository: a folder that Blender updates from
-# make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten minutes
+# (ZIPS='--platform linux-x64 --python 3.13': one of them)
+# make chart: speed against accuracy of all methods, in build/chart and docs; make chart-quick: part of it, in ten
+# minutes, in build/chart/quick
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -98,10 +100,10 @@ chart-quick: $(RUN) $(DEV)
 	$(PY) -m benchmarks chart quick
 
 extension: $(DEV)
-	$(PY) -m distribution extension
+	$(PY) -m distribution extension $(ZIPS)
 
 repository: $(DEV)
-	$(PY) -m distribution repository
+	$(PY) -m distribution repository $(ZIPS)
 
 clean:
 	rm -rf out build dist

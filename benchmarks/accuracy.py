@@ -7,39 +7,45 @@ import numpy as np
 
 from holopath_addon import engine
 
+from .parts import drawn
 from .scenes import FOV, GREEN, Scenes
 
 FOCUS = (0.5, 1.0, 2.0)
-BORDER = 25
+PIXELS, FRAMES = 256, 24
+BORDER = 25  # pixels of those
 
 
-def run(folder):
+def run(folder, pixels=PIXELS, frames=FRAMES):
     """Table as text; the chart goes to ``folder/accuracy.png``."""
+    size = pixels / PIXELS
     scene = Scenes().two_planes(Scenes().emissive)
     camera = engine.Camera(np.eye(4), FOV)
-    hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
+    hologram = engine.Hologram(pixels, pixels, 8e-6, (GREEN,), 1e-3 * size, 6e-3 * size)
     truth = engine.reference(scene, camera, hologram, FOCUS, spp=256, near=0.5)
     rows = []
     for name, kind, estimator, wrp, counts in (
         ("lattice, designed phases", "designed", "lattice", "auto", (37, 81, 149, None)),
         ("lattice, random phases", "random", "lattice", "auto", (37, 81, 149, None)),
         ("paper, plane in the scene", "random", "paper", "auto", (64, 256, 1024, 4096)),
-        ("paper, 5 mm plane", "random", "paper", 1e-3, (256, 1024, 4096, 16384)),
+        ("paper, 5 mm plane", "random", "paper", hologram.depth_far, (256, 1024, 4096, 16384)),
     ):
         for count in counts:
-            settings = engine.Settings(frames=24, phase_field=kind, estimator=estimator, wrp=wrp, spp=count)
+            settings = engine.Settings(
+                frames=frames, phase_field=kind, estimator=estimator, wrp=wrp, spp=count
+            )
             plan = engine.plan(scene, camera, hologram, settings)
             engine.render(scene, camera, hologram, settings, plan)  # compiles
             start = time.perf_counter()
             field = engine.render(scene, camera, hologram, settings, plan)
             seconds = time.perf_counter() - start
             pictures = engine.reconstruct(field, FOCUS)
-            values = [engine.psnr(p, t, BORDER) for p, t in zip(pictures, truth, strict=True)]
+            values = [engine.psnr(p, t, round(BORDER * size)) for p, t in zip(pictures, truth, strict=True)]
             rows.append((name, plan.rays_per_pixel, seconds, *values))
-    _chart(rows, Path(folder) / "accuracy.png")
-    lines = ["accuracy: two emissive planes, 256 x 256, 8 µm, M = 24; PSNR in dB at 0.5, 1, 2 m"]
+    lines = [
+        f"accuracy: two emissive planes, {pixels} x {pixels}, 8 µm, M = {frames}; PSNR in dB at 0.5, 1, 2 m"
+    ]
     lines += [f"  {n:28s} {r:6d} rays {s:7.2f} s   {a:5.1f} {b:5.1f} {c:5.1f}" for n, r, s, a, b, c in rows]
-    return "\n".join(lines)
+    return drawn("\n".join(lines), lambda: _chart(rows, Path(folder) / "accuracy.png"))
 
 
 def _chart(rows, path):

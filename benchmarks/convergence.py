@@ -12,9 +12,10 @@ import numpy as np
 
 from holopath_addon import engine
 
+from .parts import drawn
 from .scenes import FOV, GREEN, Scenes
 
-PITCH = 8e-6
+PITCH, PIXELS = 8e-6, 256
 THICKNESS = 5e-3  # of the volume
 NEAR = 0.5  # world depth of its near end, metres
 FRAMES = (1, 3, 8, 24)
@@ -75,9 +76,9 @@ def border(hologram):
     return math.ceil(hologram.max_slope(GREEN) * hologram.depth_near / PITCH) + 1
 
 
-def view_of(scene, focus, width=256, depth_far=1e-3, spp=256):
-    """A scene on a square display, its volume from `depth_far` to 5 mm beyond."""
-    hologram = engine.Hologram(width, width, PITCH, (GREEN,), depth_far, depth_far + THICKNESS, near=NEAR)
+def view_of(scene, focus, width=PIXELS, depth_far=1e-3, thickness=THICKNESS, spp=256):
+    """A scene on a square display, its volume from `depth_far` on."""
+    hologram = engine.Hologram(width, width, PITCH, (GREEN,), depth_far, depth_far + thickness, near=NEAR)
     camera = engine.Camera(np.eye(4), FOV)
     truth = engine.reference(scene, camera, hologram, focus, spp=spp, near=NEAR, max_depth=1)
     inner = slice(border(hologram), -border(hologram))
@@ -86,7 +87,8 @@ def view_of(scene, focus, width=256, depth_far=1e-3, spp=256):
 
 def nearer(view, depth_far):
     """The same inner picture from a volume nearer to the SLM, on a display just large enough."""
-    hologram = replace(view.hologram, depth_far=depth_far, depth_near=depth_far + THICKNESS)
+    thickness = view.hologram.depth_near - view.hologram.depth_far
+    hologram = replace(view.hologram, depth_far=depth_far, depth_near=depth_far + thickness)
     width = view.truth.shape[2] + 2 * border(hologram)
     hologram = replace(hologram, width=width, height=width)
     fov = 2 * math.atan(width / view.hologram.width * math.tan(view.camera.fov_x / 2))
@@ -105,16 +107,21 @@ def crossing(rays, values, line):
     return float(rays[at - 1] * (rays[at] / rays[at - 1]) ** share)
 
 
-def views():
+def display(pixels):
+    """Width, far end and thickness of a volume: on a smaller display all are as much smaller."""
+    return pixels, 1e-3 * pixels / PIXELS, THICKNESS * pixels / PIXELS
+
+
+def views(pixels=PIXELS):
     """Name and view of both scenes."""
     s = Scenes()
     return {
-        "three_planes": view_of(s.three_planes(), PLANES),
-        "floor": view_of(s.floor(), (0.6, 1.0, 3.0)),
+        "three_planes": view_of(s.three_planes(), PLANES, *display(pixels)),
+        "floor": view_of(s.floor(), (0.6, 1.0, 3.0), *display(pixels)),
     }
 
 
-def run(folder, thorough=False):
+def run(folder, thorough=False, pixels=PIXELS):
     """Tables as text; the chart goes to ``folder/convergence.png``.
 
     `thorough` adds the longest rungs: four times the rays at the paper's plane, and the direct method 25 mm from
@@ -122,12 +129,12 @@ def run(folder, thorough=False):
     """
     counts = (*COUNTS, THOROUGH) if thorough else COUNTS
     lines = [
-        "convergence: 256 x 256, 8 µm, random fields; PSNR in dB, mean of three focus depths, and its ratio to the "
-        "converged PSNR",
+        f"convergence: {pixels} x {pixels}, 8 µm, random fields; PSNR in dB, mean of three focus depths, and "
+        "its ratio to the converged PSNR",
         "  converged is the last row of each method; direct's is that of the 5 mm plane, to whose field it converges",
     ]
     curves, marks = {}, {}
-    for name, view in views().items():
+    for name, view in views(pixels).items():
         grey = np.mean([engine.psnr(np.ones_like(picture), picture) for picture in view.truth])
         lines.append(f"  {name}: an even grey picture has {grey:.2f} dB")
         paper, default = view.paper(counts), view.ladder(LATTICE)
@@ -153,19 +160,25 @@ def run(folder, thorough=False):
             f"  the default reaches {LINE:.0%} of its own converged PSNR with {own:.0f} rays, the 5 mm plane's "
             f"converged PSNR with {same:.0f}"
         )
-    distances, rays, fit, text = _distance(counts, thorough)
+    distances, rays, fit, text = _distance(counts, thorough, pixels / PIXELS)
     lines += text
-    _chart(curves, marks, distances, rays, fit, Path(folder) / "convergence.png")
-    return "\n".join(lines)
+    return drawn(
+        "\n".join(lines),
+        lambda: _chart(curves, marks, distances, rays, fit, Path(folder) / "convergence.png"),
+    )
 
 
-def _distance(counts, thorough):
-    """Direct's rays for the line against the distance of the volume's near end, and the 5 mm plane's."""
-    view = view_of(Scenes().three_planes(), PLANES, FAR_WIDTH, FAR)
+def _distance(counts, thorough, size):
+    """Direct's rays for the line against the distance of the volume's near end, and the 5 mm plane's.
+
+    All lengths are `size` times what they usually are.
+    """
+    width = round(FAR_WIDTH * size)
+    view = view_of(Scenes().three_planes(), PLANES, width, FAR * size, THICKNESS * size)
     paper = view.paper(counts)
     line = LINE * paper[1][-1, -1]
     asked = crossing(paper[0], paper[1][:, -1], line)
-    lines = _table(f"three_planes 20 to 25 mm from the SLM, {FAR_WIDTH}², {METHODS[1]}", *paper, paper[1][-1])
+    lines = _table(f"three_planes 20 to 25 mm from the SLM, {width}², {METHODS[1]}", *paper, paper[1][-1])
     lines.append(
         f"  {LINE:.0%} of converged ({line:.2f} dB, M = 24) with {asked:.0f} rays at the 5 mm plane; the direct "
         "method, the same inner picture on displays just large enough:"
@@ -181,7 +194,7 @@ def _distance(counts, thorough):
         )
 
     for depth_far in NEARER:
-        measure(depth_far, round(rays[-1]) if rays else 1024)
+        measure(depth_far * size, round(rays[-1]) if rays else 1024)
     power, factor = np.polyfit(np.log(distances), np.log(rays), 1)
     most = view.hologram.depth_near
     guess = math.exp(factor) * most**power
@@ -190,16 +203,18 @@ def _distance(counts, thorough):
         f"5 mm plane needs {asked / guess:.4f}, 1/{guess / asked:.1f}"
     )
     if thorough:
-        measure(FAR, round(guess / 1.5))
+        measure(FAR * size, round(guess / 1.5))
         lines.append(f"  of those measured {asked / rays[-1]:.4f}, 1/{rays[-1] / asked:.1f}")
     return distances, rays, (power, factor, most, asked), lines
 
 
-def planes_table(planes=range(1, 9)):
+def planes_table(pixels=PIXELS, max_planes=8):
     """Rays in all, and PSNR at each focus depth, with 1 to 8 recording planes."""
-    lines = ["planes: 256 x 256, 8 µm, M = 24; rays a pixel on all planes, PSNR in dB at each focus depth"]
-    for name, view in views().items():
-        for j in planes:
+    lines = [
+        f"planes: {pixels} x {pixels}, 8 µm, M = 24; rays a pixel on all planes, PSNR in dB at each focus depth"
+    ]
+    for name, view in views(pixels).items():
+        for j in range(1, max_planes + 1):
             settings = engine.Settings(frames=24, phase_field="random", max_depth=1, planes=j)
             field = engine.render(view.scene, view.camera, view.hologram, settings)
             inner = slice(border(view.hologram), -border(view.hologram))
@@ -268,8 +283,8 @@ def _chart(curves, marks, distances, rays, fit, path):
         xlabel="near end of the volume, mm from the SLM",
         title=f"three_planes: rays a pixel\nfor {LINE:.0%} of converged, M = 24",
     )
-    ticks = [6, 10, 13, 25]
-    panel.set_xticks(ticks, ticks)
+    ticks = [1e3 * distance for distance in (*distances, most)]
+    panel.set_xticks(ticks, [f"{tick:.2g}" for tick in ticks])
     panel.minorticks_off()
     panel.grid(alpha=0.25)
     panel.legend(fontsize=9)

@@ -25,6 +25,7 @@ from holopath_addon.engine.waves.phase_fields import phasors_of
 from holopath_addon.engine.waves.supervision import Frames
 
 from .convergence import border
+from .parts import drawn, joined
 from .scenes import FOV, GREEN, Scenes
 
 SIDE, PITCH = 256, 8e-6
@@ -46,17 +47,22 @@ SIZES = ((24, (256, 256)), (8, (512, 512)), (8, (1080, 1920)))
 LARGE, LARGE_FRAMES = (1080, 1920), 4
 
 
-def run(folder, part=None):
-    """Tables as text, of one part or of all; the chart goes to ``folder/encoding.png``."""
+def run(folder, part=None, pixels=SIDE, scenes=None):
+    """Tables as text, of one part or of all; the chart goes to ``folder/encoding.png``.
+
+    Below the usual number of pixels all is in little: displays of `cost` and `large`, frames, seconds.
+    """
     variants.activate()
+    little = pixels < SIDE
+    shape = pixels, pixels
     parts = {
-        "methods": methods,
-        "refine": lambda: refine(folder),
-        "seconds": seconds,
-        "cost": cost,
-        "large": large,
+        "methods": lambda: methods(pixels, scenes, FRAMES[: 1 if little else None]),
+        "refine": lambda: refine(folder, pixels, scenes),
+        "seconds": lambda: seconds(pixels, scenes, GIVEN[: 2 if little else None]),
+        "cost": lambda: cost(((FRAMES[0], shape),) if little else SIZES),
+        "large": lambda: large(shape if little else LARGE),
     }
-    return "\n".join(parts[name]() for name in ([part] if part else parts))
+    return joined({name: parts[name] for name in ([part] if part else parts)})
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ def suzanne(side=SIDE):
     return Subject(loaded.scene, loaded.camera, hologram, (0.5, 1.0, 4.0))
 
 
-def methods(names=("two planes", "suzanne"), side=SIDE):
+def methods(side=SIDE, count=None, frames=FRAMES):
     """Pictures of each method against the truth and against those of the complex field."""
     builders = {
         "two planes": lambda: planes(Scenes().two_planes(Scenes().emissive), side),
@@ -95,20 +101,20 @@ def methods(names=("two planes", "suzanne"), side=SIDE):
     lines = [
         "encoding methods: PSNR in dB at three focus depths against the truth, and the field's own pictures"
     ]
-    for name in names:
+    for name in tuple(builders)[:count]:
         subject = builders[name]()
         focus, hologram = subject.focus, subject.hologram
         view, edge, truth = (subject.scene, subject.camera, hologram), border(hologram), None
         lines.append(f"  {name}: {side} x {side}, 8 µm, green, at {', '.join(f'{d:g}' for d in focus)} m")
         for kind in tuple(PHASE_FIELDS)[::-1]:
-            for frames in FRAMES:
-                settings = engine.Settings(frames=frames, method="full", phase_field=kind)
+            for number in frames:
+                settings = engine.Settings(frames=number, method="full", phase_field=kind)
                 field = engine.render(*view, settings)
                 if truth is None:
                     truth = engine.reference(*view, focus, spp=TRUTH, near=field.near)
                 own = engine.reconstruct(field, focus)
                 best = _psnrs(own, truth, edge)
-                lines.append(f"    {kind}, M = {frames:2d}: the complex field {_row(best)}")
+                lines.append(f"    {kind}, M = {number:2d}: the complex field {_row(best)}")
                 for label, phase, seconds in _encodings(field):
                     pictures = engine.reconstruct(phase.field(), focus)
                     values = _psnrs(pictures, truth, edge)
@@ -203,7 +209,7 @@ class Curve:
         return next((values for when, values in reversed(self.points) if when <= seconds), None)
 
 
-def refine(folder, side=SIDE):
+def refine(folder, side=SIDE, count=None):
     """Seconds against PSNR of `refine`, from our field and from random phases."""
     build = Scenes()
     subjects = {
@@ -215,7 +221,7 @@ def refine(folder, side=SIDE):
         "that count all from the scene on"
     ]
     curves = {}
-    for name, subject in subjects.items():
+    for name, subject in tuple(subjects.items())[:count]:
         look = _nine_views(subject)
         for start in (OURS, RANDOM):
             _start(subject, start, most_steps=1)  # compiles
@@ -245,8 +251,7 @@ def refine(folder, side=SIDE):
         lines.append(
             f"    gains {gains.min():.2f} to {gains.max():.2f} dB, {(gains < 0).sum()} views got worse"
         )
-    _chart(curves, Path(folder) / "encoding.png")
-    return "\n".join(lines)
+    return drawn("\n".join(lines), lambda: _chart(curves, Path(folder) / "encoding.png"))
 
 
 def _nine_views(subject):
@@ -301,8 +306,9 @@ def _chart(curves, path):
     import matplotlib.pyplot as plt
 
     names = list(dict.fromkeys(name for name, _ in curves))
-    figure, axes = plt.subplots(1, len(names), figsize=(6 * len(names), 4.5), layout="constrained")
-    for axis, name in zip(axes, names, strict=True):
+    size = (6 * len(names), 4.5)
+    figure, axes = plt.subplots(1, len(names), figsize=size, layout="constrained", squeeze=False)
+    for axis, name in zip(axes.flat, names, strict=True):
         for start, colour in ((OURS, "tab:green"), (RANDOM, "tab:grey")):
             seconds, values = zip(*curves[name, start].points, strict=True)
             seconds, values = [*seconds, MARKS[-1]], [*values, values[-1]]
@@ -316,16 +322,16 @@ def _chart(curves, path):
     plt.close(figure)
 
 
-def seconds(names=("three planes", "two planes under a lamp", "suzanne"), given=GIVEN, frames=8):
+def seconds(side=SIDE, count=None, given=GIVEN, frames=8):
     """What phases show that were found in so many seconds: what `auto` chooses, and `joint` in the same time."""
     build = Scenes()
     builders = {
-        "three planes": lambda: planes(build.three_planes()),
-        "two planes under a lamp": lambda: planes(build.two_planes(build.diffuse)),
-        "suzanne": suzanne,
+        "three planes": lambda: planes(build.three_planes(), side),
+        "two planes under a lamp": lambda: planes(build.two_planes(build.diffuse), side),
+        "suzanne": lambda: suzanne(side),
     }
-    lines = [f"seconds of encoding: {SIDE} x {SIDE}, M = {frames}, nine views, PSNR in dB, mean / worst"]
-    for name in names:
+    lines = [f"seconds of encoding: {side} x {side}, M = {frames}, nine views, PSNR in dB, mean / worst"]
+    for name in tuple(builders)[:count]:
         subject, settings = builders[name](), engine.Settings(frames=frames)
         view = subject.scene, subject.camera, subject.hologram
         field = engine.render(*view, settings)

@@ -21,6 +21,7 @@ import bpy
 import numpy as np
 
 from .features import BOUND, FEATURES, Feature
+from .parts import Incomplete, attempt
 from .stage import Stage
 
 SPP = 512
@@ -175,12 +176,16 @@ def run(names=(), pictures=None, markdown=None):
             compared.append(result)
             rows.append((feature, *_cells(result)))
         print(_line(rows[-1]), file=sys.stderr, flush=True)
+    faults = [f"{feature.name}: {why}" for feature, verdict, *_, why in rows if verdict == "failed"]
     if pictures:
-        _contact_sheets(compared, Path(pictures))
+        attempt(faults, "pictures", lambda: _contact_sheets(compared, Path(pictures)))
     summary = _summary(rows, compared, time.perf_counter() - start)
     if markdown:
         Path(markdown).write_text(_markdown(rows, summary))
-    return "\n".join(["exporter: mean difference from Cycles", *map(_line, rows), "  " + summary])
+    table = "\n".join(["exporter: mean difference from Cycles", *map(_line, rows), "  " + summary])
+    if faults:
+        raise Incomplete(table, faults)
+    return table
 
 
 def _cells(result):

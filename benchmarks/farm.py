@@ -29,7 +29,6 @@ from holopath_addon.farm.parts import JOINED, StillParts
 from .farm_operations import Operations, rules
 from .farm_simulation import Dask, Folder, Rules, Step, simulate
 
-FOUND = Path("out/bench/farm.json")
 SMALL, FULL_HD, UHD = (256, 144), (1920, 1080), (3840, 2160)
 COUNTS = (16, 2)  # parts of the stills that are measured: how much of a unit's time does not divide
 WORKERS = tuple(2**n for n in range(11))
@@ -139,12 +138,12 @@ def _same(number):
     return number
 
 
-def measure(size=SMALL) -> dict:
-    """What `simulate` takes, of holograms of a size; kept at `FOUND`, too."""
-    FOUND.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=FOUND.parent) as folder:
+def measure(kept: Path, size=SMALL) -> dict:
+    """What `simulate` takes, of holograms of a size; kept in a file, too."""
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
         found = measured(size, Path(folder).absolute())
-    with files.whole_file(FOUND) as part:
+    with files.whole_file(kept) as part:
         part.write_text(json.dumps(found))
     return found
 
@@ -256,21 +255,20 @@ def best(found, workers, scale) -> list[Step]:
     return min(stills, key=lambda steps: simulate(steps, workers, SLOW, rules, found["start"]).seconds)
 
 
-def check() -> str:
+def check(kept: Path, size=SMALL, count=8, frames=6) -> str:
     """Processes with one processor each that share small work; and what is foretold of them."""
     processors = sorted(os.sched_getaffinity(0))[:2]
     os.sched_setaffinity(0, processors[:1])
-    found, lines = measure(), []
-    count, frames = 8, 6
+    found, lines = measure(kept, size), []
     jobs = {
         f"a still in {count} parts": (["--method", "full", "--divide", str(count)], still(found, count)),
         f"{frames} frames": (["--method", "fast", "--frame-range", f"1-{frames}"], film(found)[:frames]),
     }
-    cache = ["--cache", str(FOUND.absolute().with_suffix(".cache"))]
-    with tempfile.TemporaryDirectory(dir=FOUND.parent) as folder:
+    cache = ["--cache", str(kept.absolute().with_suffix(".cache"))]
+    with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
         _run(
             [
-                *_words("demo:suzanne", SMALL, *cache, "--out", folder),
+                *_words("demo:suzanne", size, *cache, "--out", folder),
                 "--method",
                 "fast",
                 "--frame-range",
@@ -279,8 +277,8 @@ def check() -> str:
         )
     for name, (more, steps) in jobs.items():
         for workers in (1, 2):
-            with tempfile.TemporaryDirectory(dir=FOUND.parent) as folder:
-                words = _words("demo:suzanne", SMALL, *more, "--out", f"{folder}/out", *cache)
+            with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
+                words = _words("demo:suzanne", size, *more, "--out", f"{folder}/out", *cache)
                 start = time.perf_counter()
                 command = [sys.executable, "-m", "holopath_addon", *words]
                 running = [
@@ -296,13 +294,17 @@ def check() -> str:
     return "\n".join(lines)
 
 
-def run(what="small") -> str:
-    """Tables as text."""
+def run(folder, what="small", pixels=SMALL[0], max_workers=WORKERS[-1], parts=8, frames=6) -> str:
+    """Tables as text; `pixels` is the width of what is measured where that is small, parts and frames are of check."""
+    kept = Path(folder) / "farm.json"
+    small = pixels, pixels * SMALL[1] // SMALL[0]
     if what == "check":
-        return check()
-    found = (
-        json.loads(FOUND.read_text()) if what == "again" else measure(FULL_HD if what == "full" else SMALL)
-    )
+        return check(kept, small, parts, frames)
+    if what == "again":
+        found = json.loads(kept.read_text())
+    else:
+        found = measure(kept, FULL_HD if what == "full" else small)
+    workers = [count for count in WORKERS if count <= max_workers]
     size, pixels = "{} x {}".format(*found["size"]), found["size"][0] * found["size"][1]
     larger = UHD[0] * UHD[1] / pixels
     seconds, written, *_ = found["frame"]
@@ -312,11 +314,11 @@ def run(what="small") -> str:
     return "\n\n".join(
         [
             shown,
-            table(f"{FRAMES} frames of {size}", ((w, film(found)) for w in WORKERS), found),
-            table(f"A still of {size}", ((w, best(found, w, 1.0)) for w in WORKERS), found),
+            table(f"{FRAMES} frames of {size}", ((w, film(found)) for w in workers), found),
+            table(f"A still of {size}", ((w, best(found, w, 1.0)) for w in workers), found),
             table(
                 "A still of 3840 x 2160, scaled by its pixels",
-                ((w, best(found, w, larger)) for w in WORKERS),
+                ((w, best(found, w, larger)) for w in workers),
                 found,
             ),
         ]

@@ -52,26 +52,28 @@ def lamps():
     return scene, engine.Camera(np.eye(4), FOV)
 
 
-def built(name):
+def built(name, pixels=SIDE):
     """A scene of `SCENES` or `DEMOS` and its camera."""
     if name == "lamps":
         return lamps()
     if name == "cube" or name in DEMOS:
-        return exported(name, SIDE)
+        return exported(name, pixels)
     from .chart.scenes import built
 
-    return built(name, SIDE)
+    return built(name, pixels)
 
 
-def once(name, method="auto", side=SIDE):
+def once(name, method="auto", pixels=SIDE):
     """Seconds foretold and measured of one render in this process, a dict."""
     from holopath_addon import engine
     from holopath_addon.engine.light.bake_store import BakeStore
     from holopath_addon.engine.scene import variants
 
     variants.activate()
-    scene, camera = built(name)
-    hologram = engine.Hologram(side, side, 8e-6, RGB, 1e-3, 6e-3)
+    pixels = int(pixels)
+    scene, camera = built(name, pixels)
+    nearer = min(1.0, pixels / 256)
+    hologram = engine.Hologram(pixels, pixels, 8e-6, RGB, 1e-3 * nearer, 6e-3 * nearer)
     store = BakeStore(Path(os.environ["HOLOPATH_CACHE"]))
     start = time.perf_counter()
     field = engine.render(scene, camera, hologram, engine.Settings(frames=FRAMES, method=method), store=store)
@@ -86,13 +88,13 @@ def once(name, method="auto", side=SIDE):
     }
 
 
-def measured(name, folder, method="auto"):
+def measured(name, folder, pixels=SIDE, method="auto"):
     """The same in a process of its own, with programs and baked light of a folder."""
     environment = os.environ | {
         "HOLOPATH_CACHE": os.path.join(folder, "cache"),
         "DRJIT_CACHE_DIR": os.path.join(folder, "programs"),
     }
-    words = [sys.executable, "-m", "benchmarks.foretold", name, method]
+    words = [sys.executable, "-m", "benchmarks.foretold", name, method, str(pixels)]
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(done.stderr)
@@ -106,11 +108,11 @@ def stages_of(row):
     return ", ".join(f"{name} {a:.2f}/{b:.2f}" for name, a, b in pairs if max(a, b) > 0.05)
 
 
-def run(*names):
+def run(*names, pixels=SIDE):
     """The table as text, for all scenes or those named."""
     lines = [
-        f"foretold: {SIDE} x {SIDE}, 8 µm, three wavelengths, M = {FRAMES}, nothing else set; seconds of the render "
-        "without its plan; each run is a process",
+        f"foretold: {pixels} x {pixels}, 8 µm, three wavelengths, M = {FRAMES}, nothing else set; seconds of the "
+        "render without its plan; each run is a process",
         f"  {'scene':14s} {'run':12s} {'light':>6s} {'foretold':>9s} {'came':>7s} {'ratio':>6s} {'plan':>6s} "
         "paths a pixel, planned and taken",
     ]
@@ -118,7 +120,7 @@ def run(*names):
     for name in names or SCENES + DEMOS:
         with tempfile.TemporaryDirectory(prefix="holopath-foretold-") as folder:
             for kind in ("first", "second"):
-                row = measured(name, folder)
+                row = measured(name, folder, pixels)
                 foretold = sum(row["foretold"].values())
                 came = sum(seconds for stage, seconds in row["came"].items() if stage != "plan")
                 ratio = came / foretold

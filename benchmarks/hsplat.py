@@ -21,6 +21,7 @@ from holopath_addon.engine.baselines import BaselineInput, gaussians, layers, sh
 from .chart import looks
 from .chart.figures import figures
 from .chart.scenes import SCENES, built
+from .parts import joined
 
 GREEN = 516.5e-9
 ANY = 2 * np.pi  # standard deviation of a phase, radians, from which on it is as good as evenly spread
@@ -55,8 +56,11 @@ def run(folder, pixels="96", frames="4", *names):
         "| scene | Gaussians | | frames | whole pupil | halves | seconds |",
         "|---|---|---|---|---|---|---|",
     ]
-    for name in names or ("planes", "suzanne"):
-        hologram = engine.Hologram(size, size, 8e-6, (GREEN,), 1e-3, 3e-3)
+    nearer = min(1.0, size / 96)
+
+    def rows(name):
+        found = []
+        hologram = engine.Hologram(size, size, 8e-6, (GREEN,), 1e-3 * nearer, 3e-3 * nearer)
         scene, camera = built(name, size)
         foci = SCENES[name].foci
         truth = looks.truth_of(scene, camera, hologram, foci, 256)
@@ -89,11 +93,14 @@ def run(folder, pixels="96", frames="4", *names):
                 np.mean([each[look]["psnr"] for look in group])
                 for group in (looks.HEADLINE[:5], tuple(looks.HALVES))
             )
-            lines.append(
+            found.append(
                 f"| {name} | {len(disks.z)} | {what} | {frames_of} | {whole:.1f} dB | {halves:.1f} dB | {seconds:.0f} |"
             )
-            print(lines[-1], file=sys.stderr, flush=True)
-    return "\n".join(lines)
+            print(found[-1], file=sys.stderr, flush=True)
+        return "\n".join(found)
+
+    tables = {name: lambda name=name: rows(name) for name in names or ("planes", "suzanne")}
+    return joined({"head": lambda: "\n".join(lines)} | tables)
 
 
 def _imported(folder):

@@ -60,11 +60,11 @@ def timed(work):
     return time.perf_counter() - start
 
 
-def run(size=512, repeats=5):
+def run(pixels=512, repeats=5):
     """Medians over interleaved repeats of each kernel, after one warm-up, as text."""
     scene = Scenes().two_planes(Scenes().emissive)
     camera = engine.Camera(np.eye(4), FOV)
-    hologram = engine.Hologram(size, size, 8e-6, (GREEN,), 1e-3, 6e-3)
+    hologram = engine.Hologram(pixels, pixels, 8e-6, (GREEN,), 1e-3, 6e-3)
     plan = engine.plan(scene, camera, hologram, engine.Settings(planes=1))
     slope = hologram.max_slope(GREEN)
     (plane,) = plan.planes
@@ -72,15 +72,15 @@ def run(size=512, repeats=5):
     lattice = Lattice.of(slope, plane.depth_limit, hologram.pitch, plan.cone)
     estimator = LatticeEstimator(hologram, lattice, [kernel_table(lattice, hologram.pitch, GREEN)])
     depths = (plan.z_low, plan.z_high)
-    grid = GrainGrid(size, size, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
+    grid = GrainGrid(pixels, pixels, plan.margin, plan.slabs, plan.bins, *depths, plan.cone * slope)
     optics, tracer = FirstHits(plan.coherent), PathTracer(8)
     measurement = Measurement(scene, rays, optics, tracer, grid, plan, wavelengths=(GREEN,), seed=0)
     radiance = measurement.measured(lambda done: None)
-    phasors = random_phasors(max(FRAMES), size, size)
-    part = Part(np.arange(size * size, dtype=np.uint32), rays, estimator, optics)
+    phasors = random_phasors(max(FRAMES), pixels, pixels)
+    part = Part(np.arange(pixels * pixels, dtype=np.uint32), rays, estimator, optics)
 
     def trace(frames):
-        blocks = blocks_of([(size * size, part.rays_per_pixel)], frames, 1, plan.chunk)
+        blocks = blocks_of([(pixels * pixels, part.rays_per_pixel)], frames, 1, plan.chunk)
         what = {0: part}, blocks, radiance, phasors[:frames], 0, plan.chunk, lambda done: None
         for _ in trace_blocks(scene, hologram, *what):
             pass
@@ -97,9 +97,9 @@ def run(size=512, repeats=5):
         for name, work in works.items():
             samples[name].append(timed(work))
     seconds = {name: float(np.median(values)) for name, values in samples.items()}
-    million = size * size * lattice.rays / 1e6
+    million = pixels * pixels * lattice.rays / 1e6
     lines = [
-        f"kernel: {size} x {size} pixels, {lattice.rays} rays a pixel, two emissive planes, {mi.variant()}"
+        f"kernel: {pixels} x {pixels} pixels, {lattice.rays} rays a pixel, two emissive planes, {mi.variant()}"
     ]
     lines += [f"  {name:24s} {million / value:6.0f} Mray/s" for name, value in seconds.items()]
     one, many = seconds["M = 1"], seconds["M = 24"]

@@ -2,6 +2,7 @@
 
 import math
 import time
+from itertools import islice
 
 import numpy as np
 import scipy.ndimage
@@ -9,9 +10,11 @@ import scipy.ndimage
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
 
+from .parts import joined
 from .scenes import FOV, GREEN, Scenes
 
-BORDER = 25
+PIXELS = 256
+BORDER = 25  # of those
 
 
 def scenes():
@@ -107,13 +110,13 @@ def _plano_convex(s, radius=0.5, aperture=0.12, vertex=0.6, rings=96, spokes=192
     return [_mesh(s, name, glass, *part) for name, part in parts.items()]
 
 
-def measured(scene, focus, options, spp=128):
+def measured(scene, focus, options, spp=128, pixels=PIXELS):
     """For each of a few options, PSNR and brightness ratio at each focus, and seconds of the second render."""
-    camera = engine.Camera(np.eye(4), FOV)
-    hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
+    camera, hologram = engine.Camera(np.eye(4), FOV), _hologram(pixels)
+    border = round(BORDER * pixels / PIXELS)
     near = engine.plan(scene, camera, hologram, engine.Settings(frames=24)).near
     truth = engine.reference(scene, camera, hologram, focus, spp=spp, near=near)
-    inner = slice(BORDER, -BORDER)
+    inner = slice(border, -border)
     for option in options:
         settings = engine.Settings(frames=24, **option)
         plan = engine.plan(scene, camera, hologram, settings)
@@ -122,7 +125,7 @@ def measured(scene, focus, options, spp=128):
         field = engine.render(scene, camera, hologram, settings, plan)
         seconds = time.perf_counter() - start
         pairs = list(zip(engine.reconstruct(field, focus), truth, strict=True))
-        values = [engine.psnr(picture, t, BORDER) for picture, t in pairs]
+        values = [engine.psnr(picture, t, border) for picture, t in pairs]
         ratios = [picture[inner, inner].mean() / t[inner, inner].mean() for picture, t in pairs]
         cells = "  ".join(f"{v:5.1f} ({r:.2f})" for v, r in zip(values, ratios, strict=True))
         yield f"{cells}   {seconds:5.1f} s"
@@ -149,20 +152,23 @@ def gloss():
         )
 
 
-def displacement(picture, truth):
+def displacement(picture, truth, edge=30):
     """Pixels to the right by which a picture lies off the truth, least squares over contrast and shift."""
-    a, t = (
-        scipy.ndimage.gaussian_filter(p[..., 0].astype(float), 2)[30:-30, 30:-30] for p in (picture, truth)
-    )
+    inner = slice(edge, -edge)
+    a, t = (scipy.ndimage.gaussian_filter(p[..., 0].astype(float), 2)[inner, inner] for p in (picture, truth))
     model = np.stack([np.ones_like(t), t, -np.gradient(t, axis=1)], -1).reshape(-1, 3)
     _, contrast, moved = np.linalg.lstsq(model, a.ravel(), rcond=None)[0]
     return moved / contrast
 
 
-def highlights(roughness, seeds=4):
+def _hologram(pixels):
+    size = pixels / PIXELS
+    return engine.Hologram(pixels, pixels, 8e-6, (GREEN,), 1e-3 * size, 6e-3 * size)
+
+
+def highlights(roughness, seeds=4, pixels=PIXELS):
     """Error of the disparity between views half a degree to either side, for each of a few seeds, and the disparity."""
-    camera = engine.Camera(np.eye(4), FOV)
-    hologram = engine.Hologram(256, 256, 8e-6, (GREEN,), 1e-3, 6e-3)
+    camera, hologram = engine.Camera(np.eye(4), FOV), _hologram(pixels)
     scene = Scenes().glossy_dome(roughness)
     plan = engine.plan(scene, camera, hologram, engine.Settings(frames=24))
     mapping = DepthMapping.of(hologram, camera, plan.near)
@@ -170,38 +176,54 @@ def highlights(roughness, seeds=4):
     aside = math.tan(math.radians(0.5)) * mapping.beta / mapping.focal
     pupils = [engine.Pupil(x, 0, 0.6 * radius) for x in (-aside, aside)]
     views = [engine.reference(scene, camera, hologram, [0.81], p, spp=256, near=plan.near)[0] for p in pupils]
-    errors = []
+    errors, edge = [], round(30 * pixels / PIXELS)
     for seed in range(seeds):
         settings = engine.Settings(frames=24, phase_field="random", seed=seed)
         field = engine.render(scene, camera, hologram, settings, plan)
         pictures = [engine.reconstruct(field, [0.81], pupil)[0] for pupil in pupils]
-        left, right = (displacement(p, v) for p, v in zip(pictures, views, strict=True))
+        left, right = (displacement(p, v, edge) for p, v in zip(pictures, views, strict=True))
         errors.append(right - left)
-    return plan, errors, displacement(views[1], views[0])
+    return plan, errors, displacement(views[1], views[0], edge)
 
 
-def run():
-    """All three tables as text."""
+def run(pixels=PIXELS, scenes=None):
+    """All three tables as text; each of so many scenes, or of all."""
+    tables = {"mirrors": mirrors, "gloss": rough, "highlights": disparities}
+    return joined({name: lambda table=table: table(pixels, scenes) for name, table in tables.items()})
+
+
+def mirrors(pixels, count):
+    """Pictures of mirrors and lenses."""
     random = {"phase_field": "random"}
     lines = [
-        "mirrors and lenses: 256 x 256, 8 µm, M = 24; PSNR in dB (brightness ratio) at three focus depths"
+        f"mirrors and lenses: {pixels} x {pixels}, 8 µm, M = 24; PSNR in dB (brightness ratio) at three focus depths"
     ]
-    for name, scene, focus in scenes():
+    for name, scene, focus in islice(scenes(), count):
         kinds = ("default", "random", "random, opl")
         options = ({}, random, random | {"virtual_image": "opl"})
-        for kind, cells in zip(kinds, measured(scene, focus, options), strict=True):
+        for kind, cells in zip(kinds, measured(scene, focus, options, pixels=pixels), strict=True):
             lines.append(f"  {name:26s} {kind:12s} {cells}")
-    lines.append("gloss: metal ball of roughness r, lamp-lit; focus 0.7, 0.9, 2 m")
-    for roughness, scene in gloss():
-        for kind, cells in zip(
-            ("default", "random"), measured(scene, (0.7, 0.9, 2.0), ({}, random), 512), strict=True
-        ):
+    return "\n".join(lines)
+
+
+def rough(pixels, count):
+    """Pictures of a rough metal ball."""
+    lines = ["gloss: metal ball of roughness r, lamp-lit; focus 0.7, 0.9, 2 m"]
+    options = {"default": {}, "random": {"phase_field": "random"}}
+    for roughness, scene in islice(gloss(), count):
+        rows = measured(scene, (0.7, 0.9, 2.0), options.values(), 512, pixels)
+        for kind, cells in zip(options, rows, strict=True):
             lines.append(f"  r = {roughness:<23g} {kind:12s} {cells}")
-    lines.append(
+    return "\n".join(lines)
+
+
+def disparities(pixels, count):
+    """Where highlights lie in two views."""
+    lines = [
         "highlights of a dome that mirrors 25 lamps: disparity of views at -0.5 and +0.5 degrees, pixels; 4 seeds"
-    )
-    for roughness in (0.05, 0.1, 0.2, 0.4, 0.8):
-        plan, errors, disparity = highlights(roughness)
+    ]
+    for roughness in (0.05, 0.1, 0.2, 0.4, 0.8)[:count]:
+        plan, errors, disparity = highlights(roughness, pixels=pixels)
         cells = " ".join(f"{error:+.2f}" for error in errors)
         lines.append(
             f"  r = {roughness:<6g} {disparity:.2f}; error {np.mean(errors):+.2f} ({cells}); {plan.bins} pupil bins"

@@ -2,6 +2,8 @@
 
 import math
 import time
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -16,8 +18,9 @@ from holopath_addon.engine.settings import PHASE_FIELDS
 from holopath_addon.engine.waves.phase_fields import SETS, designed_phasors, phasors_of
 from holopath_addon.engine.waves.propagation import transfer_function
 
-from .convergence import border, view_of
+from .convergence import border, display, view_of
 from .optics import scenes as optics_scenes
+from .parts import drawn, joined
 from .scenes import FOV, GREEN, Scenes
 
 KINDS = tuple(PHASE_FIELDS)[::-1]  # random first
@@ -40,7 +43,12 @@ def contrast(phasors, wavelength, distance):
     return float(total.std() / total.mean())
 
 
-def speckle(folder):
+def _defocus(pixels):
+    """Fewer distances in little: fields are as large as the designed maps all the same."""
+    return DEFOCUS[:: max(1, SIZE // pixels) ** 2]
+
+
+def speckle(folder, pixels):
     """Contrast of an even plane over defocus; the chart goes to ``folder/phase_fields.png``."""
     lines = [
         "speckle of an even plane, -6 to 6 mm in 0.1 mm steps, 640, 516.5, 455.4 nm: contrast, mean and worst"
@@ -49,26 +57,26 @@ def speckle(folder):
     for frames in FRAMES:
         for kind in KINDS:
             phasors = phasors_of(kind, frames, SIZE, SIZE)
-            values = [[contrast(phasors, w, z) for z in DEFOCUS] for w in WAVELENGTHS]
+            values = [[contrast(phasors, w, z) for z in _defocus(pixels)] for w in WAVELENGTHS]
             curves[frames, kind] = np.array(values)
             means = " ".join(f"{np.mean(v):.3f}" for v in values)
             lines.append(
                 f"  M = {frames:2d} {kind:9s} mean {np.mean(values):.3f} ({means})  worst {np.max(values):.3f}"
             )
-    _speckle_chart(curves, Path(folder) / "phase_fields.png")
     lines.append("the first m frames of each set: mean over green")
     for count in SETS:
         phasors = designed_phasors(count)
         cells = [
-            f"{m}: {np.mean([contrast(phasors[:m], GREEN, z) for z in DEFOCUS[::6]]):.3f}"
+            f"{m}: {np.mean([contrast(phasors[:m], GREEN, z) for z in _defocus(pixels)[::6]]):.3f}"
             for m in (1, 2, 3, 4, 6, 8, 12, 16, 24)
             if m <= count
         ]
         lines.append(f"  set of {count:2d}  " + "  ".join(cells))
-    return "\n".join(lines)
+    path = Path(folder) / "phase_fields.png"
+    return drawn("\n".join(lines), lambda: _speckle_chart(curves, _defocus(pixels), path))
 
 
-def _speckle_chart(curves, path):
+def _speckle_chart(curves, defocus, path):
     import matplotlib
 
     matplotlib.use("Agg")
@@ -81,7 +89,7 @@ def _speckle_chart(curves, path):
                 curves[frames, kind], ("tab:red", "tab:green", "tab:blue"), WAVELENGTHS, strict=True
             ):
                 axis.plot(
-                    1e3 * DEFOCUS, values, style, color=colour, lw=1.2, label=f"{kind}, {w * 1e9:.4g} nm"
+                    1e3 * defocus, values, style, color=colour, lw=1.2, label=f"{kind}, {w * 1e9:.4g} nm"
                 )
         axis.set(title=f"M = {frames}", xlabel="defocus, mm", yscale="log", ylim=(0.01, 1.3))
         axis.grid(alpha=0.3, which="both")
@@ -120,13 +128,19 @@ def pupils(hologram, camera, near):
     }
 
 
-def pictures(frames=(8, 24)):
+def _hologram(pixels):
+    _, far, thickness = display(pixels)
+    return engine.Hologram(pixels, pixels, PITCH, (GREEN,), far, far + thickness)
+
+
+def pictures(pixels, count, frames=(8, 24)):
     """PSNR and SSIM at three focus depths, random -> designed."""
-    lines = ["scenes: 256 x 256, 8 µm, 516.5 nm; PSNR in dB (SSIM) at three focus depths, random -> designed"]
-    camera = engine.Camera(np.eye(4), FOV)
-    hologram = engine.Hologram(SIZE, SIZE, PITCH, (GREEN,), 1e-3, 6e-3)
+    lines = [
+        f"scenes: {pixels} x {pixels}, 8 µm, 516.5 nm; PSNR in dB (SSIM) at three focus depths, random -> designed"
+    ]
+    camera, hologram = engine.Camera(np.eye(4), FOV), _hologram(pixels)
     edge = border(hologram)
-    for name, scene, focus in arrangements():
+    for name, scene, focus in islice(arrangements(), count):
         plan = engine.plan(scene, camera, hologram, engine.Settings(frames=24, phase_field="designed"))
         truths = {
             view: engine.reference(scene, camera, hologram, focus, pupil, spp=256, near=plan.near)
@@ -150,20 +164,21 @@ def pictures(frames=(8, 24)):
     return "\n".join(lines)
 
 
-def demo(frames=8):
+def demo(pixels, frames=8):
     """The demo scene in colour, as ``make demo`` renders it."""
     from holopath_addon.command_line import sources
 
     source = sources.open_source("demo:suzanne")
-    loaded = source.load(512, 512, None)
-    hologram = engine.Hologram(512, 512, PITCH, depth_far=10e-3, depth_near=15e-3)
+    loaded = source.load(pixels, pixels, None)
+    size = pixels / 512
+    hologram = engine.Hologram(pixels, pixels, PITCH, depth_far=10e-3 * size, depth_near=15e-3 * size)
     focus = (0.5, 1.0, 4.0)
     plan = engine.plan(loaded.scene, loaded.camera, hologram, engine.Settings(frames=frames))
     truth = engine.reference(loaded.scene, loaded.camera, hologram, focus, spp=256, near=plan.near)
     lines = [
-        f"demo scene, 512 x 512, RGB, M = {frames}, {plan.passes} radiance paths: PSNR (SSIM) at 0.5, 1, 4 m"
+        f"demo scene, {pixels} x {pixels}, RGB, M = {frames}, {plan.passes} radiance paths: PSNR (SSIM) at 0.5, 1, 4 m"
     ]
-    edge = math.ceil(hologram.max_slope(GREEN) * 15e-3 / PITCH) + 1
+    edge = math.ceil(hologram.max_slope(GREEN) * hologram.depth_near / PITCH) + 1
     for kind in KINDS:
         settings = engine.Settings(frames=frames, phase_field=kind)
         engine.render(loaded.scene, loaded.camera, hologram, settings, plan)
@@ -195,15 +210,12 @@ def evenness():
     return "\n".join(lines)
 
 
-def noise(frames=24):
+def noise(pixels, frames=24):
     """PSNR over radiance paths, for both kinds: two planes under a lamp."""
     s = Scenes()
     scene = s.two_planes(s.diffuse)
-    camera = engine.Camera(np.eye(4), FOV)
-    hologram = engine.Hologram(SIZE, SIZE, PITCH, (GREEN,), 1e-3, 6e-3)
+    camera, hologram = engine.Camera(np.eye(4), FOV), _hologram(pixels)
     edge = border(hologram)
-    from dataclasses import replace
-
     plan = engine.plan(scene, camera, hologram, engine.Settings(frames=frames))
     truth = engine.reference(scene, camera, hologram, THREE, spp=1024, near=plan.near)
     lines = [
@@ -222,10 +234,10 @@ def noise(frames=24):
     return "\n".join(lines)
 
 
-def bits():
+def bits(pixels):
     """Designed maps of fewer levels: contrast of an even plane, and PSNR of the three planes."""
     lines = ["levels of the designed maps: contrast at M = 8 and 24, PSNR on three planes at M = 24"]
-    view = view_of(Scenes().three_planes(), THREE)
+    view = view_of(Scenes().three_planes(), THREE, *display(pixels))
 
     def rounded(phasors, count):
         step = 2 * math.pi / 2**count
@@ -233,7 +245,7 @@ def bits():
 
     for count in (8, 6, 4, 3, 2):
         cells = [
-            np.mean([contrast(rounded(designed_phasors(m), count), GREEN, z) for z in DEFOCUS[::6]])
+            np.mean([contrast(rounded(designed_phasors(m), count), GREEN, z) for z in _defocus(pixels)[::6]])
             for m in (8, 24)
         ]
         with mock.patch.object(planned, "phasors_of", lambda *a, count=count: rounded(phasors_of(*a), count)):
@@ -254,9 +266,9 @@ def _three_planes(view, settings):
     return [engine.psnr(p, t) for p, t in zip(shown, view.truth, strict=True)], seconds
 
 
-def despeckling(folder):
+def despeckling(folder, pixels):
     """PSNR and seconds over despeckling steps; the chart goes to ``folder/despeckle.png``."""
-    view = view_of(Scenes().three_planes(), THREE)
+    view = view_of(Scenes().three_planes(), THREE, *display(pixels))
     _three_planes(view, engine.Settings(frames=24, max_depth=1, despeckle=1))
     lines = ["despeckling: three planes, PSNR at 0.5, 1, 2 m"]
     curves = {}
@@ -269,8 +281,7 @@ def despeckling(folder):
                 curves.setdefault((frames, kind), []).append((steps, seconds, np.mean(values)))
                 cells = " ".join(f"{v:5.1f}" for v in values)
                 lines.append(f"  M = {frames:2d} {kind:9s} {steps:3d} steps  {cells}   {seconds:5.1f} s")
-    _despeckling_chart(curves, Path(folder) / "despeckle.png")
-    return "\n".join(lines)
+    return drawn("\n".join(lines), lambda: _despeckling_chart(curves, Path(folder) / "despeckle.png"))
 
 
 def _despeckling_chart(curves, path):
@@ -305,7 +316,7 @@ def _despeckling_chart(curves, path):
     plt.close(figure)
 
 
-def textured():
+def textured(seeds):
     """Squared error in textured pictures over that of independent frames: `phase_fields.GAIN`."""
     from holopath_addon.engine.waves.phase_fields.design import Design, Recipe, invent
     from holopath_addon.engine.waves.supervision import Frames
@@ -316,7 +327,7 @@ def textured():
             maps = np.angle(designed_phasors(count))
             recipe = Recipe(count, maps.shape[-1])
             design, losses = Design(recipe, maps), []
-            for seed in range(40):
+            for seed in range(seeds):
                 rng = np.random.default_rng((1, seed))
                 tasks = invent(rng, recipe.size, recipe.reach, 0.0)
                 losses.append(design.slopes(*tasks, threads)[0][count] * count / len(tasks[1]))
@@ -324,16 +335,16 @@ def textured():
     return "\n".join(lines)
 
 
-def run(folder):
-    """All tables as text; charts go to the folder."""
-    parts = (
-        speckle(folder),
-        textured(),
-        evenness(),
-        pictures(),
-        demo(),
-        noise(),
-        bits(),
-        despeckling(folder),
-    )
-    return "\n".join(parts)
+def run(folder, pixels=SIZE, scenes=None):
+    """All tables as text, of pictures those of so many scenes; charts go to the folder."""
+    parts = {
+        "speckle": lambda: speckle(folder, pixels),
+        "textured": lambda: textured(max(1, 40 * pixels // SIZE)),
+        "evenness": evenness,
+        "pictures": lambda: pictures(pixels, scenes),
+        "demo": lambda: demo(2 * pixels),
+        "noise": lambda: noise(pixels),
+        "bits": lambda: bits(pixels),
+        "despeckling": lambda: despeckling(folder, pixels),
+    }
+    return joined(parts)

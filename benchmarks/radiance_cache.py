@@ -20,7 +20,7 @@ from .scenes import GREEN, Scenes
 SIDE, PITCH, FRAMES = 512, 8e-6, 24
 LINES = (0.8, 0.95)
 FOCUS = (0.9, 1.3, 2.0)
-BORDER = 24  # pixels at the edge that lose light to the aperture
+BORDER = 24  # of 512 pixels: those at the edge that lose light to the aperture
 RAY, GRAIN, FAST, REUSED, ALONE = (
     "paths of each ray",
     "paths of each grain",
@@ -49,12 +49,13 @@ class Rung:
     brightness: float
 
 
-def scenes(side):
+def scenes(pixels):
     """Name and scene, hologram and camera."""
     build = Scenes()
     camera = engine.Camera(np.eye(4), math.radians(36))
-    far = 10e-3 * side / 512
-    hologram = engine.Hologram(side, side, PITCH, (GREEN,), far, far + 5e-3)
+    far = 10e-3 * pixels / SIDE
+    near = far + 5e-3 * min(1, pixels / 256)
+    hologram = engine.Hologram(pixels, pixels, PITCH, (GREEN,), far, near)
     return {
         "closed box": (build.closed_box(), hologram, camera),
         "room": (build.room(sharp=False), hologram, camera),
@@ -65,7 +66,8 @@ def climb(scene, hologram, camera, ladders=LADDERS, spp=512):
     """All rungs of all methods on a scene, each with a store that lasts as long as its method wants it."""
     near = engine.plan(scene, camera, hologram, engine.Settings(method="full")).near
     truth = engine.reference(scene, camera, hologram, FOCUS, spp=spp, near=near)
-    inner = slice(BORDER, -BORDER)
+    border = round(BORDER * hologram.width / SIDE)
+    inner = slice(border, -border)
     rungs = []
     with tempfile.TemporaryDirectory() as folder:
         for method, ladder in ladders.items():
@@ -93,13 +95,13 @@ def to_line(rungs, method, line):
     return min((r.seconds for r in rungs if r.method == method and r.psnr >= line), default=math.inf)
 
 
-def run(scene=None, side=SIDE):
+def run(scene=None, pixels=SIDE):
     """Tables as text, of one scene or of all."""
     variants.activate()
     lines = [
-        f"where diffuse light comes from: {side} x {side}, M = {FRAMES}, mean of {len(FOCUS)} focus depths"
+        f"where diffuse light comes from: {pixels} x {pixels}, M = {FRAMES}, mean of {len(FOCUS)} focus depths"
     ]
-    chosen = {name: parts for name, parts in scenes(int(side)).items() if scene in (None, name)}
+    chosen = {name: parts for name, parts in scenes(pixels).items() if scene in (None, name)}
     for name, parts in chosen.items():
         rungs = climb(*parts)
         best = max(r.psnr for r in rungs)

@@ -12,9 +12,10 @@ from holopath_addon.engine.encoding import descent, views
 from holopath_addon.engine.waves.propagation import FreeSpace
 
 from .chart import looks
+from .parts import joined
 from .scenes import FOV, GREEN, Scenes
 
-HOLOGRAM = engine.Hologram(128, 128, 8e-6, (GREEN,), 2e-3, 4.5e-3)
+PIXELS = 128
 TRUTH = 64  # paths a pixel
 WEIGHTS = (0.98, 0.95, 0.9, 0.8, 0.6, 0.3, 0.0)  # of the whole pupil
 PARTS = ((3, 4), (4, 8), (6, 16), (9, 24))  # halves and quarters of the pupil at each depth
@@ -23,13 +24,24 @@ FINER, SIDE = 8, 512  # of the lens's disc in a pixel, and pixels of the picture
 BLURS = (0.0, 0.5, 1, 2, 3, 5, 8, 12, 20)  # radii, pixels
 
 
-def run(part=None):
-    """Tables as text, of one part or of all."""
-    parts = {"weights": weights, "bits": bits, "defocus": defocus}
-    return "\n".join(parts[name]() for name in ([part] if part else parts))
+def run(part=None, pixels=PIXELS, scenes=None):
+    """Tables as text, of one part or of all; of so many scenes. Below the usual number of pixels with few choices."""
+    hologram, few = hologram_of(pixels), 1 if pixels < PIXELS else None
+    parts = {
+        "weights": lambda: weights(hologram, scenes, WEIGHTS[:few], PARTS[:few]),
+        "bits": lambda: bits(hologram, FRAMES[:few], BITS[:few]),
+        "defocus": lambda: defocus(hologram),
+    }
+    return joined({name: parts[name] for name in ([part] if part else parts)})
 
 
-def scenes():
+def hologram_of(pixels):
+    """A display whose volume is as large as it is."""
+    size = pixels / PIXELS
+    return engine.Hologram(pixels, pixels, 8e-6, (GREEN,), 2e-3 * size, 4.5e-3 * size)
+
+
+def subjects():
     """Two that nothing was tuned for: five textured slats one behind another, and two planes under a lamp."""
     s = Scenes()
     slats = {
@@ -50,10 +62,11 @@ class Subject:
     Parameters
     ----------
     scene : mitsuba.Scene
+    hologram : engine.Hologram
     """
 
-    def __init__(self, scene):
-        self._view = scene, engine.Camera(np.eye(4), FOV), HOLOGRAM
+    def __init__(self, scene, hologram):
+        self._view = scene, engine.Camera(np.eye(4), FOV), hologram
         plan = engine.plan(*self._view)
         near, middle, far = pipeline.default_focus(plan, *self._view[1:])
         self._foci = near, middle, far
@@ -75,7 +88,7 @@ class Subject:
 
     def row(self, label, light):
         """Mean and worst of the chart's eleven views, and the means of those through each part of the pupil."""
-        pictures, border = looks.seen(light, self._foci), looks.border_of(HOLOGRAM)
+        pictures, border = looks.seen(light, self._foci), looks.border_of(light.hologram)
         each = np.array(
             [engine.psnr(p, w, border) for p, w in zip(pictures, self._truth["pictures"], strict=True)]
         )
@@ -86,35 +99,35 @@ class Subject:
         )
 
 
-def weights(frames=8):
+def weights(hologram, count=None, weights=WEIGHTS, numbers=PARTS, frames=8):
     """Weights of the whole pupil and of parts of it, and how many parts."""
     lines = [
         f"weights over views: M = {frames}; PSNR in dB, mean and worst of eleven views, and of each kind"
     ]
     whole, *some = views.KINDS
-    for name, scene in scenes().items():
-        subject = Subject(scene)
+    for name, scene in tuple(subjects().items())[:count]:
+        subject = Subject(scene, hologram)
         field = subject.field(frames)
         lines += [
             f"  {name}",
             subject.row("complex field", field),
             subject.row("mean of many frames", subject.many(field)),
         ]
-        for weight in WEIGHTS:
+        for weight in weights:
             kinds = (replace(whole, weight=weight), *(replace(k, weight=(1 - weight) / 2) for k in some))
             lines.append(subject.row(f"weight {weight:g}", subject.refined(field, kinds)))
-        for numbers in PARTS:
-            kinds = (whole, *(replace(k, each=n) for k, n in zip(some, numbers, strict=True)))
-            label = "{} halves, {} quarters".format(*numbers)
+        for pair in numbers:
+            kinds = (whole, *(replace(k, each=n) for k, n in zip(some, pair, strict=True)))
+            label = "{} halves, {} quarters".format(*pair)
             lines.append(subject.row(label, subject.refined(field, kinds)))
     return "\n".join(lines)
 
 
-def bits():
+def bits(hologram, numbers=FRAMES, levels=BITS):
     """Few frames, and displays of few bits."""
     lines = ["frames and bits: PSNR in dB, mean and worst of eleven views, and of each kind"]
-    subject = Subject(scenes()["lit planes"])
-    for frames in FRAMES:
+    subject = Subject(subjects()["lit planes"], hologram)
+    for frames in numbers:
         field = subject.field(frames)
         lines += [
             f"  M = {frames}",
@@ -122,26 +135,26 @@ def bits():
             subject.row("despeckled", subject.field(frames, despeckle=200)),
             subject.row("auto without more frames", engine.encode(field).field()),
             subject.row("refined", subject.refined(field)),
-            *(subject.row(f"refined, {n} bits", subject.refined(field, bits=n)) for n in BITS),
+            *(subject.row(f"refined, {n} bits", subject.refined(field, bits=n)) for n in levels),
             subject.row("auto without more, 1 bit", engine.encode(field, bits=1).field()),
         ]
     return "\n".join(lines)
 
 
-def defocus():
+def defocus(hologram):
     """A hard-edged texture out of focus: incoherent wave optics against the disc of a lens without diffraction."""
     texture = sum(
         np.kron(np.random.default_rng(b).random((SIDE // b,) * 2), np.ones((b, b))) for b in (16, 8, 4)
     )
     spectrum = scipy.fft.fft2(np.clip(0.5 + 2 * (texture / 3 - 0.5), 0.02, 1))
-    slope, space = HOLOGRAM.max_slope(GREEN), FreeSpace((SIDE, SIDE), HOLOGRAM.pitch, GREEN)
+    slope, space = hologram.max_slope(GREEN), FreeSpace((SIDE, SIDE), hologram.pitch, GREEN)
     in_focus = _spread(space(0.0))
     lines = [
         "out of focus: PSNR in dB against the lens's picture, of wave optics and of that picture * |h|^2 in focus"
     ]
     for radius in BLURS:
         lens = spectrum * _disc(radius)
-        images = (spectrum * _spread(space(radius * HOLOGRAM.pitch / slope)), lens * in_focus, lens)
+        images = (spectrum * _spread(space(radius * hologram.pitch / slope)), lens * in_focus, lens)
         waves, blurred, wanted = (np.maximum(scipy.fft.ifft2(i).real, 0)[..., None] for i in images)
         both = (engine.psnr(image, wanted, 32) for image in (waves, blurred))
         lines.append("  {:4.1f} pixels  {:6.1f} {:6.1f}".format(radius, *both))

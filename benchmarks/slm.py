@@ -19,6 +19,8 @@ from holopath_addon.engine import Camera, Hologram, PhaseHologram
 from holopath_addon.slm.drivers.link import Link
 from tests.slm.device import Board, Firmware
 
+from .parts import joined
+
 SIZE = 1080, 1920
 # bits a second: USB full speed in practice, a fast UART, a USB high speed controller, and as fast as the pty goes
 LINES = ((8e6, 512), (8e6, 4096), (24e6, 16384), (240e6, 65535), (None, 65535))
@@ -74,15 +76,15 @@ def _line(ours, rate, longest, frames, pixels):
     return frames * pixels.nbytes / seconds
 
 
-def serial_table():
+def serial_table(size):
     """Frames over the protocol against the same bytes over the raw line, in turn."""
     rows = [
         "line (Mbit/s) | longest packet | raw (MB/s) | protocol (MB/s) | ratio",
         "--- | --- | --- | --- | ---",
     ]
-    pixels = np.random.default_rng(0).integers(0, 256, SIZE, np.uint8)
+    pixels = np.random.default_rng(0).integers(0, 256, size, np.uint8)
     for rate, longest in LINES:
-        part = pixels if rate is None or rate > 1e8 else pixels[:270]
+        part = pixels if rate is None or rate > 1e8 else pixels[: size[0] // 4]
         frames = 10 if part is pixels else 4
         raw, ours = zip(
             *(
@@ -99,8 +101,9 @@ def serial_table():
     return "\n".join(rows)
 
 
-def noise_table(count=10000):
+def noise_table(size):
     """Commands and small frames, every fourth one, over a line that spoils a share of its bytes."""
+    count = 10000 if size == SIZE else 100
     rows = ["bytes spoiled | seconds | packets sent again | as sent", "--- | --- | --- | ---"]
     for share in (0.0, 0.001, 0.01):
         firmware, chance, sent = Firmware(), np.random.default_rng(0), []
@@ -122,10 +125,11 @@ def noise_table(count=10000):
     return "\n".join(rows)
 
 
-def monitor_table(seconds=60, size=SIZE):
+def monitor_table(size):
     """24 pictures in turn, 60 a second, on the monitor that is not the primary one."""
+    seconds = 60 if size == SIZE else 1
     rows = ["device | seconds | in time | late | dropped", "--- | --- | --- | --- | ---"]
-    driver, told = slm.DisplayDriver(size=size[::-1]), Counter()
+    driver, told = slm.DisplayDriver(size=SIZE[::-1]), Counter()
     driver.open(60, lambda number, what: told.update([what]))
     shape = driver.info.height, driver.info.width
     chance = np.random.default_rng(0)
@@ -141,14 +145,14 @@ def monitor_table(seconds=60, size=SIZE):
     return "\n".join(rows)
 
 
-def prepare_table():
-    """Milliseconds to make one picture of 1920 x 1080 of phases: what the ring has to keep up with."""
+def prepare_table(size):
+    """Milliseconds to make one picture of phases, as large as they are: what the ring has to keep up with."""
     chance = np.random.default_rng(0)
-    data = chance.uniform(0, 2 * np.pi, (8, 1, *SIZE)).astype(np.float32)
-    volume = Hologram(SIZE[1], SIZE[0], 8e-6, (520e-9,))
+    data = chance.uniform(0, 2 * np.pi, (8, 1, *size)).astype(np.float32)
+    volume = Hologram(size[1], size[0], 8e-6, (520e-9,))
     hologram = PhaseHologram(data, volume, Camera(np.eye(4), 0.7), 0.5, "dpac", (1.0,))
     curve = tuple((n, 2 * np.pi * (n / 255) ** 1.2) for n in range(256))
-    correction = chance.uniform(0, 6, SIZE).astype(np.float32)
+    correction = chance.uniform(0, 6, size).astype(np.float32)
     measured = slm.Calibration(responses=(slm.Response(520e-9, curve=curve),))
     corrected = slm.Calibration(correction=correction, correction_wavelength=520e-9)
     rows = ["calibration | packing | ms a picture", "--- | --- | ---"]
@@ -171,6 +175,10 @@ def prepare_table():
 TABLES = {"serial": serial_table, "noise": noise_table, "monitor": monitor_table, "prepare": prepare_table}
 
 
-def run(*names):
-    """Tables, all or those named."""
-    return "\n\n".join(f"{name}\n\n{TABLES[name]()}" for name in names or TABLES)
+def run(*names, pixels=SIZE[1]):
+    """Tables, all or those named; `pixels` is the width of pictures. Small ones come with few commands and seconds."""
+    size = pixels * SIZE[0] // SIZE[1], pixels
+    parts = {
+        name: lambda table=TABLES[name], name=name: f"{name}\n\n{table(size)}" for name in names or TABLES
+    }
+    return joined(parts, between="\n\n")

@@ -18,6 +18,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.turns import in_turn
+
 _user = tempfile.mkdtemp(prefix="holopath-tests-")
 atexit.register(shutil.rmtree, _user, ignore_errors=True)
 atexit.register(gc.unfreeze)  # else lief would tell at the end what it takes for leaks
@@ -40,10 +42,9 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Where not all can be run, begin with another test every day."""
-    if config.getoption("--minutes") and items:
-        first = datetime.date.today().toordinal() * 37 % len(items)
-        items[:] = items[first:] + items[:first]
+    """Where not all can be run, begin with other tests every day."""
+    if config.getoption("--minutes"):
+        items[:] = in_turn(items, datetime.date.today().toordinal())
 
 
 def pytest_configure(config):

@@ -18,12 +18,13 @@ DOCS = ROOT / "docs"
 TOP = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 PAGES = TOP + sorted(DOCS.rglob("*.md"))
 MODULES = {"engine": engine, "slm": slm, "exchange": exchange}
-# Options of other programs that the pages name: Dask's, SLURM's, and those of the program that designs phase fields.
+# Options of other programs that the pages name: Dask's, SLURM's, those of benchmarks, and of the program that designs
+# phase fields.
 OTHERS = {
     "--host", "--protocol", "--interface",
     "--lifetime", "--nthreads", "--array", "--cpus-per-task", "--mem", "--requeue", "--time",
     "--background", "--command", "--markdown", "--pictures", "--narrow", "--plane", "--prefixes", "--rate", "--reach",
-    "--start", "--steps", "--help",
+    "--smallest", "--start", "--steps", "--help",
 }  # fmt: skip
 
 

@@ -24,12 +24,14 @@ from holopath_addon import engine, pipeline
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.viewing.metrics import display_values
 
+from ..parts import sentence_of
 from . import looks, peers
 from .figures import figures
 from .methods import M, methods, warmed
 from .scenes import SCENES, built
 
 SHORT = 10.0
+OVER = "over "  # how the reason of a record begins that was given up after its limit
 SHOWN = ("front", "back", "view-right")  # pictures that are kept for the close-ups
 ROOT = Path(__file__).parents[2]
 ENGINE = ROOT / "holopath_addon" / "engine"
@@ -134,6 +136,19 @@ def kept(task, effort, frames):
     return None
 
 
+def is_fault(record):
+    """Whether a record failed; one that was given up after its limit did not."""
+    return "failed" in record and not record["failed"].startswith(OVER)
+
+
+def is_done(task):
+    """Whether there is nothing to measure: a record that failed is tried again."""
+    if task.method == "reference":
+        return task.scene not in SCENES or truth_path(task).exists()
+    records = [kept(task, *record) for record in task.records]
+    return all(record and not is_fault(record) for record in records)
+
+
 def truth_path(task):
     """File of a scene's truth."""
     digest = digest_of(*SCENE_CODE, *TRUTH_CODE, task.scene, task.hologram, task.spp)
@@ -159,7 +174,11 @@ def truth_for(task, scene, camera, hologram):
         return dict(file)
 
 
-def run(task, tell=print):
+def _tell(line):
+    print(line, file=sys.stderr, flush=True)
+
+
+def run(task, tell=_tell):
     """Measure a task's records that are not kept, and write each as soon as it is there.
 
     Parameters
@@ -177,13 +196,13 @@ def run(task, tell=print):
     method = methods(hologram)[task.method]
     gave_up = None
     for effort, frames in task.records:
-        if kept(task, effort, frames):
+        if (earlier := kept(task, effort, frames)) and not is_fault(earlier):
             continue
         if gave_up:
             result = {"failed": gave_up}
         else:
             result = _measured(task, method, effort, frames, scene, camera, hologram, truth)
-        if result.get("failed", "").startswith("over"):
+        if result.get("failed", "").startswith(OVER):
             gave_up = result["failed"]
         record = {
             "method": task.method,
@@ -226,24 +245,27 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
         if seconds < SHORT:
             again, field = _timed(method, *view, settings, encoding, Stages(task.limit))
             seconds = min(seconds, again)
+        result = {"seconds": seconds, "peak_bytes": peak, "stages": clock.seconds, "psnr": None}
+        if truth is None:
+            return result
+        foci = SCENES[task.scene].foci
+        pictures = looks.seen(field, foci)
+        result |= figures(pictures, truth, hologram)
+        if frames == M:
+            path = record_path(task, effort, frames).with_suffix(".npz")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            np.savez_compressed(path, **shown(pictures, truth, looks.border_of(hologram)))
     except engine.Cancelled:
-        return {"failed": f"over {task.limit:g} s"}
+        return {"failed": f"{OVER}{task.limit:g} s"}
     except Exception as error:  # one method's fault is no other's
-        return {"failed": f"{type(error).__name__}: {' '.join(str(error).split())}"}
-    result = {"seconds": seconds, "peak_bytes": peak, "stages": clock.seconds, "psnr": None}
-    if truth is None:
-        return result
-    foci = SCENES[task.scene].foci
-    pictures = looks.seen(field, foci)
-    result |= figures(pictures, truth, hologram)
-    if frames == M:
-        path = record_path(task, effort, frames).with_suffix(".npz")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(path, **shown(pictures, truth, looks.border_of(hologram)))
+        return {"failed": sentence_of(error)}
     result["phase_loss_db"] = None
     if task.loss and frames == M and effort == method.usual:
         phases = method.phases or encoding
-        result["phase_loss_db"] = 0.0 if phases else phase_loss(field, foci, truth, result["pictures"])
+        try:
+            result["phase_loss_db"] = 0.0 if phases else phase_loss(field, foci, truth, result["pictures"])
+        except Exception as error:  # the other figures hold all the same
+            result |= {"lacks": f"phase-only loss: {sentence_of(error)}"}
     return result
 
 
@@ -345,7 +367,9 @@ def peak_bytes():
 
 
 if __name__ == "__main__":
-    run(
-        Task(**json.loads(Path(sys.argv[1]).read_text())),
-        lambda line: print(line, file=sys.stderr, flush=True),
-    )
+    file = Path(sys.argv[1])
+    try:
+        run(Task(**json.loads(file.read_text())))
+    except Exception as error:
+        file.with_suffix(".why").write_text(sentence_of(error))
+        raise

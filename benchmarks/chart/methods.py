@@ -35,6 +35,10 @@ class Method:
     usual: str = "balanced"
     phases: bool = False
 
+    def __post_init__(self):
+        if self.usual not in self.efforts:
+            raise ValueError(f"{self.name} has no effort {self.usual!r}: it has {', '.join(self.efforts)}.")
+
     def settings(self, effort, frames):
         """The `engine.Settings` of an effort."""
         own = {name: value for name, value in self.efforts[effort].items() if name != "encode"}

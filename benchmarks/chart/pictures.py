@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ..parts import attempt
 from . import looks, measure
 from .analysis import pareto
 from .methods import FRAMES, M
@@ -21,8 +22,8 @@ CLOSE = 120  # pixels along the side of a close-up
 COLUMNS = 4
 
 
-def draw(chart, records, triangles, table, ratios, folder):
-    """Write all pictures that there is something for.
+def draw(chart, records, triangles, table, ratios, folder, faults):
+    """Write all pictures that there is something for; one that fails is left out.
 
     Parameters
     ----------
@@ -35,27 +36,28 @@ def draw(chart, records, triangles, table, ratios, folder):
     ratios : dict
         Of `analysis.ratios`.
     folder : path
+    faults : list of str
+        Takes what failed and why.
 
     Returns
     -------
     list of str
-        File names.
+        File names of those that are there.
     """
     import matplotlib
 
     matplotlib.use("Agg")
-    if not records:
-        return []
     names = list(dict.fromkeys(record["method"] for record in records))
     others = [name for name in names if name not in OURS]
     palette = matplotlib.colormaps["tab20"]
     colours = {name: palette(k % 20) for k, name in enumerate(others)} | OURS
-    scenes = [name for name in SCENES if any(record["scene"] == name for record in records)]
-    files = {
-        "chart-seconds.png": lambda path: _seconds(records, scenes, colours, path),
-        "chart-convergence.png": lambda path: _convergence(records, scenes, colours, path),
-        "chart-table-1.png": lambda path: _table(table[0], table[1], path),
-    }
+    scenes = [name for name in SCENES if _own(records, name)]
+    files = {}
+    if scenes:
+        files["chart-seconds.png"] = lambda path: _seconds(records, scenes, colours, path)
+        files["chart-convergence.png"] = lambda path: _convergence(records, scenes, colours, path)
+    if table[1]:
+        files["chart-table-1.png"] = lambda path: _table(table[0], table[1], path)
     if ratios:
         files["chart-frames.png"] = lambda path: _frames(ratios, path)
     if triangles:
@@ -65,8 +67,9 @@ def draw(chart, records, triangles, table, ratios, folder):
             chart, records, scene, path
         )
     for name, write in files.items():
-        write(folder / name)
-    return list(files)
+        (folder / name).unlink(missing_ok=True)  # of an earlier chart
+        attempt(faults, name, lambda write=write, name=name: write(folder / name))
+    return [name for name in files if (folder / name).exists()]
 
 
 def _panels(count, rows=1, width=4.0, height=3.4):

@@ -16,6 +16,7 @@ import numpy as np
 
 from holopath_addon import engine
 
+from ..parts import attempt
 from . import analysis, looks, measure, pictures
 from .looks import HEADLINE, PUPILS
 from .methods import methods
@@ -39,8 +40,9 @@ INTRODUCTION = """# Speed against accuracy
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
 scene to a field or phases for the same display. `make chart` measures all of it, which takes hours, `make chart-quick`
 a part in under ten minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew]
-[--docs]` what is named. What is measured already is kept in build/chart as long as the code that it depends on stays as
-it is, so that a chart that was stopped goes on where it was.
+[--docs] [--out FOLDER]` what is named. What is measured already is kept in build/chart as long as the code that it
+depends on stays as it is, so that a chart that was stopped goes on where it was. A part that fails is named at the end
+of the page, with its reason, and measured again the next time.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest
@@ -118,43 +120,63 @@ def write(chart, records, made, docs=False):
 
     Returns
     -------
-    str
-        The tables.
+    (str, list of str)
+        The tables; and what failed and why, a sentence each, which the page names as well.
     """
     folder = Path(chart.folder)
     folder.mkdir(parents=True, exist_ok=True)
+    faults, known = [], methods(chart.hologram)
     failed = [record for record in records if "failed" in record]
     timed = [record for record in records if record["scene"] not in SCENES and "failed" not in record]
     figures = [record for record in records if record["scene"] in SCENES and "failed" not in record]
-    usual = {name: chart.usual(method) for name, method in methods(chart.hologram).items()}
+    usual = {name: chart.usual(method) for name, method in known.items()}
     triangles = [
         {"method": r["method"], "triangles": int(r["scene"].split()[1]), "seconds": r["seconds"]}
         for r in timed
     ]
-    budgets = {scene: analysis.compare(_of(figures, scene)) for scene in _scenes(figures)}
     whole = {
         **asdict(made),
         "chart": chart.name,
         "hologram": chart.hologram.to_dict(),
-        "reference": _ceilings(chart, figures),
         "records": figures,
         "triangles": triangles,
-        "budgets": budgets,
         "failed": failed,
     }
-    (folder / "chart.json").write_text(json.dumps(whole, indent=1))
-    _write_csv(folder / "chart.csv", figures)
-    names = pictures.draw(
-        chart, figures, triangles, analysis.table_1(figures, usual), analysis.ratios(figures, usual), folder
+
+    def save():
+        (folder / "chart.json").write_text(json.dumps(whole, indent=1))
+
+    save()  # what was measured is there, whatever the rest does
+    scenes = _scenes(figures)
+    budgets = attempt(
+        faults, "budgets", lambda: {s: analysis.compare(_of(figures, s)) for s in scenes}, instead={}
     )
-    page = _page(chart, figures, triangles, budgets, failed, made, usual, whole["reference"])
+    ceilings = attempt(faults, "references", lambda: _ceilings(chart, figures), instead={})
+    whole |= {"reference": ceilings, "budgets": budgets}
+    save()
+    attempt(faults, "chart.csv", lambda: _write_csv(folder / "chart.csv", figures))
+    ratios = attempt(faults, "ratios", lambda: analysis.ratios(figures, usual), instead={})
+    table = attempt(faults, "Table 1", lambda: analysis.table_1(figures, usual), instead=([], {}))
+    names = pictures.draw(chart, figures, triangles, table, ratios, folder, faults)
+    page = _page(chart, figures, triangles, budgets, failed, made, ratios, table, ceilings, names, faults)
     (folder / "chart.md").write_text(page.replace("](IMAGES/", "]("))
     if docs:
         IMAGES.mkdir(parents=True, exist_ok=True)
         for name in names:
             shutil.copy(folder / name, IMAGES / name)
         PAGE.write_text(page.replace("](IMAGES/", "](images/"))
-    return "\n".join(_told(chart, figures, triangles, budgets, failed, made, usual))
+    faults += [
+        measure.line_of(record)
+        for record in failed
+        if measure.is_fault(record) and not known[record["method"]].missing()
+    ]
+    faults += [
+        f"{record['scene']}: {record['method']}: {record['lacks']}" for record in figures if "lacks" in record
+    ]
+    tables = attempt(
+        faults, "tables", lambda: _told(chart, figures, triangles, budgets, failed, made, ratios), instead=[]
+    )
+    return "\n".join(tables), faults
 
 
 def _scenes(records):
@@ -213,73 +235,87 @@ def _rows(header, rows):
     return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
 
 
-def _page(chart, records, triangles, budgets, failed, made, usual, ceilings):
-    """The page, its pictures in IMAGES."""
+def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceilings, names, faults):
+    """The page, its pictures in IMAGES; of pictures those `names` that were drawn."""
+
+    def picture(name, what):
+        return f"![{what}](IMAGES/{name})\n" if name in names else ""
+
     size = f"{chart.hologram.width} x {chart.hologram.height}"
     text = [INTRODUCTION.format(short=measure.SHORT)]
     text.append(
         f"`{made.command}` on {made.machine}, {made.date}, commit {made.commit}; {size}, 8 µm, 640, 516.5 and "
         f"455.4 nm, 1 to 6 mm from the SLM; references of {chart.spp} paths a pixel and wavelength.\n"
     )
-    if not records:
+    if not records and not failed:
         text.append("Nothing has been measured yet: `make chart` writes the tables and pictures here.\n")
         return "\n".join(text)
-    text.append("## Seconds and PSNR\n\n![PSNR over seconds](IMAGES/chart-seconds.png)\n")
+    text += ["## Seconds and PSNR\n", picture("chart-seconds.png", "PSNR over seconds")]
     text.append("Each line is a method at its efforts, M = 8; rings mark what no other beats in both.\n")
     text.append("## Within a budget\n")
     text.append(
         "dB by which auto leads the best that starts from pictures or surfaces alone, mean / worst; none: it has "
         "nothing yet.\n"
     )
-    text += [*_leads_table(budgets), ""]
+    text += [*attempt(faults, "leads", lambda: _leads_table(budgets), instead=[]), ""]
     for scene, rows in budgets.items():
-        note = ceilings.get(scene)
-        allowed = "".join(
-            f"; {what} allows {note[name]['psnr']:.1f} / {note[name]['psnr_worst']:.1f} dB"
-            for name, what in (
-                ("noise", "the reference's own noise"),
-                ("diffraction", "the pupil's diffraction"),
-            )
-            if note
+        text += attempt(
+            faults,
+            f"budgets of {scene}",
+            lambda scene=scene, rows=rows: _budget_lines(scene, rows, ceilings.get(scene)),
+            instead=[],
         )
-        text.append(f"**{scene}**, {SCENES[scene].what}: best PSNR in dB, mean / worst{allowed}\n")
-        text += _budget_table(rows)
-        text.append("")
-        text += _why(scene, rows)
-        text.append("")
-    several = analysis.ratios(records, usual)
-    if several:
-        text.append("## Seconds over frames\n\n![Seconds over frames](IMAGES/chart-frames.png)\n")
-        text += _frames_table(several)
-    text.append("\n## The paper's Table 1, measured\n\n![Table 1](IMAGES/chart-table-1.png)\n")
+    if ratios:
+        text += ["## Seconds over frames\n", picture("chart-frames.png", "Seconds over frames")]
+        text += attempt(faults, "seconds over frames", lambda: _frames_table(ratios), instead=[])
+    text += ["\n## The paper's Table 1, measured\n", picture("chart-table-1.png", "Table 1")]
     text.append(
         "Medians of seconds and means of PSNR over the scenes at each method's usual effort; reflection and refraction "
         "on scenes with mirrors or glass, material and GI on those with gloss or indirect light; *view* of the four "
         "half pupils and both views, *depth between* of the two foci where nothing need be. Nothing here is trained.\n"
     )
-    criteria, cells = analysis.table_1(records, usual)
+    criteria, cells = table
     rows = [[name, *(_seconds(v) if "dB" not in c else _number(v) for c, v in zip(criteria, row, strict=True))]
             for name, row in cells.items()]  # fmt: skip
     text += _rows(["method", *criteria], rows)
-    text.append("\n## Convergence\n\n![PSNR over effort](IMAGES/chart-convergence.png)\n")
+    text += ["\n## Convergence\n", picture("chart-convergence.png", "PSNR over effort")]
     if triangles:
-        text.append("## Triangles\n\n![Seconds over triangles](IMAGES/chart-triangles.png)\n")
-        text += _triangles_table(triangles)
-        text.append("")
+        text += ["## Triangles\n", picture("chart-triangles.png", "Seconds over triangles")]
+        text += [*attempt(faults, "triangles", lambda: _triangles_table(triangles), instead=[]), ""]
     text.append(
         "## Close-ups\n\nThe reference first, then each method at its most work: in focus in front, at the back, and "
         "the view to the right.\n"
     )
-    text += [f"![{scene}](IMAGES/chart-closeups-{scene}.jpg)\n" for scene in _scenes(records)]
+    text += [picture(f"chart-closeups-{scene}.jpg", scene) for scene in _scenes(records)]
     text.append("## All figures\n")
-    text += _all_figures(records)
-    if failed:
+    text += attempt(faults, "all figures", lambda: _all_figures(records), instead=[])
+    gaps = [(r, r["failed"]) for r in failed] + [(r, r["lacks"]) for r in records if "lacks" in r]
+    if gaps or faults:
         text.append("\n## What gave no figures\n")
         text += _rows(
             ["scene", "method", "effort", "frames", "why"],
-            [[r["scene"], r["method"], r["effort"], str(r["frames"]), r["failed"]] for r in failed],
+            [[r["scene"], r["method"], r["effort"], str(r["frames"]), _cell(why)] for r, why in gaps]
+            + [["", "", "", "", _cell(fault)] for fault in faults],
         )
     return "\n".join(text) + "\n"
+
+
+def _cell(text):
+    return text.replace("|", "/")
+
+
+def _budget_lines(scene, rows, note):
+    """A scene's table of budgets, and what its reference allows."""
+    allowed = "".join(
+        f"; {what} allows {note[name]['psnr']:.1f} / {note[name]['psnr_worst']:.1f} dB"
+        for name, what in (
+            ("noise", "the reference's own noise"),
+            ("diffraction", "the pupil's diffraction"),
+        )
+        if note
+    )
+    title = f"**{scene}**, {SCENES[scene].what}: best PSNR in dB, mean / worst{allowed}\n"
+    return [title, *_budget_table(rows), "", *_why(scene, rows), ""]
 
 
 def _budget_table(rows):
@@ -362,7 +398,7 @@ def _all_figures(records):
     return _rows(header, body)
 
 
-def _told(chart, records, triangles, budgets, failed, made, usual):
+def _told(chart, records, triangles, budgets, failed, made, ratios):
     """The tables for the terminal."""
     lines = [
         f"chart: {chart.name}, {chart.hologram.width} x {chart.hologram.height}, {len(records)} records, "
@@ -370,9 +406,8 @@ def _told(chart, records, triangles, budgets, failed, made, usual):
     ]
     for scene, rows in budgets.items():
         lines += ["", f"{scene}: best PSNR within a budget, dB, mean / worst", *_budget_table(rows)]
-    several = analysis.ratios(records, usual)
-    if several:
-        lines += ["", *_frames_table(several)]
+    if ratios:
+        lines += ["", *_frames_table(ratios)]
     if triangles:
         lines += ["", *_triangles_table(triangles)]
     lines += [measure.line_of(record) for record in failed]

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from holopath_addon import engine
 
-from . import measure, peers, report
+from ..parts import Incomplete, sentence_of
+from . import measure, report
 from .methods import FRAMES, M, methods
 from .scenes import SCENES, TRIANGLES
 
@@ -44,8 +45,8 @@ class Chart:
         Whether the loss of phase-only encoding is found.
     apart : bool
         Whether each scene and method has a process of its own; without, peak memory is not each one's own.
-    folder, kept : Path
-        What is written, and where records and references are kept, by default there, too.
+    folder : Path
+        Of what is written, and of records and references that are kept.
     """
 
     name: str
@@ -60,7 +61,23 @@ class Chart:
     loss: bool = False
     apart: bool = True
     folder: Path = FOLDER
-    kept: Path | None = None
+
+    def __post_init__(self):
+        """Refuse what could only fail after hours: names that there are not, and methods without an effort."""
+        known = methods(self.hologram)
+        for names, choices, what in (
+            (self.scenes, SCENES, "scene"),
+            (self.methods, known, "method"),
+            (self.frames, self.scenes, "scene of this chart"),
+            (self.efforts, self.methods, "method of this chart"),
+        ):
+            for name in names:
+                _check(name, choices, what)
+        for name, efforts in self.efforts.items():
+            for effort in efforts:
+                _check(effort, known[name].efforts, f"effort of {name}")
+            if not efforts:
+                raise engine.InvalidInput(f"The chart {self.name} gives {name} no effort.")
 
     def usual(self, method):
         """The effort of figures that have one only."""
@@ -81,13 +98,24 @@ class Chart:
         """The `measure.Task` of a scene and the name of a method."""
         hologram = self.hologram.to_dict()
         return measure.Task(
-            scene, method, hologram, self.spp, self.limit, records, self.loss, str(self.kept or self.folder)
+            scene, method, hologram, self.spp, self.limit, records, self.loss, str(self.folder)
         )
+
+
+def _check(name, choices, what):
+    if name not in choices:
+        raise engine.InvalidInput(f"There is no {what} {name}: choose of {', '.join(choices)}.")
+
+
+def _hologram(pixels):
+    """From 256 pixels a side on the same volume; below, one as much nearer, whose light still passes the aperture."""
+    nearer = min(1.0, pixels / 256)
+    return engine.Hologram(pixels, pixels, 8e-6, RGB, 1e-3 * nearer, 6e-3 * nearer)
 
 
 def full(pixels=256):
     """The chart of ``make chart``, of holograms so many pixels wide and high."""
-    hologram = engine.Hologram(pixels, pixels, 8e-6, RGB, 1e-3, 6e-3)
+    hologram = _hologram(pixels)
     others = tuple(m for m in FRAMES if m != M)
     return Chart(
         "full", hologram, 256, 300.0, tuple(SCENES), tuple(methods(hologram)), {},
@@ -95,25 +123,20 @@ def full(pixels=256):
     )  # fmt: skip
 
 
-def quick():
-    """The chart of ``make chart-quick``: under ten minutes on two cores."""
-    hologram = engine.Hologram(256, 256, 8e-6, RGB, 1e-3, 6e-3)
-    known = methods(hologram)
+def quick(pixels=256):
+    """The chart of ``make chart-quick``: `auto` at its efforts and its rivals, under ten minutes on two cores."""
+    hologram = _hologram(pixels)
     efforts = {
-        name: ("draft",) if method.phases else ("preview",)
-        for name, method in known.items()
-        if method.kind in ("baseline", "peer")
-    }
-    efforts |= {
+        "polygon": ("preview",),
+        "rgbd": ("preview",),
+        "gaussian": ("preview",),
+        "focal-stack": ("draft", "preview"),
         "direct": ("512 rays",),
-        "full": ("balanced",),
-        "auto": ("draft", "preview", "balanced"),
+        "auto": ("draft", "preview", "balanced", "balanced, encoded"),
     }
-    left_out = ("paper", "fast", "auto-opl", *peers.PEERS)
     return Chart(
-        "quick", hologram, 32, 60.0, ("planes", "mirror", "tea"),
-        tuple(name for name in known if name not in left_out), efforts, {"planes": (1, 24)}, (2_000, 200_000),
-        kept=FOLDER / "quick",  # a chart in little must not put out hours of work
+        "quick", hologram, 16, 60.0, ("planes", "mirror"), tuple(efforts), efforts, {"planes": (1, 24)},
+        (2_000, 200_000), folder=FOLDER / "quick",  # a chart in little must not put out hours of work
     )  # fmt: skip
 
 
@@ -123,29 +146,37 @@ def run(*arguments):
     Parameters
     ----------
     *arguments : str
-        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs]``; see `parser`.
+        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs] [--out FOLDER]``; see `parser`.
 
     Returns
     -------
     str
         The tables.
+
+    Raises
+    ------
+    Incomplete
+        With the tables, where a part of the chart failed: the others are written all the same.
     """
     options = parser().parse_args(arguments)
-    names = list(options.names)
-    chart = quick() if names[:1] == ["quick"] else full(options.pixels)
-    scenes = names[names[:1] == ["quick"] :]
+    short = options.names[:1] == ["quick"]
+    chart, scenes = (quick if short else full)(options.pixels), options.names[short:]
     if scenes:
         chart = replace(chart, triangles=())  # only what is named
-    scenes = scenes or chart.scenes
-    known = methods(chart.hologram)
-    for given, choices, what in ((scenes, SCENES, "scene"), (options.methods or (), known, "method")):
-        unknown = sorted(set(given) - set(choices))
-        if unknown:
-            return f"There is no {what} {', '.join(unknown)}: choose of {', '.join(choices)}."
-    records, seconds = measured(chart, scenes, options.methods or chart.methods, options.anew)
+    if options.out:
+        chart = replace(chart, folder=Path(options.out).absolute())
+    names = options.methods or chart.methods
+    for name in scenes:
+        _check(name, SCENES, "scene")
+    for name in names:
+        _check(name, methods(chart.hologram), "method")
+    records, seconds = measured(chart, scenes or chart.scenes, names, options.anew)
     command = " ".join(("python -m benchmarks chart", *arguments))
     made = report.Made.now(command, seconds, measure.ROOT)
-    return report.write(chart, records, made, docs=options.docs)
+    tables, faults = report.write(chart, records, made, docs=options.docs)
+    if faults:
+        raise Incomplete(tables, faults)
+    return tables
 
 
 def parser():
@@ -155,20 +186,19 @@ def parser():
         "names", nargs="*", metavar="[quick] SCENE", help=f"of {', '.join(SCENES)}; default: all"
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="default: all")
-    parser.add_argument(
-        "--pixels",
-        type=int,
-        default=256,
-        choices=(256, 512, 1024),
-        help="of the full chart's holograms, a side",
-    )
+    parser.add_argument("--pixels", type=int, default=256, help="of the holograms, a side; default: 256")
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
     parser.add_argument("--docs", action="store_true", help="write docs/chart.md and its pictures, too")
+    parser.add_argument(
+        "--out", metavar="FOLDER", help=f"of records and page; default: {FOLDER}, of quick {FOLDER}/quick"
+    )
     return parser
 
 
 def measured(chart, scenes, names, anew=False, tell=None):
     """All records of scenes and methods, from disk where they are still true; and the seconds it took.
+
+    A task that fails or is interrupted leaves the others: its records are there, ``failed`` with the reason.
 
     Parameters
     ----------
@@ -181,12 +211,43 @@ def measured(chart, scenes, names, anew=False, tell=None):
         ``tell(line)``; default: to the error output.
     """
     tell = tell or (lambda line: print(line, file=sys.stderr, flush=True))
-    start, known, tasks = time.perf_counter(), methods(chart.hologram), []
-    for name in list(names):
-        reason = known[name].missing()
+    start, known = time.perf_counter(), methods(chart.hologram)
+    tasks = tasks_of(chart, scenes, names)
+    if anew:
+        for task in tasks:
+            for record in task.records:
+                measure.record_path(task, *record).unlink(missing_ok=True)
+    reasons = {}  # why records are missing, by scene and method
+    for task in tasks:
+        key, reference = (task.scene, task.method), reasons.get((task.scene, "reference"))
+        reason = known[task.method].missing() if task.method in known else None
         if reason:
             tell(reason)
-    names = [name for name in names if not known[name].missing()]
+        elif reference:
+            reason = f"no reference: {reference}"
+        elif "interrupted" in reasons.values():
+            reason = "interrupted"
+        elif not measure.is_done(task):
+            tell(f"{task.scene}: {task.method} ({time.perf_counter() - start:.0f} s so far)")
+            try:
+                reason = _do(task, chart.apart)
+            except KeyboardInterrupt:
+                reason = "interrupted"
+        if reason:
+            reasons[key] = reason
+            tell(f"{task.scene}: {task.method}: {reason}")
+    records = []
+    for task in tasks:
+        why = reasons.get((task.scene, task.method), "not measured")
+        for effort, frames in task.records:
+            gap = {"scene": task.scene, "method": task.method, "effort": effort, "frames": frames}
+            records.append(measure.kept(task, effort, frames) or gap | {"failed": why})
+    return records, time.perf_counter() - start
+
+
+def tasks_of(chart, scenes, names):
+    """Every `measure.Task` of a chart, of these scenes and methods: each scene's reference before its methods."""
+    known, tasks = methods(chart.hologram), []
     for scene in scenes:
         tasks.append(chart.task(scene, "reference", []))
         tasks += [chart.task(scene, name, chart.records(scene, known[name])) for name in names]
@@ -194,36 +255,27 @@ def measured(chart, scenes, names, anew=False, tell=None):
         for name in TIMED:
             if name in names:
                 tasks.append(chart.task(f"hills {triangles}", name, [(chart.usual(known[name]), M)]))
-    if anew:
-        for task in tasks:
-            for record in task.records:
-                measure.record_path(task, *record).unlink(missing_ok=True)
-    for task in tasks:
-        if task.method == "reference":
-            done = measure.truth_path(task).exists()
-        else:
-            done = all(measure.kept(task, *record) for record in task.records)
-        if not done:
-            tell(f"{task.scene}: {task.method} ({time.perf_counter() - start:.0f} s so far)")
-            _do(task, chart.apart, tell)
-    records = [measure.kept(task, *record) for task in tasks for record in task.records]
-    return [record for record in records if record], time.perf_counter() - start
+    return tasks
 
 
-def _do(task, apart, tell):
-    """Measure a task here, or in a process that may fail on its own."""
+def _do(task, apart):
+    """Measure a task here, or in a process that may fail on its own; why it failed, None where it did not."""
     if not apart:
-        measure.run(task, tell)
-        return
+        try:
+            measure.run(task)
+        except Exception as error:
+            return sentence_of(error)
+        return None
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "task.json"
         file.write_text(json.dumps(asdict(task)))
         command = [sys.executable, "-m", "benchmarks.chart.measure", str(file)]
         patience = 3600 + 4 * task.limit * max(1, len(task.records))
         try:
-            done = subprocess.run(command, cwd=measure.ROOT, timeout=patience)
+            status = subprocess.run(command, cwd=measure.ROOT, timeout=patience).returncode
         except subprocess.TimeoutExpired:
-            tell(f"{task.scene}: {task.method} does not answer and was stopped")
-            return
-    if done.returncode:
-        tell(f"{task.scene}: {task.method} ended with {done.returncode}")
+            return f"no answer within {patience:g} s"
+        why = file.with_suffix(".why")
+        return (
+            why.read_text() if why.exists() else f"its process ended with status {status}" if status else None
+        )

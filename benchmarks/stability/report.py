@@ -5,10 +5,13 @@ import math
 import sys
 from pathlib import Path
 
+from holopath_addon.engine import InvalidInput
+
+from ..parts import Incomplete, attempt
 from .sweep import LIMITS, faults, steps, walk
 
 GROUPS = ("scenes", "roughness", "displays")
-PAGE, IMAGES, ROWS = Path("docs/stability.md"), Path("docs/images"), "stability.json"
+DOCS, ROWS = Path("docs"), "stability.json"
 NOT_FIGURES = ("refused", "warned")
 COLUMNS = 4  # of small multiples
 
@@ -26,8 +29,8 @@ small steps. It measures a figure that physics keeps flat, or divides it by the 
 
 `python -m benchmarks stability` walks all sweeps and writes this page. `python -m benchmarks stability pitch rays`
 walks those that are named, and takes the others' rows from out/bench/stability.json. Tests in tests/stability walk a
-few values of each, and `python -m benchmarks stability quick` walks those. The command ends with the steps that are
-larger than they may be.
+few values of each, and `python -m benchmarks stability quick` walks those, for a page in out/bench. The command ends
+with the steps that are larger than they may be.
 
 Kernels are cut to whole pixels of a lattice. Where the lattice gains or loses a ring, PSNR changes by up to 0.7 dB.
 Values lie densely where several rings follow each other. There a rough mirror's surface loses 1.5 dB between alpha
@@ -52,12 +55,17 @@ def run(folder, *names):
     folder : path
         Of the rows, which are kept for sweeps that are not walked.
     *names : str
-        Of sweeps. Default: all. First may be ``quick``: only the values of the tests, for sweeps that have no rows yet.
+        Of sweeps. Default: all. First may be ``quick``: only the values of the tests, and the page goes to the folder.
 
     Returns
     -------
     str
         What is at fault, a line each; or that nothing is.
+
+    Raises
+    ------
+    Incomplete
+        Where a sweep could not be walked: the page has the others.
     """
     known = groups()
     every = [sweep for sweeps in known.values() for sweep in sweeps]
@@ -65,30 +73,36 @@ def run(folder, *names):
     names = names[quick:]
     unknown = set(names) - {sweep.name for sweep in every}
     if unknown:
-        return (
+        raise InvalidInput(
             f"There is no sweep {', '.join(sorted(unknown))}: choose of {', '.join(s.name for s in every)}."
         )
-    file = Path(folder) / ROWS
+    file = Path(folder) / (f"quick-{ROWS}" if quick else ROWS)
     file.parent.mkdir(parents=True, exist_ok=True)
     rows = json.loads(file.read_text()) if file.exists() else {}
-    found = []
+    found, broken = [], []
     for sweep in every:
         if names and sweep.name not in names:
             continue
-        if quick and (sweep.name in rows or not sweep.quick):
+        if quick and not sweep.quick:
             continue
-        values = sweep.quick if quick else None
-        walked = walk(
-            sweep, values, progress=lambda value, figures, sweep=sweep: _tell(sweep, value, figures)
-        )
-        rows[sweep.name] = walked
-        file.write_text(json.dumps(rows, indent=1, default=float))
-        found += faults(sweep, walked)
-    write(known, rows)
-    return "\n".join(found or ["stability: no faults"])
+
+        def walked(sweep=sweep):
+            values = sweep.quick if quick else None
+            return walk(sweep, values, progress=lambda value, figures: _tell(sweep, value, figures))
+
+        own = attempt(broken, sweep.name, walked)
+        if own:
+            rows[sweep.name] = own
+            file.write_text(json.dumps(rows, indent=1, default=float))
+            found += faults(sweep, own)
+    attempt(broken, "page", lambda: write(known, rows, Path(folder) if quick else DOCS))
+    text = "\n".join(found or ["stability: no faults"])
+    if broken:
+        raise Incomplete(text, broken)
+    return text
 
 
-def write(known, rows):
+def write(known, rows, docs):
     """The page and the plots of the sweeps that have rows.
 
     Parameters
@@ -97,9 +111,11 @@ def write(known, rows):
         By group.
     rows : dict of str to list
         Value and figures, by the sweep's name.
+    docs : Path
+        Folder of the page.
     """
-    text = [INTRODUCTION.format(**LIMITS)]
-    IMAGES.mkdir(parents=True, exist_ok=True)
+    text, images = [INTRODUCTION.format(**LIMITS)], docs / "images"
+    images.mkdir(parents=True, exist_ok=True)
     for group, sweeps in known.items():
         have = [(sweep, rows[sweep.name]) for sweep in sweeps if sweep.name in rows]
         if not have:
@@ -110,8 +126,8 @@ def write(known, rows):
         )
         text.append("| --- | --- | --- | --- | --- | --- |")
         text += [_line(sweep, walked) for sweep, walked in have]
-        _chart(have, IMAGES / f"stability-{group}.png")
-    PAGE.write_text("\n".join(text) + "\n")
+        _chart(have, images / f"stability-{group}.png")
+    (docs / "stability.md").write_text("\n".join(text) + "\n")
 
 
 def _tell(sweep, value, figures):

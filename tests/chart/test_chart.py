@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.chart import measure, report, run
+from benchmarks.chart.methods import Method
 from holopath_addon import engine
 
 GREEN = 516.5e-9
@@ -52,7 +53,8 @@ def test_a_tiny_chart_is_written_and_kept(backend, tiny, monkeypatch):
         assert by[method, 8]["speckle"] < by[method, 1]["speckle"]
 
     made = report.Made("a machine", "2026-01-01", "abc", "a command", seconds)
-    assert "auto ahead" in report.write(tiny, records, made)
+    tables, faults = report.write(tiny, records, made)
+    assert "auto ahead" in tables and faults == []
     chart = json.loads((tiny.folder / "chart.json").read_text())
     assert (chart["machine"], chart["date"], chart["commit"], chart["command"]) == (
         "a machine", "2026-01-01", "abc", "a command",
@@ -93,8 +95,126 @@ def test_another_code_is_measured_anew(tiny, monkeypatch):
 
 
 def test_names_that_do_not_exist_are_told():
-    assert run.run("quick", "nowhere").startswith("There is no scene nowhere: choose of planes,")
-    assert run.run("--methods", "magic").startswith("There is no method magic: choose of ")
+    with pytest.raises(engine.InvalidInput, match="^There is no scene nowhere: choose of planes,"):
+        run.run("quick", "nowhere")
+    with pytest.raises(engine.InvalidInput, match="^There is no method magic: choose of "):
+        run.run("--methods", "magic")
+
+
+@pytest.mark.parametrize("make", [run.quick, run.full])
+def test_every_method_has_an_effort(make):
+    """Of all methods, for any may be named: the usual effort is among those that are measured."""
+    chart = make()
+    for name, method in run.methods(chart.hologram).items():
+        assert chart.usual(method) in chart.efforts_of(method), name
+        for scene in chart.scenes:
+            records = chart.records(scene, method)
+            assert {effort for effort, _ in records} == {*chart.efforts_of(method)}
+            assert {frames for _, frames in records} >= {run.M}
+    tasks = run.tasks_of(chart, chart.scenes, chart.methods)
+    assert {task.method for task in tasks} == {"reference", *chart.methods}
+    assert "auto" in chart.methods and "mirror" in chart.scenes
+    assert {task.scene for task in tasks} == {*chart.scenes, *(f"hills {n}" for n in chart.triangles)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"efforts": {"rgbd": ("much",)}}, "There is no effort of rgbd much: choose of draft, "),
+        ({"efforts": {"rgbd": ()}}, "The chart tiny gives rgbd no effort."),
+        ({"efforts": {"point": ("draft",)}}, "There is no method of this chart point: choose of rgbd, auto."),
+        ({"methods": ("rgbd", "auto", "magic")}, "There is no method magic: choose of "),
+        ({"scenes": ("nowhere",)}, "There is no scene nowhere: choose of "),
+        ({"frames": {"tea": (1,)}}, "There is no scene of this chart tea: choose of planes."),
+    ],
+)
+def test_a_chart_that_could_not_be_written_is_refused(tiny, changes, said):
+    with pytest.raises(engine.InvalidInput) as caught:
+        replace(tiny, **changes)
+    assert str(caught.value).startswith(said)
+    with pytest.raises(ValueError, match="^toy has no effort 'much': it has some"):
+        Method("toy", "ours", {"some": {}}, "much")
+
+
+def test_what_is_missing_is_named(tiny, monkeypatch):
+    """A method that fails, and Ctrl-C at the next one: the page is written, and says so."""
+
+    def work(task, apart):
+        if task.method == "auto":
+            raise KeyboardInterrupt
+        return "MemoryError: too | large" if task.method == "rgbd" else None
+
+    monkeypatch.setattr(run, "_do", work)
+    records, seconds = run.measured(tiny, tiny.scenes, tiny.methods, tell=lambda line: None)
+    assert {(r["method"], r["frames"], r["failed"]) for r in records} == {
+        ("rgbd", 1, "MemoryError: too | large"),
+        ("rgbd", 8, "MemoryError: too | large"),
+        ("auto", 1, "interrupted"),
+        ("auto", 8, "interrupted"),
+    }
+    made = report.Made("a machine", "2026-01-01", "abc", "a command", seconds)
+    _, faults = report.write(tiny, records, made)
+    assert len(faults) == 4
+    assert faults[0] == "planes: rgbd, draft, M = 1: MemoryError: too | large"
+    page = (tiny.folder / "chart.md").read_text()
+    assert "| planes | rgbd | draft | 8 | MemoryError: too / large |" in page
+    assert "| planes | auto | preview | 8 | interrupted |" in page
+
+
+def test_without_a_reference_nothing_of_a_scene_is_tried(tiny, monkeypatch):
+    tried = []
+
+    def work(task, apart):
+        tried.append(task.method)
+        return "OSError: no disk"
+
+    monkeypatch.setattr(run, "_do", work)
+    records, _ = run.measured(tiny, tiny.scenes, tiny.methods, tell=lambda line: None)
+    assert tried == ["reference"]
+    assert {record["failed"] for record in records} == {"no reference: OSError: no disk"}
+
+
+def test_a_part_of_the_page_that_fails_leaves_the_others(tiny, monkeypatch):
+    """A picture, a table and the phase-only loss: each is named with its reason."""
+
+    def fail(*_):
+        raise ZeroDivisionError("no light")
+
+    looks = {name: {"psnr": 20.0, "ssim": 0.5} for name in (*report.HEADLINE, *report.PUPILS)}
+    figures = dict.fromkeys(report.PLAIN, 1.0) | {
+        "kind": "ours",
+        "pixels": 64,
+        "pictures": looks,
+        "stages": {},
+    }
+    records = [
+        {"scene": "planes", "method": "auto", "effort": "preview", "frames": m} | figures for m in (1, 8)
+    ]
+    records[1] |= {"phase_loss_db": None, "lacks": "phase-only loss: ZeroDivisionError: no light"}
+    monkeypatch.setattr(report.pictures, "_seconds", fail)
+    monkeypatch.setattr(report, "_frames_table", fail)
+    made = report.Made("a machine", "2026-01-01", "abc", "a command", 1.0)
+    tables, faults = report.write(tiny, records, made)
+    assert "planes: auto: phase-only loss: ZeroDivisionError: no light" in faults
+    assert {
+        "chart-seconds.png: ZeroDivisionError: no light",
+        "seconds over frames: ZeroDivisionError: no light",
+    } < {*faults}
+    page = (tiny.folder / "chart.md").read_text()
+    assert "(chart-convergence.png)" in page and "(chart-seconds.png)" not in page
+    assert "| planes | auto | preview | 8 | phase-only loss: ZeroDivisionError: no light |" in page
+    assert "chart-seconds.png: ZeroDivisionError: no light |" in page
+
+
+def test_what_failed_is_tried_again(tiny, monkeypatch):
+    """A limit is a result; an error may be another machine's, or a full memory's."""
+    task = tiny.task("planes", "auto", [("preview", 8)])
+    path = measure.record_path(task, "preview", 8)
+    path.parent.mkdir(parents=True)
+    digest = measure.record_digest(task, run.methods(tiny.hologram)["auto"], "preview", 8)
+    for failed, done in (("over 60 s", True), ("MemoryError: too large", False)):
+        path.write_text(json.dumps({"digest": digest, "failed": failed}))
+        assert measure.is_done(task) == done
 
 
 def test_a_method_without_its_module_is_skipped(tiny, monkeypatch):
@@ -102,7 +222,11 @@ def test_a_method_without_its_module_is_skipped(tiny, monkeypatch):
 
     monkeypatch.setitem(methods.BASELINES, "rgbd", ("nothing_such", "", ""))
     told = []
-    monkeypatch.setattr(run, "_do", lambda task, apart, tell: None)
-    records, _ = run.measured(tiny, ("planes",), ("rgbd",), tell=told.append)
-    assert records == []
-    assert told[0].startswith("rgbd is skipped: there is no ")
+    monkeypatch.setattr(run, "_do", lambda task, apart: None)
+    records, seconds = run.measured(tiny, ("planes",), ("rgbd",), tell=told.append)
+    assert all(record["failed"].startswith("rgbd is skipped: there is no ") for record in records)
+    assert any(line.startswith("rgbd is skipped: there is no ") for line in told)
+    _, faults = report.write(
+        tiny, records, report.Made("a machine", "2026-01-01", "abc", "a command", seconds)
+    )
+    assert faults == []  # it is no fault of the chart
