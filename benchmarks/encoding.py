@@ -468,7 +468,8 @@ def _alone(shape, frames, most_steps):
 def _encode_large(shape, frames, most_steps):
     """Seconds, stages, and GiB at most and before the encoding."""
     height, width = shape
-    hologram = engine.Hologram(width, height, PITCH)
+    far, near = engine.DISPLAYS["pluto-2"].depth_range
+    hologram = engine.Hologram(width, height, PITCH, depth_far=far, depth_near=near)
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     smooth = (0.6 + 0.4 * np.cos(3 * x) * np.cos(2 * y)).astype(np.float32)
     waves = np.empty((frames, len(hologram.wavelengths), height, width), np.complex64)

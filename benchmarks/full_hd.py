@@ -34,7 +34,10 @@ def run(resolution="1920x1080"):
     demo.build("suzanne")
     exported = export_scene(bpy.context.evaluated_depsgraph_get(), (width, height))
     scene, camera = exported.scene, exported.camera
-    hologram = engine.Hologram(width, height, 8e-6)
+    display = engine.DISPLAYS["pluto-2"]
+    hologram = engine.Hologram(
+        width, height, display.pitch, depth_far=display.depth_range[0], depth_near=display.depth_range[1]
+    )
     settings = engine.Settings(frames=FRAMES, method="full")
     plan = engine.plan(scene, camera, hologram, settings)
     for _ in range(2):
