@@ -277,7 +277,9 @@ def export(job, progress, scene):
     progress(0.0, "Starting Mitsuba")
     variants.activate(job.ask(preferences.wanted))
     progress(0.0, "Reading the scene")
-    return job.ask(read)
+    task = job.ask(read)
+    variants.take_over()
+    return task
 
 
 def ready(operator, condition, otherwise):

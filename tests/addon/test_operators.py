@@ -314,6 +314,29 @@ def test_bake(lit, store):
     assert bpy.data.images[session.TEXTURE] == image  # the user's own now
 
 
+def test_a_bake_computes_with_what_the_main_thread_has_read(lit, store):
+    """Also where the main thread began with Mitsuba after the job's own, as at a session's first press of Bake."""
+    import drjit
+
+    from holopath_addon.operators.working import export
+
+    area = bpy.data.lights.new("Panel", "AREA")  # whose place is a transform that nobody has evaluated
+    lit.collection.objects.link(bpy.data.objects.new("Panel", area))
+    bpy.context.view_layer.update()
+
+    def work(progress):
+        return export(job, progress, lit.name).bake(progress)
+
+    job = session.current.job = Job(work)
+    job.start()
+    while not job.wait(0.01):
+        if job.message == "Reading the scene":
+            drjit.detail.new_scope(drjit.JitBackend.LLVM)
+        job.serve()
+    assert job.error is None
+    session.current.job = None
+
+
 def test_a_bake_that_is_cancelled(lit, store):
     task = session.prepare(bpy.context.evaluated_depsgraph_get(), lit.holopath)
     job = session.current.job = Job(task.bake)

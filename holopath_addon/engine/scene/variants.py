@@ -94,6 +94,17 @@ def activate(prefer: str | None = None) -> str:
         return wanted
 
 
+def take_over() -> None:
+    """Let this thread compute with what another one has made since it began; a variant has to be set.
+
+    Dr.Jit numbers the scopes of its threads, and refuses a variable of a later scope than the thread's own.
+    """
+    import drjit
+
+    backend = drjit.JitBackend.CUDA if _current_variant() == CUDA else drjit.JitBackend.LLVM
+    drjit.detail.new_scope(backend)
+
+
 def bitmaps() -> Any:
     """Mitsuba, to read and write pictures with: no variant is set for that.
 
