@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.in_blender.conftest import Blender
+from tests.in_blender.conftest import BLENDER
+from tests.real_blender import Blender
 
 ROOT = Path(__file__).parents[2]
 WINDOW = Path(__file__).with_name("window.py")
@@ -196,7 +197,7 @@ def test_life_cycle(blender, tmp_path):
     """Rendering, cancelling, disabling, reloading and uninstalling leave nothing behind."""
     target, own = tmp_path / "result.json", tmp_path / "user"
     shutil.copytree(blender.folder, own, symlinks=True)
-    status, output = Blender(own)("--python-exit-code", "3", "--python", LIFECYCLE, "--", target)
+    status, output = Blender(own, [BLENDER])("--python-exit-code", "3", "--python", LIFECYCLE, "--", target)
     assert target.exists(), output
     result = json.loads(target.read_text(encoding="utf-8"))
     assert "error" not in result, f"{result}\n{output}"

@@ -9,7 +9,8 @@ import pytest
 
 from distribution import extension, llvm, repository
 from distribution.wheels import KEPT, locked_wheels, this_platform
-from tests.in_blender.conftest import Blender, python_of
+from tests.in_blender.conftest import BLENDER
+from tests.real_blender import Blender, python_of
 
 pytestmark = [pytest.mark.blender, pytest.mark.slow]
 
@@ -56,7 +57,7 @@ def put(folder, python, version, monkeypatch, tmp_path):
 
 def test_installs_updates_and_removes(tmp_path, server, monkeypatch):
     folder, address = server
-    blender = Blender(tmp_path / "user")
+    blender = Blender(tmp_path / "user", [BLENDER])
 
     def run(*arguments):
         status, output = blender("--online-mode", *arguments)

@@ -19,8 +19,8 @@ from holopath_addon.engine.waves.gaussian_points import THIRD
 from holopath_addon.slm import FocusPlanes, Plane
 from holopath_addon.slm.fitting import STAGES
 from holopath_addon.slm.patterns import patterns
+from tests.monitors import SECOND
 from tests.patience import NEVER
-from tests.slm.conftest import SECOND
 from tests.slm.device import Board, Firmware
 
 GREEN, PITCH, FOCI, SIDE = 520e-9, 8e-6, (0.5e-3, 1e-3), 16

@@ -29,8 +29,8 @@ from holopath_addon.slm import (
 )
 from holopath_addon.slm.drivers import display
 from holopath_addon.slm.drivers.display import choose
+from tests.monitors import FIRST, SECOND
 from tests.patience import NEVER, SOON
-from tests.slm.conftest import FIRST, SECOND
 
 WIDTH, HEIGHT = 1920, 1080
 ROOT = Path(__file__).parents[2]
