@@ -1,1 +1,1 @@
-"""What docs/ is made with: the site's configuration, pages that are written from the code, and figures of the prose."""
+"""What docs/ is made with: configuration of the site, pages from the code, figures of the prose, and the pictures."""

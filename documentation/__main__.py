@@ -1,8 +1,12 @@
-"""Pages from the code, and figures of the prose.
+"""Pages from the code, figures of the prose, and the pictures.
 
 python -m documentation site              build/site; a warning is an error
 python -m documentation pages             write the parts of README.md and docs/ that the code declares
 python -m documentation prose [FILE ...]  how long sentences are, page by page
+python -m documentation pictures          remake the pictures of the window and of rendered scenes, in docs/images
+python -m documentation pictures NAME ... remake these
+python -m documentation pictures --all    remake all, benchmarks and examples included, which takes hours
+python -m documentation pictures --list   each picture, and the command that makes it
 """
 
 import sys
@@ -25,5 +29,14 @@ match sys.argv[1:]:
         from . import prose
 
         print(prose.table([Path(name) for name in names] or prose.written()))
+    case ["pictures", *names]:
+        from . import pictures as made
+
+        if names == ["--list"]:
+            print(made.table())
+        elif names == ["--all"]:
+            made.make(made.PICTURES)
+        else:
+            made.make(names or made.WINDOW | made.RENDERED)
     case _:
         sys.exit(__doc__)

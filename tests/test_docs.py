@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from markdown_it import MarkdownIt
 
-from documentation import pages, prose
+from documentation import pages, pictures, prose
 from holopath_addon import cli, engine, exchange, slm
 
 ROOT = Path(__file__).parents[1]
@@ -184,6 +184,22 @@ def test_links_lead_somewhere():
             if not there.exists() or (anchor and anchor not in slugs(there)):
                 dead.append((name(path), target))
     assert dead == []
+
+
+def test_every_picture_has_what_makes_it():
+    """Pages show the declared pictures, each declared one is there, and docs/images holds no others."""
+    sources = {str(t.attrGet("src")): path for path in PAGES for t in tokens(path) if t.type == "image"}
+    shown = {(path.parent / source).resolve() for source, path in sources.items()}
+    declared = {pictures.IMAGES / file for file in pictures.PICTURES}
+    there = {path for path in pictures.IMAGES.rglob("*") if path.is_file()} - {
+        pictures.IMAGES / "labels.json"
+    }
+    assert shown == declared == there
+
+
+def test_make_pictures_refuses_what_it_does_not_know():
+    with pytest.raises(SystemExit, match="There is no picture panel.png"):
+        pictures.make(["panel.png"])
 
 
 def test_every_page_is_in_the_contents():
