@@ -542,17 +542,16 @@ def hologram_of(props, resolution=None):
     """
     width, height = resolution or (props.resolution_x, props.resolution_y)
     wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
-    ends = (props.depth_far_mm, props.depth_near_mm)
-    far, near = (None, None) if depth_is_auto(props) else (_tidy(mm * 1e-3) for mm in ends)
+    ends = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
+    ends = {} if depth_is_auto(props) else {name: _tidy(mm * 1e-3) for name, mm in ends.items()}
     return engine.Hologram(
         width,
         height,
         _tidy(props.pitch_um * 1e-6),
         tuple(_tidy(w * 1e-9) for w in wavelengths),
-        depth_far=far,
-        depth_near=near,
         depth_mapping=props.depth_mapping,
         near=None if props.near_auto else _tidy(props.near),
+        **ends,
     )
 
 

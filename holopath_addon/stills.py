@@ -221,7 +221,7 @@ def write(
         with clock("encoding"):
             phase, told = _encode(still, result.field, at, stoppable)
         result.field = replace(result.field, more=None)  # which has done what it was for
-    seen = rgb
+    seen, shown = rgb, None
     if phase is not None:
         with clock("refocusing phases"):
             at = stage(progress, end - 0.02, end)
@@ -257,7 +257,7 @@ def write(
     stopped = phase is not None and phase.report.get("stopped")
     if still.compare and not stopped:
         with clock("reference"):
-            rows = _compare(folder, still, result, stage(progress, end, 0.9), phase and shown)
+            rows = _compare(folder, still, result, stage(progress, end, 0.9), shown)
         dark = [
             format_distance(depth) for depth in result.focus if depth not in {row["focus_m"] for row in rows}
         ]

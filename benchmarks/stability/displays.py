@@ -113,9 +113,9 @@ def pitch_alone(micrometres):
 
 
 def _alone(hologram, edge):
-    """Figures of the same inner part; where the plan warns of too little light, only what it says."""
+    """Figures of the same inner part; where too little light is left of it, only what the plan says."""
     plan = engine.plan(planes(), camera(), hologram, SETTINGS)
-    if any("aperture" in warning for warning in plan.warnings):
+    if hologram.captured_share(max(plan.z_low, plan.z_high, key=abs)) < MIN_CAPTURED:
         return {"rays": plan.rays_per_pixel} | said(plan)
     figures = compared(planes(), hologram, SETTINGS, edge=edge)
     if hologram.max_slope(hologram.wavelengths[0]) * plan.planes[0].depth_limit < 0.5 * hologram.pitch:
@@ -192,6 +192,7 @@ def distance(millimetres):
     return compared(planes(), display(far=far, near=far + 2.5e-3), SETTINGS, edge=55)
 
 
+MIN_CAPTURED = 0.75  # of the light: below, pictures are not compared
 EDGE = 32  # pixels: the aperture blurs the picture, whose surroundings it has no light of
 
 
@@ -289,7 +290,7 @@ def frames_designed(frames):
 def rays(spp):
     """The lattice, narrower than the depth range needs or whole."""
     figures = compared(planes(), display(), replace(SETTINGS, spp=spp, planes=1))
-    if "warned" in figures:  # no such picture was promised
+    if "fewer than" in figures.get("warned", ""):  # no such picture was promised
         figures |= {f"{name} of few": figures.pop(name) for name in LIMITS}
     return figures
 
