@@ -253,7 +253,7 @@ def test_folder_that_cannot_be_made(xml, tmp_path, capfd):
     ("number", "method", "at"),
     [
         (signal.SIGINT, "full", "Radiance|Wave tracing"),
-        (signal.SIGTERM, "fast", "Looking for baked light|Baking light"),
+        pytest.param(signal.SIGTERM, "fast", "Looking for baked light|Baking light", marks=pytest.mark.slow),
     ],
 )
 def test_interrupt(number, method, at, tmp_path):

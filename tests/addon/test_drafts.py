@@ -40,7 +40,7 @@ def picture():
     return np.array(image.pixels[:]).reshape(image.size[1], image.size[0], 4)[::-1, :, :3]
 
 
-@pytest.mark.parametrize("method", ["full", "fast"])
+@pytest.mark.parametrize("method", ["full", pytest.param("fast", marks=pytest.mark.slow)])
 def test_the_hologram_is_the_same_with_a_draft(lit, eager, monkeypatch, tmp_path, method):
     """Bit for bit; no light is baked before in either."""
     lit.holopath.method, lit.holopath.frames = method, 6

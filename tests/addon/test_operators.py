@@ -217,7 +217,7 @@ def test_opening_a_file_cancels(scene):
     assert session.running()
     assert not bpy.ops.holopath.render_hologram.poll()
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    assert not job.running and isinstance(job.error, engine.Cancelled)
+    assert job.wait(NEVER) and isinstance(job.error, engine.Cancelled)
     assert session.current.job is None
 
 
@@ -343,7 +343,7 @@ def test_a_bake_that_is_cancelled(lit, store):
     job.start()
     assert not bpy.ops.holopath.bake.poll() and not bpy.ops.holopath.plan.poll()
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    assert not job.running and isinstance(job.error, engine.Cancelled)
+    assert job.wait(NEVER) and isinstance(job.error, engine.Cancelled)
     assert session.current.bake is None and store.size() == 0
 
 

@@ -68,7 +68,9 @@ def planes(build, camera, coloured):
     )
 
 
-@pytest.mark.parametrize("count", [2, 5, 16])
+@pytest.mark.parametrize(
+    "count", [pytest.param(2, marks=pytest.mark.slow), 5, pytest.param(16, marks=pytest.mark.slow)]
+)
 def test_parts_join_to_the_whole(planes, tmp_path, count):
     joined, whole = agrees(planes, tmp_path, count)
     assert len(joined.plan["planes"]) == 2
@@ -77,6 +79,7 @@ def test_parts_join_to_the_whole(planes, tmp_path, count):
     assert joined.report["foretold"]["field_error"] == whole.report["foretold"]["field_error"]
 
 
+@pytest.mark.slow
 def test_no_packet_is_whole_at_the_edges(planes, tmp_path):
     """Sides that tiles do not fill: their last packets belong to one part only."""
     scene, camera, hologram, settings = planes
@@ -85,6 +88,7 @@ def test_no_packet_is_whole_at_the_edges(planes, tmp_path):
     assert joined.report["rays"] == whole.report["rays"]
 
 
+@pytest.mark.slow
 def test_any_process_makes_any_part(planes, tmp_path):
     agrees(planes, tmp_path, 3, alone=True)
 
@@ -105,7 +109,7 @@ def test_rays_divide_evenly(planes, tmp_path):
     "settings",
     [
         {"estimator": "paper", "spp": 16},
-        {"despeckle": 2},
+        pytest.param({"despeckle": 2}, marks=pytest.mark.slow),
         pytest.param({"radiance": "ray", "paths": 1}, marks=pytest.mark.slow),
         pytest.param({"phase_field": "random"}, marks=pytest.mark.slow),
         pytest.param({"frames": 33}, marks=pytest.mark.slow),  # more than are traced together
@@ -130,6 +134,7 @@ def test_another_scene_is_refused(build, planes, tmp_path):
         DividedRender(other, *planes[1:], tmp_path, 2).make("asked-1-1-of-2", quiet)
 
 
+@pytest.mark.slow
 def test_parts_of_two_preparations_do_not_mix(planes, tmp_path):
     """A plan goes by what is measured: made again it may be another one, which parts of the first do not fit."""
     work, other = (DividedRender(*planes, tmp_path, 2) for _ in range(2))
@@ -160,6 +165,7 @@ def test_a_part_that_is_cancelled_leaves_nothing(planes, tmp_path):
     assert not work.done(tmp_path, PREPARED, work.job) and not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_later_questions_divide_too(build, camera, coloured, tmp_path, monkeypatch):
     """Rays that see textures alone, more paths where the first were too few, and wavelengths with rays of their own."""
     noise = "holopath_addon.engine.planning.noise"

@@ -126,6 +126,7 @@ def slow_paths(monkeypatch):
     return slow
 
 
+@pytest.mark.slow
 def test_a_slow_machine_decides_nothing_else(blend, tmp_path, slow_paths):
     here, both, there = (tmp_path / name for name in ("here", "both", "there"))
     make(blend, here)
@@ -152,6 +153,7 @@ def test_a_slow_machine_bakes_the_same(blend, tmp_path, slow_paths):
     assert fields(tmp_path / "slow") == fields(tmp_path / "quick")
 
 
+@pytest.mark.slow
 def test_killed_while_the_light_is_made(blend, tmp_path):
     out = tmp_path / "out"
     other = start(blend, out, "--method", "fast")

@@ -174,6 +174,7 @@ def test_interrupted_it_gives_its_frame_back(number, blend, tmp_path):
     assert all(re.fullmatch(r"frame_\d+|job.json", name) for name in names(out)) and FRAMES[0] in names(out)
 
 
+@pytest.mark.slow
 def test_other_settings_wait_for_another_folder(blend, tmp_path, capfd):
     """As long as another process is at work, between its frames, too."""
     out, alone = tmp_path / "out", tmp_path / "alone"

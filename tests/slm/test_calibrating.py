@@ -132,6 +132,7 @@ def test_a_bench_that_moves_is_refused(bench):
         slm.calibrate(lambda levels, z: next(benches).look(levels, z), SMALL, FOCI)
 
 
+@pytest.mark.slow
 def test_what_the_model_gains():
     """Phases for the display as it is, against phases for an ideal one: on the bench itself."""
     window = slm.PatternWindow(40, PITCH, GREEN)

@@ -67,6 +67,7 @@ def test_where_the_camera_looks_there_and_back(bench):
     np.testing.assert_allclose(sensor.intensity(sensor.value(light)), light, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_the_model_does_not_know_is_made_up_for(bench):
     """On the bench itself, between the foci as well; the camera's own figure rises, too."""
     bench, calibration = bench

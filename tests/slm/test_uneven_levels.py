@@ -54,6 +54,7 @@ def test_phases_are_levels(name, method, field):
     assert apart.min(axis=-1).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_what_measured_levels_gain(field):
     """Over even ones, and over the nearest of them for phases that are free."""
     gains = {}

@@ -102,7 +102,7 @@ def test_speckle_of_random_fields():
 def test_fewer_and_more_rays_than_needed():
     few_rays, enough, more = few("rays")
     assert "fewer than" in few_rays["warned"] and few_rays["psnr of few"] < enough["psnr"] - 3
-    assert "warned" not in enough
+    assert "fewer than" not in enough.get("warned", "")
     assert more == pytest.approx(enough, rel=1e-6)  # graphics cards add up in any order
 
 

@@ -419,7 +419,7 @@ class DividedRender:
                 (n, g) for n, g in enumerate(planned.groups) if self.hologram.wavelengths[k] in g
             )
             colour = wavelengths.index(self.hologram.wavelengths[k])
-            hologram = replace(self.hologram, wavelengths=(wavelengths[colour],))
+            hologram = replace(planned.hologram, wavelengths=(wavelengths[colour],))
             stored = _Stored(self, group, colour, hologram, slice(start, stop))
             with planned.recording(wavelengths) as recording:
                 field = at_slm(recording, stored, parts(progress, len(ways))[number])
@@ -488,7 +488,7 @@ class _Stored:
     def add(self, number, plane, out, progress):
         from ..tracing.wave_tracer import add_pixels
 
-        chosen, whole = self._chosen(number), self._divided.hologram
+        chosen, whole = self._chosen(number), self._divided._planned.hologram
         what = self._group, number, plane, chosen, self._colour
         with ThreadPoolExecutor(variants.threads()) as executor:
             for frames, pixels, values in self._divided.stored(*what):

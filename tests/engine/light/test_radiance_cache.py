@@ -36,6 +36,7 @@ def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
     return baking.bake(scene, camera, HOLOGRAM, plan, optics, settings, store=store, progress=progress)
 
 
+@pytest.mark.slow
 def test_groups_together_or_apart(build, camera, monkeypatch):
     """However many are sampled at once, the same light."""
     from holopath_addon.engine.light import gathering, radiance_cache
@@ -215,7 +216,7 @@ def test_an_evenly_lit_room_has_no_dark_edges(build, camera):
     assert texels.min() > 0.95
 
 
-@pytest.mark.parametrize("depth", [pytest.param(2, marks=pytest.mark.slow), 8])
+@pytest.mark.parametrize("depth", [2, pytest.param(8, marks=pytest.mark.slow)])
 def test_split_adds_up_on_every_surface(build, camera, depth):
     """What is diffuse of a surface comes from the cache, the rest from paths."""
     scene = surfaces(build)
@@ -341,6 +342,7 @@ def test_light_is_used_again_where_it_holds(build, camera, tmp_path):
     again("charts", noise=0.08)
 
 
+@pytest.mark.slow
 def test_plans_ask_what_baking_asks(build, camera, tmp_path, monkeypatch):
     """Light of another view is told apart from this one's, and what the plan found is not looked for again."""
     from holopath_addon.engine.light import baking
