@@ -16,6 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from tests.turns import in_turn
@@ -32,7 +33,15 @@ _workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
 for _name in ("HOLOPATH_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if _workers > 1 else ():
     os.environ.setdefault(_name, str(max(1, (os.cpu_count() or 1) // _workers)))
 
+hypothesis.settings.register_profile("any machine", deadline=None)  # none is too slow for an example
+hypothesis.settings.load_profile("any machine")
+
 _started = time.monotonic()
+
+
+def pytest_xdist_auto_num_workers(config):
+    """One more than processors: some tests wait for devices, windows and processes."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_addoption(parser):

@@ -295,6 +295,7 @@ def test_ends_with_its_input(tmp_path, killed):
     assert sorted(path.name for path in out.iterdir()) == [*names, "job.json", "light"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="of POSIX")
 def test_nobody_hears(tmp_path):
     """Signals as Blender has them: to say something to a window that is gone does not end it amid a file."""

@@ -65,7 +65,13 @@ def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
 
 
 @pytest.mark.parametrize(
-    ("method", "least"), [("rgbd", 14), ("rgbd-sgd", 17), ("focal-stack", 19), ("light-field", 15)]
+    ("method", "least"),
+    [
+        ("rgbd", 14),
+        pytest.param("rgbd-sgd", 17, marks=pytest.mark.slow),
+        ("focal-stack", 19),
+        pytest.param("light-field", 15, marks=pytest.mark.slow),
+    ],
 )
 def test_sharp_where_it_is_in_focus(build, camera, method, least):
     """Like a thin lens, and at each depth more like the lens at this one than at the other; of both planes."""

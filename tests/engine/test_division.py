@@ -93,6 +93,7 @@ def test_any_process_makes_any_part(planes, tmp_path):
     agrees(planes, tmp_path, 3, alone=True)
 
 
+@pytest.mark.slow
 def test_rays_divide_evenly(planes, tmp_path):
     work = DividedRender(*planes, tmp_path, 4)
     rays = []

@@ -11,6 +11,7 @@ from holopath_addon.engine.mapping import DepthMapping
 GREEN = 516.5e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roughness", [0.1, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_highlights_move_with_the_pupil(build, camera, small, roughness):
     """Views half a degree to either side: highlights are where Mitsuba's thin lens has them."""

@@ -157,7 +157,7 @@ def test_two_uv_maps_of_plain_images(stage):
 
 
 @pytest.mark.parametrize("source", ["bump", "displacement", "normal map"])
-@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1.3, 0.8)])
+@pytest.mark.parametrize("scale", [pytest.param((1, 1, 1), marks=pytest.mark.slow), (-1, 1.3, 0.8)])
 def test_bumps(stage, source, scale):
     """Bumps under a lamp; the same without them is told apart."""
     material = stage.material(DIFFUSE, Color=(0.7, 0.7, 0.7, 1))
@@ -285,7 +285,7 @@ def test_a_bake_that_fails_is_noted_and_leaves_nothing(stage, monkeypatch):
     assert ("plane", "", "Baking", "failed: no luck") in features(exported)
 
 
-@pytest.mark.parametrize("sun_disc", [False, True])
+@pytest.mark.parametrize("sun_disc", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_sky(stage, sun_disc, request):
     if not sun_disc:
         request.getfixturevalue("small_worlds")

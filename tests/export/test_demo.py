@@ -44,6 +44,7 @@ def test_builds_renders_and_needs_no_note(stage, name):
     assert len(bpy.data.cameras) == 1
 
 
+@pytest.mark.slow
 def test_depths(stage):
     demo.build("planes")
     assert depths(stage.export((64, 64)), [-0.2, 0.3], [0, 0]) == pytest.approx([0.5, 2.0], abs=1e-4)

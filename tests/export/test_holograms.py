@@ -19,7 +19,7 @@ GREEN = 516.5e-9
         pytest.param(PRINCIPLED, {"Roughness": 0.0, "Transmission_Weight": 0.5}, marks=pytest.mark.slow),
         pytest.param(PRINCIPLED, {"Roughness": 0.3, "Metallic": 1.0}, marks=pytest.mark.slow),
         pytest.param(PRINCIPLED, {"Roughness": 0.5}, marks=pytest.mark.slow),
-        (PRINCIPLED, {"Roughness": 1.0, "Transmission_Weight": 0.5}),
+        pytest.param(PRINCIPLED, {"Roughness": 1.0, "Transmission_Weight": 0.5}, marks=pytest.mark.slow),
         pytest.param(PRINCIPLED, {"Roughness": 0.4, "Coat_Weight": 1.0}, marks=pytest.mark.slow),
         pytest.param(PRINCIPLED, {"Roughness": 0.0, "Alpha": 0.5}, marks=pytest.mark.slow),
         pytest.param(PRINCIPLED, {"Roughness": 0.8, "Alpha": 0.5}, marks=pytest.mark.slow),
@@ -70,7 +70,14 @@ def test_mixed_shaders(stage):
     assert picture[10:-10, 10:-10].mean() / truth[10:-10, 10:-10].mean() == pytest.approx(1, abs=0.03)
 
 
-@pytest.mark.parametrize("roughness, metallic", [(0.6, 0.0), (0.3, 1.0), (0.0, 1.0)])
+@pytest.mark.parametrize(
+    "roughness, metallic",
+    [
+        pytest.param(0.6, 0.0, marks=pytest.mark.slow),
+        (0.3, 1.0),
+        pytest.param(0.0, 1.0, marks=pytest.mark.slow),
+    ],
+)
 def test_bumps_and_procedural_textures(stage, roughness, metallic):
     """A ball whose colour and bumps are noise, matt, glossy and polished."""
     material = stage.material(PRINCIPLED, Roughness=roughness, Metallic=metallic)

@@ -185,9 +185,9 @@ def light(stage, by, size=1.5):
     [
         (PRINCIPLED, dict(BASE, Metallic=1.0, Roughness=0.5, Anisotropic=0.8)),
         (PRINCIPLED, dict(BASE, Roughness=0.4, Anisotropic=0.8, Anisotropic_Rotation=0.15)),
-        (GLOSSY, dict(COLOUR, Roughness=0.5, Anisotropy=0.7)),
+        pytest.param(GLOSSY, dict(COLOUR, Roughness=0.5, Anisotropy=0.7), marks=pytest.mark.slow),
         (GLOSSY, dict(COLOUR, Roughness=0.5, Anisotropy=-0.7, Rotation=0.1)),
-        (METALLIC, dict(Roughness=0.5, Anisotropy=0.7)),
+        pytest.param(METALLIC, dict(Roughness=0.5, Anisotropy=0.7), marks=pytest.mark.slow),
     ],
 )
 def test_anisotropy_along_a_uv_map(stage, node, values):

@@ -201,6 +201,7 @@ def test_cancelled_nothing_half_done_stays(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_a_worker_killed_three_times(tmp_path):
     asked, killed = Asked(tmp_path, 1, "a", "b", "c"), []
 

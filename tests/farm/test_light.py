@@ -73,6 +73,7 @@ def contents(folder):
     return {path.name: (path.read_bytes(), path.stat().st_mode & 0o777) for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_frames_are_alike_in_whatever_order(blend, tmp_path, capfd):
     forth, back = tmp_path / "forth", tmp_path / "back"
     make(blend, forth, "--method", "fast", "--animation")
@@ -146,6 +147,7 @@ def test_a_slow_machine_decides_nothing_else(blend, tmp_path, slow_paths):
     assert method(there) == "fast" and "bake" in report(there, 4)  # alone it would have
 
 
+@pytest.mark.slow
 def test_a_slow_machine_bakes_the_same(blend, tmp_path, slow_paths):
     make(blend, tmp_path / "quick", "--method", "fast", "--frame-range", "1-4")
     slow_paths()

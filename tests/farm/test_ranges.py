@@ -1,7 +1,7 @@
 """Lists of frames in words."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holopath_addon.engine import InvalidInput
@@ -25,6 +25,7 @@ def test_frames():
     assert ranges.frames("3,-2-1, 0") == (-2, -1, 0, 1, 3)
 
 
+@settings(max_examples=30)
 @given(st.lists(PARTS, min_size=1, max_size=8))
 def test_each_frame_once_in_order(parts):
     text = ",".join(text for text, _ in parts)

@@ -22,7 +22,7 @@ STEP = TURN / 65536  # of the table from phase to level
 RED, GREEN, BLUE = 640e-9, 516.5e-9, 455.4e-9
 FORMAT = "HoloPath SLM calibration"
 
-quick = settings(max_examples=30, deadline=None, database=None)
+quick = settings(max_examples=30, database=None)
 
 
 def apart(a, b):

@@ -135,7 +135,7 @@ def test_primary_is_refused(two_monitors):
         DisplayDriver(FIRST).open(None, print)
 
 
-@pytest.mark.parametrize("renderer", [None, "software"])
+@pytest.mark.parametrize("renderer", [None, pytest.param("software", marks=pytest.mark.slow)])
 def test_every_pixel(two_monitors, monkeypatch, renderer):
     """Screenshots of the second monitor are what was sent; the first one stays as it was."""
     before = screenshot(0)

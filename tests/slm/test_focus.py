@@ -20,7 +20,7 @@ from tests.slm.refusals import refused
 FORMAT = {"format": "HoloPath focus planes", "format_version": 1}
 FRAMES, TRIGGERS, FOCUS = 1, 2, 4
 
-quick = settings(max_examples=40, deadline=None, database=None)
+quick = settings(max_examples=40, database=None)
 
 
 def some(*positions):

@@ -66,7 +66,7 @@ def cut(data, places):
     st.lists(st.tuples(PACKETS, st.binary(max_size=40)), max_size=8),
     st.lists(st.integers(0, 10**6), max_size=12),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_packets_are_found_in_any_pieces(sent, places):
     """Among whatever lies between them, unless that claims to be the beginning of a packet."""
     data = b"".join(
@@ -79,7 +79,7 @@ def test_packets_are_found_in_any_pieces(sent, places):
 
 
 @given(PACKETS, PACKETS, st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_damaged_packet_is_never_taken(first, second, data):
     """Whatever byte is changed; and the next one is."""
     good = encode(first.kind, first.session, first.sequence, first.payload)
@@ -282,7 +282,7 @@ def test_silence():
         assert firmware.triggers == [(0, 1), (1, 1)]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.binary(min_size=1, max_size=3000), st.integers(0, 2**32 - 1))
 def test_replies_of_any_kind(junk, seed):
     """A device that answers with anything, well-formed packets of any content too, is lost or works; it never hangs."""

@@ -22,7 +22,7 @@ WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
 EACH = {"time": 1, "colour": 3, "bits": 24, "plm-067": 24, "plm-047": 24}
 BITS = {"time": 8, "colour": 8, "bits": 1, "plm-067": 4, "plm-047": 4}
 
-quick = settings(max_examples=60, deadline=None, database=None)
+quick = settings(max_examples=60, database=None)
 
 
 def code(index, frame, wavelength):

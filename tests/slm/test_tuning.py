@@ -147,6 +147,7 @@ def test_refusals(says, bench):
         slm.tune(phase, field, bench.look, calibration, GREEN, rounds=1)
 
 
+@pytest.mark.slow
 def test_command(bench, tmp_path, monkeypatch, capsys):
     """With the simulated bench; once it is interrupted, once not, and with too little said."""
     _, calibration = bench

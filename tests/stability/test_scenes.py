@@ -28,6 +28,9 @@ SPECIAL = {
 }
 # And what keeps the promise by default.
 SLOW = {
+    "distance from the origin": "test_single_precision_is_warned_of, here",
+    "size of a lamp": "test_rendering: planes under a lamp",
+    "recording plane": "test_displays: distance, and test_slabs",
     "slope": "test_rendering: brightness over slope",
     "infinity": "test_rendering: points refocus at their depth, the sky is at infinity",
     "depth range": "rays for a depth range, and recording plane, here",

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from holopath_addon import engine
 
@@ -94,6 +95,7 @@ def test_of_many_lamps_the_one_that_matters_is_drawn(build, monkeypatch):
     assert (resampled.var(1) < 0.25 * plain.var(1)).all()
 
 
+@pytest.mark.slow
 def test_more_paths_a_ray_are_less_dark(build):
     camera = engine.Camera(np.eye(4), math.radians(36))
     hologram = engine.Hologram(32, 32, 8e-6, (GREEN,), 0.1e-3, 0.6e-3)

@@ -558,6 +558,7 @@ def test_materials_that_come_and_go_are_no_damage(build, camera, tmp_path):
         assert ("block" in done.traced) == (kind == "principled")
 
 
+@pytest.mark.slow
 def test_a_plain_to_the_horizon_coarsens_nothing_else(build, camera, tmp_path):
     """It is traced, here and when the light is used again; what stands on it keeps texels of a pixel."""
     T, store = build.T(), engine.BakeStore(tmp_path)

@@ -40,6 +40,7 @@ def test_a_floor_without_gaps(build, camera, small):
         assert picture[inner, inner].mean() / reference[inner, inner].mean() == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.slow
 def test_images_in_mirrors_have_planes_of_their_own(build, camera):
     """A lamp behind the viewer in a mirror beside a near and a far plane: nearer than one plane has it, with less."""
     display, edge = engine.Hologram(128, 128, 8e-6, (516.5e-9,), 1e-3, 6e-3), 20

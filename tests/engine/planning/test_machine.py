@@ -19,6 +19,7 @@ def anew(folder):
     return machine.slowness(folder)
 
 
+@pytest.mark.slow
 def test_the_machine_s_speed_is_kept(tmp_path, monkeypatch):
     found = anew(tmp_path)
     assert all(1e-3 < times < 50 for times in astuple(found))  # a card runs programs in a hundredth

@@ -41,6 +41,7 @@ def test_each_wavelength_has_its_focus(build, ball):
         assert float(view.distance[0]) == pytest.approx(image, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_dispersive_ball_against_mitsuba(ball, camera):
     hologram = engine.Hologram(96, 96, 8e-6, RGB, 0.6e-3, 2.4e-3)
     field = engine.render(ball, camera, hologram, engine.Settings(frames=24))

@@ -258,6 +258,7 @@ def test_plastic_ball_before_a_wall(build, camera, small):
     assert ratios == pytest.approx([1, 1], abs=0.03)
 
 
+@pytest.mark.slow
 def test_blend_of_mirror_and_matt(build, camera, small):
     """Mitsuba's own pictures of such blends are wrong (its pull request 1681): the truth is two pictures' sum."""
     matt = {"type": "diffuse", "reflectance": build.texture(64, 3, 0.1, 0.8)}

@@ -33,6 +33,7 @@ def fields(scene, camera, pixels, passes, exact, other=None):
     return errors, brightness, told
 
 
+@pytest.mark.slow
 def test_a_quarter_of_the_paths_where_light_is_indirect(build, camera):
     """Half the error at the same paths; the halves tell what is left, though not all of it."""
     errors, brightness, told = fields(build.closed_box(), camera, 48, 16, 512)

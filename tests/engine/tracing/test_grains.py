@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
+import pytest
 
 from holopath_addon import engine
 
@@ -58,6 +59,7 @@ def test_what_light_is_divided_by_is_the_same_from_both_sides(build):
         assert 0.27 < sides[0].min() and sides[0].max() < 0.35
 
 
+@pytest.mark.slow
 def test_rare_bright_paths_do_not_destroy_grains(build, camera):
     """A wall lit by a lamp, and a little by a bulb behind glass, which paths find once in thousands."""
     hologram = engine.Hologram(128, 128, 8e-6, (GREEN,), 0.3e-3, 1.5e-3)
