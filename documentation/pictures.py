@@ -65,7 +65,7 @@ def _example(name: str, suffix: str) -> Picture:
 
 
 def _demo(*focus: str) -> Picture:
-    return Picture(("make demo",), tuple(f"out/demo/reconstruction/focus_{each}.png" for each in focus))
+    return Picture(("make demo",), tuple(f"out/demo/reconstruction/hologram_focus_{each}.png" for each in focus))
 
 
 CUBE = "out/pictures/cube.blend"
@@ -77,7 +77,7 @@ FEATURES = (
 # Of the window of Blender, by `window`.
 WINDOW = {f"{name}.jpg": Picture((f"{OWN} {name}.jpg",)) for name in SIZES}
 RENDERED = {
-    "demo.jpg": _demo("0.5m", "1m", "4m"),
+    "demo.png": Picture(("make demo",), ("out/demo/demo.png",)),
     "refocused.jpg": _demo("0.5m", "4m"),
     "recording-planes.jpg": Picture(
         (
