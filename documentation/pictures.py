@@ -77,7 +77,7 @@ FEATURES = (
 # Of the window of Blender, by `window`.
 WINDOW = {f"{name}.jpg": Picture((f"{OWN} {name}.jpg",)) for name in SIZES}
 RENDERED = {
-    "demo.png": Picture(("make demo",), ("out/demo/demo.png",)),
+    "demo.jpg": Picture(("make demo",), ("out/demo/demo.png",)),
     "refocused.jpg": _demo("0.5m", "4m"),
     "recording-planes.jpg": Picture(
         (

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import mitsuba as mi
 
 VIEW_PATHS = 64  # a pixel, of each view of a light field
-SHEET_PATHS = 64  # and of the thin lens's picture on a contact sheet
+SHEET_PATHS = 16  # and of the thin lens's picture on a contact sheet
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
