@@ -65,7 +65,9 @@ def _example(name: str, suffix: str) -> Picture:
 
 
 def _demo(*focus: str) -> Picture:
-    return Picture(("make demo",), tuple(f"out/demo/reconstruction/hologram_focus_{each}.png" for each in focus))
+    return Picture(
+        ("make demo",), tuple(f"out/demo/reconstruction/hologram_focus_{each}.png" for each in focus)
+    )
 
 
 CUBE = "out/pictures/cube.blend"

@@ -290,7 +290,7 @@ def frames_designed(frames):
 def rays(spp):
     """The lattice, narrower than the depth range needs or whole."""
     figures = compared(planes(), display(), replace(SETTINGS, spp=spp, planes=1))
-    if "fewer than" in figures.get("warned", ""):  # no such picture was promised
+    if "fewer than" in str(figures.get("warned")):  # no such picture was promised
         figures |= {f"{name} of few": figures.pop(name) for name in LIMITS}
     return figures
 

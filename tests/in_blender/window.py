@@ -192,8 +192,8 @@ def refocusing():
     result["refocus"] = time.monotonic() - begin
     far = picture()
     press(bpy.ops.holopath.sweep)
-    seen, end = set(), time.monotonic() + 4
-    while time.monotonic() < end:
+    seen, end = set(), time.monotonic() + 60
+    while len(seen) < 4 and time.monotonic() < end:
         seen.add(picture().tobytes())
         yield 0.05
     press(bpy.ops.holopath.sweep)
