@@ -175,7 +175,7 @@ def test_pictures_of_two_planes(build, camera):
     focus = [0.5, 2.0]
     truth = engine.reference(scene, camera, shown, focus, spp=32, near=field.near)
     for picture, reference in zip(engine.reconstruct(field, focus), truth, strict=True):
-        assert engine.psnr(picture, reference, 16) > 17.5
+        assert engine.psnr(picture, reference, 16) > 17.4  # over seeds 17.60, deviation 0.06
         inner = slice(16, -16)
         shares = picture[inner, inner].mean((0, 1)) / reference[inner, inner].mean((0, 1))
         np.testing.assert_allclose(shares, 1, atol=0.05)

@@ -184,7 +184,7 @@ def test_balls_look_as_large_as_their_spheres(count):
     assert ((weighted * outward).sum(1) > 0).all()
     for side in rng.normal(size=(8, 3)):
         outline = 0.25 * np.abs(weighted @ (side / np.linalg.norm(side))).sum()
-        assert outline == pytest.approx(np.pi * 0.3**2, rel=0.04)
+        assert outline == pytest.approx(np.pi * 0.3**2, rel=0.06)  # by sides' chance 1.6 %
 
 
 def test_points_without_a_place_or_size_are_left_out():

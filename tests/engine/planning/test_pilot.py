@@ -25,7 +25,7 @@ def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monk
     from holopath_addon.engine.planning import pilot
 
     timed, radiance = pilot._timed, []
-    for extra in (0.0, 10.0):
+    for extra in (0.0, 1e3):  # far above what a busy machine adds by itself
 
         def slower(*work, extra=extra):
             seconds, _, result = timed(*work)
@@ -33,4 +33,4 @@ def test_compiling_is_foretold_where_the_pilot_had_to(build, camera, small, monk
 
         monkeypatch.setattr(pilot, "_timed", slower)
         radiance.append(engine.plan(build.two_planes(build.diffuse), camera, small).stages["radiance"])
-    assert radiance[0] + 10 < radiance[1] < radiance[0] + 20
+    assert radiance[0] + 1e3 < radiance[1] < radiance[0] + 2e3

@@ -67,8 +67,8 @@ def test_halves_take_the_noise_of_the_reference_out_of_the_error(smooth):
     assert 28 < known < 32
     for paths in (64, 256, 1024):
         halves = halves_of(truth, paths)
-        assert metrics.psnr(image, halves) == pytest.approx(known, abs=0.1), paths
-        assert metrics.ssim(image, halves) == pytest.approx(known_ssim, abs=0.005), paths
+        assert metrics.psnr(image, halves) == pytest.approx(known, abs=0.15), paths
+        assert metrics.ssim(image, halves) == pytest.approx(known_ssim, abs=0.01), paths
     noisy = halves_of(truth, 64)
     assert metrics.psnr(image, noisy.mean(0)) < known - 1
     assert metrics.ssim(image, noisy.mean(0)) < known_ssim - 0.01

@@ -102,7 +102,7 @@ def test_a_source_of_some_size_blurs_by_it():
     blurred = np.fft.ifft2(np.fft.fft2(sharp) * blur).real
     inner = slice(6, -6)
     error = np.std((seen - blurred)[inner, inner])
-    assert error < 0.15 * np.std((sharp - blurred)[inner, inner])
+    assert error < 0.2 * np.std((sharp - blurred)[inner, inner])  # over seeds 0.11, deviation 0.025
 
 
 @pytest.mark.parametrize(("rule", "degree"), [("THIRD", 3), ("FIFTH", 5), ("SEVENTH", 7)])
