@@ -87,7 +87,7 @@ def compare(feature, counts=(SPP,)):
         With as many samples as were needed, or the most.
     """
     start = time.perf_counter()
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     stage = Stage()
     feature.build(stage)
     stage.scene.view_layers[0].update()

@@ -498,8 +498,8 @@ def test_contact_sheets_of_any_number(count, phases, rows, backend, tmp_path):
     assert (sheet[-1, -1] == 255).all()  # the lens's
 
 
+@pytest.mark.slow
 def test_encoding_afterwards_is_encoding_with_the_render(xml, tmp_path, capfd):
-    """The scene that the report names is opened, where it is what it was; else phases go towards the field alone."""
     out, later = tmp_path / "out", tmp_path / "later"
     assert cli.main(["render", str(xml), *SMALL, "--encode", "auto", "--out", str(out), "--quiet"]) == 0
     with_it = engine.PhaseHologram.load(out / "hologram")
@@ -509,6 +509,14 @@ def test_encoding_afterwards_is_encoding_with_the_render(xml, tmp_path, capfd):
     assert afterwards.method == with_it.method == "refine"
     np.testing.assert_array_equal(afterwards.data, with_it.data)
 
+
+def test_encoding_afterwards_of_a_scene_that_is_another(xml, tmp_path, capfd):
+    """The scene that the report names is opened, where it is what it was; else phases go towards the field alone."""
+    out, later = tmp_path / "out", tmp_path / "later"
+    assert cli.main(["render", str(xml), *SMALL, "--out", str(out), "--quiet"]) == 0
+    assert cli.main(["encode", str(out), "--out", str(later), "--steps", "2", "--quiet"]) == 0
+    assert capfd.readouterr().err == ""
+    assert engine.PhaseHologram.load(later).method == "refine"
     xml.write_text(xml.read_text().replace('value="0.1"', 'value="0.12"'))
     again = ["encode", str(out), "--out", str(later), "--steps", "2"]
     assert cli.main(again) == 0
@@ -651,7 +659,7 @@ def test_seconds_of_encoding(xml, tmp_path, capfd):
     assert time.perf_counter() - started < SOON
     report = json.loads((out / "report.json").read_text())
     assert report["encoding"]["plan"]["seconds"] == 2 and report["encode_seconds"] == 2
-    assert 1 < report["seconds"]["encoding"] < SOON
+    assert 0 < report["seconds"]["encoding"] < SOON
 
 
 def by_torchoptics(pictures, gain, pitch, wavelength, z):

@@ -37,7 +37,7 @@ def lit(scene):
 @pytest.fixture
 def scene(addon):
     """A shining triangle in front of a dim wall, and settings that take a second."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.context.scene
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)

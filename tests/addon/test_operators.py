@@ -8,7 +8,7 @@ from holopath_addon import engine, pipeline, preferences, slm
 from holopath_addon.engine import rendering
 from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
-from tests.patience import NEVER
+from tests.patience import NEVER, SOON
 
 
 def picture():
@@ -520,7 +520,7 @@ def test_seconds_of_encoding(scene):
     assert bpy.ops.holopath.encode() == {"FINISHED"}
     report = session.current.phase.report
     assert report["plan"]["seconds"] <= 1.5 and report["plan"]["method"] == session.current.phase.method
-    assert sum(stage["seconds"] for stage in report["stages"]) < 4
+    assert sum(stage["seconds"] for stage in report["stages"]) < SOON
 
 
 def test_without_a_backend(scene, monkeypatch):

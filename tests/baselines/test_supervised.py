@@ -129,7 +129,9 @@ def test_layers_block_as_waves(build, camera):
         assert np.linalg.norm(field.data[m, 0]) == pytest.approx(np.linalg.norm(wave), rel=0.03)
 
 
-@pytest.mark.parametrize("method", DESCENTS)
+@pytest.mark.parametrize(
+    "method", [pytest.param(m, marks=pytest.mark.slow if m == "light-field" else ()) for m in DESCENTS]
+)
 def test_phases_of_one_modulus_that_get_better(build, camera, method):
     """More steps, less speckle; all frames are used, and differ."""
     scene, hologram = card_before_wall(build), display()

@@ -14,7 +14,7 @@ from benchmarks.stage import Stage  # noqa: E402
 @pytest.fixture
 def stage():
     """An empty scene with a camera at the origin's +z, looking down, and shortcuts to fill it."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     return Stage()
 
 

@@ -11,31 +11,24 @@ from benchmarks import exporter  # noqa: E402
 from benchmarks.features import EVERYWHERE, FEATURES, box, random_scene  # noqa: E402
 from benchmarks.stage import Stage  # noqa: E402
 
-# These together take every branch of the exporter that any feature takes, and show each group's shading.
+# These take every branch of the exporter that any feature takes, together with test_lights, test_materials and
+# test_baking, and show each group's shading. The others are slow.
 EVERY_DAY = """
-Add Shader with Emission | Bump from an image | Diffuse BSDF roughness 0.5 | Glass BSDF roughness 0
-Glossy BSDF anisotropy 0.7 | HDRI | HDRI, turned | Hue/Saturation/Value | Mapping, texture | Mix Color, multiply
-Mix Shader by Fresnel | Mix Shader by Layer Weight, Facing | Mix Shader by Layer Weight, Fresnel | NURBS surface
-Noise Texture, UV | Normal Map, tangent space | Principled Alpha 0.3 | Principled Metallic 1
-Principled Anisotropic Rotation 0.25, metallic 1, roughness 0.4, anisotropic 0.8
-Principled Coat Roughness 0.3, coat weight 1 | Principled Coat Tint tinted, coat weight 1
-Principled Coat Weight 1, metallic 1, roughness 0.4 | Principled Emission Strength 0.5
+area lamp on a polished ball | Bump from an image | clip end before an object | custom normals
+depth of field ignored | extension clip | film transparent | geometry nodes instances | hair curves
+hair particles | HDRI | HDRI, turned | hidden and excluded | image with alpha, alpha | image with alpha, colour
+image, sRGB | light nodes, IES | light nodes, Math | Mapping, texture | material slots | mesh | metaball
+missing image | Mix Shader by Fresnel | Mix Shader by Layer Weight, Facing | Mix Shader by Layer Weight, Fresnel
+modifiers | negative scale | node group | Noise Texture, UV | Normal Map, tangent space | NURBS surface
+particle instances | point lamp on a rough metal | Principled Coat Roughness 0.3, coat weight 1
+Principled Coat Tint tinted, coat weight 1 | Principled Coat Weight 1, metallic 1, roughness 0.4
 Principled IOR 2.5, roughness 0.3 | Principled Sheen Weight 0.5 | Principled Specular IOR Level 0, roughness 0.3
 Principled Specular Tint tinted, roughness 0.3, ior 2 | Principled Subsurface Weight 0.5, subsurface scale 0.1
-Principled Thin Film Thickness 300, roughness 0.2 | Principled Transmission Weight 0.5, roughness 0
-Principled Transmission Weight 1, roughness 0.3 | RGB Curves | Refraction BSDF roughness 0
-Refraction BSDF roughness 0.3 | Translucent BSDF | Transparent BSDF | Transparent BSDF grey | UV map by name
-Voronoi Texture, Generated | area lamp on a polished ball | area, disk | area, spread 60 degrees
-clip end before an object | custom normals | depth of field ignored | extension clip | film transparent
-geometry nodes instances | hair curves | hair particles | hidden and excluded | image with alpha, alpha
-image with alpha, colour | image, sRGB | light nodes, Blackbody | light nodes, IES
-light nodes, Light Falloff linear | light nodes, Math | material slots | mesh | metaball | missing image | modifiers
-negative scale | node group | particle instances | point lamp on a rough metal | point, not normalised
-point, temperature 3000 K | random 9 | reroute and muted node | sensor fit auto, wide | sheared by a parent | shift
-single sheet of Glass | smooth by angle | spot, blended | spot, sharp
-sun, angle 0 | sun, angle 20 degrees | textured Coat Weight | textured Emission Strength | textured Roughness
+Principled Thin Film Thickness 300, roughness 0.2 | Refraction BSDF roughness 0 | Refraction BSDF roughness 0.3
+reroute and muted node | sensor fit auto, wide | sheared by a parent | shift | single sheet of Glass
+smooth by angle | textured Coat Weight | textured Emission Strength | textured Roughness
 textured Transmission Weight | turned and scaled camera | two UV maps in one material | unit scale 0.01
-world, Blackbody | world, mix of Backgrounds
+UV map by name | Voronoi Texture, Generated | world, Blackbody | world, mix of Backgrounds
 """
 EVERY_DAY = set(EVERY_DAY.strip().replace("\n", " | ").split(" | "))
 

@@ -1,6 +1,7 @@
 """Materials and textures against Cycles, which is inside the bpy module, and against known pictures."""
 
 import importlib.util
+import itertools
 
 import numpy as np
 import pytest
@@ -97,9 +98,13 @@ def apart(stage, bound, region=slice(None), spp=256):
     return difference
 
 
-@pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("transmission", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(
+    ("metallic", "transmission", "roughness"),
+    [  # each value of one beside each of another; the others are slow
+        pytest.param(i / 2, j / 2, (0.0, 0.3, 1.0)[k], marks=pytest.mark.slow if (i + j + k) % 3 else ())
+        for i, j, k in itertools.product(range(3), repeat=3)
+    ],
+)
 def test_principled_ball(stage, metallic, transmission, roughness):
     values = dict(Metallic=metallic, Transmission_Weight=transmission, Roughness=roughness)
     stage.sphere(1, stage.material(PRINCIPLED, Base_Color=(0.8, 0.5, 0.2, 1), **values))

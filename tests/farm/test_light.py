@@ -159,7 +159,7 @@ def test_a_slow_machine_bakes_the_same(blend, tmp_path, slow_paths):
 def test_killed_while_the_light_is_made(blend, tmp_path):
     out = tmp_path / "out"
     other = start(blend, out, "--method", "fast")
-    end = time.monotonic() + 60
+    end = time.monotonic() + NEVER
     while not list(out.glob(".light.part-*/*.holobake.npz")):
         assert other.poll() is None and time.monotonic() < end
         time.sleep(0.001)

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from holopath_addon import cli
-from holopath_addon.farm.claims import FOLDER, STALE
+from holopath_addon.farm.claims import FOLDER
+from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[2]
 SCENE = """<scene version="3.0.0">
@@ -99,7 +100,7 @@ def test_killed_three_times(scene, tmp_path, whole):
     out, parts = tmp_path / "divided", tmp_path / ".divided.parts"
     for unit in ("prepared", "traced-2-of-5", "gathered-3-of-5-of-5"):
         running = start(scene, out, "--divide", "5")
-        end = time.monotonic() + 2 * STALE  # for a claim that was killed before it said whose it is
+        end = time.monotonic() + NEVER  # for a claim that was killed before it said whose it is
         while not (parts / FOLDER / unit).exists():
             assert running.poll() is None and time.monotonic() < end, unit
             time.sleep(0.001)

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "slm"))
 from device import Board, Firmware
 
 LIMIT = 250.0  # seconds
-PATIENCE = 60.0  # seconds for one step
+PATIENCE = 600.0  # seconds for one step
 ADDON = "bl_ext.user_default.holopath"
 SIZE = 48  # pixels
 target = sys.argv[sys.argv.index("--") + 1]

@@ -192,7 +192,7 @@ def refocusing():
     result["refocus"] = time.monotonic() - begin
     far = picture()
     press(bpy.ops.holopath.sweep)
-    seen, end = set(), time.monotonic() + 60
+    seen, end = set(), time.monotonic() + 600
     while len(seen) < 4 and time.monotonic() < end:
         seen.add(picture().tobytes())
         yield 0.05

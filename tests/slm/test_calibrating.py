@@ -127,9 +127,9 @@ def test_no_drift_is_seen_where_there_is_none(bench):
 
 
 def test_a_bench_that_moves_is_refused(bench):
-    benches = iter([bench] * 17 + [moved(bench, "camera")] * 3)
+    captures = iter(captures_of((bench, moved(bench, "camera")))[0])
     with pytest.raises(engine.InvalidInput, match="changed between captures 2 and 18"):
-        slm.calibrate(lambda levels, z: next(benches).look(levels, z), SMALL, FOCI)
+        slm.calibrate(lambda levels, z: next(captures).picture, SMALL, FOCI)
 
 
 @pytest.mark.slow
@@ -198,9 +198,16 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert "homography c at 0.5 mm" in capsys.readouterr().out
     calibration = slm.Calibration.load(tmp_path / "my.json")
     assert len(calibration.models) == 1 and calibration.display([520e-9])
-    again = [*WORDS, "--out", str(tmp_path / "my.json")]
-    again[again.index("520")] = "640"
-    assert cli.main([*again, "--quiet"]) == 0  # another wavelength beside it
+
+
+@pytest.mark.slow
+def test_another_wavelength_beside_the_first(tmp_path, monkeypatch):
+    monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
+    monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
+    words = [*WORDS, "--quiet", "--out", str(tmp_path / "my.json")]
+    assert cli.main(words) == 0
+    words[words.index("520")] = "640"
+    assert cli.main(words) == 0
     assert len(slm.Calibration.load(tmp_path / "my.json").display([640e-9, 520e-9])) == 2
 
 

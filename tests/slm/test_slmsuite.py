@@ -13,7 +13,7 @@ import pytest
 
 from holopath_addon import engine, failures, slm
 from holopath_addon.slm.drivers.slmsuite_device import SlmsuiteDriver
-from tests.patience import NEVER
+from tests.patience import NEVER, SOON
 
 ROOT = Path(__file__).parents[2]
 
@@ -160,7 +160,7 @@ def test_refusals(found, name, says):
     if name in ("unknown", "two dots", "no module", "no class", "no options", "other options", "bad size"):
         assert kind == "InvalidInput", text
     assert re.search(says, text) and "\n" not in text and text.endswith("."), text
-    assert "bug in HoloPath" not in text and seconds < 2
+    assert "bug in HoloPath" not in text and seconds < SOON
     assert kind in ("InvalidInput", "DeviceLost")
     if "not installed" not in says or "DLL" in says:
         return  # what these classes raise does not tell a missing library from a missing device

@@ -44,6 +44,7 @@ SPECIAL = {
 # And what keeps the promise by default.
 SLOW = {
     "texels": "test_radiance_cache: holograms of baked light",
+    "frames, designed fields": "test_phase_fields: the first frames alone are better than random ones",
     "wavelength": "test_rendering: each wavelength shows its channel",
     "pitch": "size, distance and rays, here",
 }

@@ -32,6 +32,7 @@ SLOW = {
     "size of a lamp": "test_rendering: planes under a lamp",
     "recording plane": "test_displays: distance, and test_slabs",
     "slope": "test_rendering: brightness over slope",
+    "seeds": "test_radiance_cache: any seed; test_phase_fields: an even plane at any focus",
     "infinity": "test_rendering: points refocus at their depth, the sky is at infinity",
     "depth range": "rays for a depth range, and recording plane, here",
     "mirror through its focus": "test_images_go_through_infinity",

@@ -15,8 +15,13 @@ from holopath_addon.engine.planning.machine import Slowness
 
 def anew(folder):
     """As another process finds it."""
-    machine._slowness.cache_clear()
+    forget()
     return machine.slowness(folder)
+
+
+def forget():
+    machine._slowness.cache_clear()
+    machine._found.cache_clear()
 
 
 @pytest.mark.slow
@@ -35,7 +40,7 @@ def test_the_machine_s_speed_is_kept(tmp_path, monkeypatch):
         (tmp_path / machine.FILE).write_text(damaged)
         assert anew(tmp_path) != Slowness(1, 1, 1)
     assert [file.name for file in tmp_path.iterdir()] == [machine.FILE]
-    machine._slowness.cache_clear()
+    forget()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="by the library's name there")
@@ -71,4 +76,4 @@ def test_a_machine_that_was_busy_is_measured_again(tmp_path, monkeypatch):
             os.utime(file, (file.stat().st_mtime - age,) * 2)
         assert anew(tmp_path) == Slowness(*expected)
         assert json.loads(file.read_text())["slowness"] == asdict(Slowness(*expected))
-    machine._slowness.cache_clear()
+    forget()

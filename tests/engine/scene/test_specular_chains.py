@@ -128,6 +128,7 @@ def test_convex_mirror_beats_the_optical_path(build, camera, small):
     assert ours >= paper + 6
 
 
+@pytest.mark.slow
 def test_glass_ball_in_front_of_a_wall(build, camera, small):
     ball = {"type": "sphere", "center": [0, 0, -0.7], "radius": 0.07, **GLASS}
     scene = build.scene(ball=ball, far=build.plane(2.0, build.emissive(build.texture(128, 1))))

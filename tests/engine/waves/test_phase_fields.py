@@ -150,7 +150,8 @@ def test_a_hologram_of_any_size_has_no_seams(build, camera):
     assert seam.std() == pytest.approx(inner.std(), rel=0.3)
 
 
-@pytest.mark.parametrize(("frames", "gain"), [pytest.param(24, 3.0, marks=pytest.mark.slow), (8, 2.5)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("frames", "gain"), [(24, 3.0), (8, 2.5)])
 def test_gain_on_three_planes(build, camera, frames, gain):
     """Emissive planes with occlusion, against Mitsuba's thin lens, whole pupil and parts of it."""
     from benchmarks.phase_fields import pupils
