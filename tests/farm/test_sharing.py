@@ -163,7 +163,7 @@ def test_killed_in_the_middle_of_a_frame_it_goes_on(times, blend, tmp_path):
     assert json.loads((out / "job.json").read_text())["unfinished"] == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_interrupted_it_gives_its_frame_back(number, blend, tmp_path):
     out = tmp_path / "out"
     other = start(blend, out, "--frame-range", "1-300")

@@ -82,6 +82,7 @@ def test_what_the_model_does_not_know_is_made_up_for(bench):
     assert tuned.data.dtype == np.float32 and tuned.method == phase.method
 
 
+@pytest.mark.slow
 def test_stopped_in_the_middle_keeps_the_best(bench):
     bench, calibration = bench
     field = field_of()

@@ -45,6 +45,7 @@ SPECIAL = {
 SLOW = {
     "texels": "test_radiance_cache: holograms of baked light",
     "frames, designed fields": "test_phase_fields: the first frames alone are better than random ones",
+    "rays, paper's estimator": "test_rendering: paper's estimator",
     "wavelength": "test_rendering: each wavelength shows its channel",
     "pitch": "size, distance and rays, here",
 }
