@@ -153,19 +153,30 @@ class BlenderSource:
         """Export the current frame for `width` x `height` pixels; `camera` is an object's name."""
         import bpy
 
-        from ..export import export_scene
+        from ..export import export_scene, show_as_rendered
 
-        chosen: contextlib.AbstractContextManager = contextlib.nullcontext()
-        if self._scene or self._layer:
-            scene = self.scene
-            chosen = bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[self._layer or 0])
-        with chosen:
+        scene, layer = self.scene, self._view_layer()
+        with bpy.context.temp_override(scene=scene, view_layer=layer):
             with uninterrupted():
                 variants.activate()
+                show_as_rendered(scene, layer)
                 depsgraph = bpy.context.evaluated_depsgraph_get()
             exported = export_scene(depsgraph, (width, height), camera, self._cache)
         notes = [note.to_dict() for note in exported.notes]
         return Loaded(exported.scene, exported.camera, notes + _scripts_left_out())
+
+    def _view_layer(self):
+        """The view layer that was chosen, or the first one that renders use."""
+        layers = self.scene.view_layers
+        if self._layer:
+            return layers[self._layer]
+        used = [layer for layer in layers if layer.use]
+        if not used:
+            raise engine.InvalidInput(
+                f"No view layer of the scene '{self.scene.name}' is used for rendering: turn on Use for Rendering of "
+                "one, or name one with --view-layer."
+            )
+        return used[0]
 
 
 def _scripts_left_out():

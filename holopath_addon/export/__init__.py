@@ -3,6 +3,7 @@
 from .cache import ExportCache
 from .camera import depth_of, find_camera, view_of
 from .notes import Note
+from .render_state import show_as_rendered
 from .scene import Exported, Reading, export_scene, read_scene, unit_scale
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "export_scene",
     "find_camera",
     "read_scene",
+    "show_as_rendered",
     "unit_scale",
     "view_of",
 ]

@@ -16,7 +16,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from .node_graph import Pin, by_identifier, first_link, group_output, tree_of
+from .node_graph import GENERATED_BY_DEFAULT, Pin, by_identifier, first_link, group_output, tree_of
 
 ATLAS = "HoloPath atlas"
 _NORMAL, _TANGENT, _GENERATED = "HoloPath normal", "HoloPath tangent", "HoloPath generated"
@@ -25,10 +25,12 @@ BRIGHTEST = 1e7  # radiance of a world, four times that of Blender's sun
 _NO_UV = "HoloPath none"  # an attribute that no mesh has reads as zero
 _MARGIN = 4
 SAMPLES = 2_000_000  # in all of a surface's texels, which get 1 to 16 each
-# Textures that read generated coordinates where nothing is linked to their Vector.
-_GENERATED_BY_DEFAULT = {
-    f"ShaderNodeTex{name}"
-    for name in ("Noise", "Voronoi", "Wave", "Magic", "Gradient", "Checker", "Brick", "Gabor", "Musgrave")
+
+# Modifiers that keep the mesh and move its vertices: generated coordinates are of the mesh without them.
+_DEFORMING = {
+    *("ARMATURE", "CAST", "CLOTH", "CORRECTIVE_SMOOTH", "CURVE", "DISPLACE", "HOOK", "LAPLACIANDEFORM"),
+    *("LAPLACIANSMOOTH", "LATTICE", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "SHRINKWRAP"),
+    *("SIMPLE_DEFORM", "SMOOTH", "SOFT_BODY", "SURFACE_DEFORM", "WARP", "WAVE"),
 }
 
 COLOUR, NUMBER, NORMAL, EMISSION = "colour", "number", "normal", "emission"
@@ -72,6 +74,11 @@ class Flat:
     evaluated : bpy.types.Object
     unwrap : callable
         ``unwrap(vertices, triangles)`` gives corners' places and the size of the picture, see `unwrapping.unwrap`.
+    matrix : mathutils.Matrix
+        Object to world, Blender units.
+    values : InstanceValues
+    generated : bool
+        Whether materials read generated coordinates.
 
     Attributes
     ----------
@@ -84,11 +91,15 @@ class Flat:
         UV map that nodes read by default.
     deformed : bool
         Whether generated coordinates are not those of the shape as it is.
+    stretched : bool
+        Whether generated coordinates extend over the result of modifiers, where Cycles has those of the mesh itself.
     """
 
-    def __init__(self, evaluated, unwrap):
+    def __init__(self, evaluated, unwrap, matrix, values, generated=False):
         self.original = evaluated.original
-        self.matrix = evaluated.matrix_world.copy()
+        self.matrix = matrix.copy()
+        self.values = values
+        self.stretched = False
         # without a depsgraph, with which Blender would evaluate the original again: instances that geometry nodes
         # make would become their owner, and edits in Edit Mode would be missing
         self.mesh = bpy.data.meshes.new_from_object(evaluated)
@@ -96,6 +107,9 @@ class Flat:
             if not self.mesh.polygons:
                 raise BakingFailed("the mesh has no faces")
             self.deformed = self._keep_generated(evaluated.data)
+            if generated and not self.deformed and self._has_other_vertices(evaluated):
+                self.deformed = self._extend_generated()
+                self.stretched = not self.deformed
             flat = self.mesh.normals_domain == "FACE"
             normals = _vectors(self.mesh, "corner_normals", "vector")
             self._triangulate()
@@ -153,6 +167,52 @@ class Flat:
         half[half == 0] = 1
         self._attribute(_GENERATED, "POINT", (undeformed - centre) / (2 * half) + 0.5)
         return True
+
+    def _has_other_vertices(self, evaluated):
+        """Whether modifiers made other vertices than the object's own mesh has."""
+        source = self.original.data
+        return (
+            self.original.type == "MESH"
+            and isinstance(evaluated.data, bpy.types.Mesh)
+            and evaluated.data.name
+            == source.name  # else an instance of another mesh, which geometry nodes made
+            and any(modifier.show_viewport for modifier in self.original.modifiers)
+            and len(source.vertices) != len(self.mesh.vertices)
+        )
+
+    def _extend_generated(self):
+        """Generated coordinates of what modifiers made: of their result without deformation, in the mesh's own box.
+
+        Cycles has them so: beyond 0 to 1 in the copies of an Array or behind a Mirror.
+        """
+        source, points = self.original.data, self._undeformed()
+        if len(points) != len(self.mesh.vertices):
+            return False
+        centre, half = np.array(source.texspace_location), np.array(source.texspace_size)
+        half[half == 0] = 1
+        self._attribute(_GENERATED, "POINT", (points - centre) / (2 * half) + 0.5)
+        return True
+
+    def _undeformed(self):
+        """Vertices of the object without shape keys and the modifiers that only deform."""
+        deforming = [m.name for m in self.original.modifiers if m.show_viewport and m.type in _DEFORMING]
+        if not deforming and self.original.data.shape_keys is None:
+            return _vectors(self.mesh, "vertices", "co")
+        scene, copy = bpy.data.scenes.new("HoloPath baking"), self.original.copy()
+        copy.data = mesh = self.original.data.copy()
+        try:
+            copy.shape_key_clear()
+            for name in deforming:
+                copy.modifiers[name].show_viewport = False
+            scene.collection.objects.link(copy)
+            layer = scene.view_layers[0]
+            with bpy.context.temp_override(scene=scene, view_layer=layer):
+                result = copy.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+            return _vectors(result, "vertices", "co")
+        finally:
+            bpy.data.scenes.remove(scene)
+            bpy.data.objects.remove(copy)
+            bpy.data.meshes.remove(mesh)
 
     def _attribute(self, name, domain, vectors):
         attribute: Any = self.mesh.attributes.new(name, "FLOAT_VECTOR", domain)
@@ -330,6 +390,7 @@ def _own_groups(studio, tree):
 
 def _settle_coordinates(tree, flat):
     """Name the UV map that a tree reads by default, which is the atlas now; give back generated coordinates."""
+    _settle_instance(tree, flat.values)
     uv = tree.nodes.new("ShaderNodeUVMap")
     uv.uv_map = flat.uv_name
     sources = {"UV": uv.outputs["UV"]}
@@ -345,9 +406,41 @@ def _settle_coordinates(tree, flat):
                 for link in list(node.outputs[name].links):
                     tree.links.new(source, link.to_socket)
         default = "UV" if node.bl_idname == "ShaderNodeTexImage" else "Generated"
-        if default == "UV" or node.bl_idname in _GENERATED_BY_DEFAULT:
+        if default == "UV" or node.bl_idname in GENERATED_BY_DEFAULT:
             if default in sources and not node.inputs["Vector"].is_linked:
                 tree.links.new(sources[default], node.inputs["Vector"])
+
+
+def _settle_instance(tree, values):
+    """Put constants in the place of what nodes read of an instance or its instancer, which the stand-in is not."""
+
+    def replace_output(socket, value):
+        node = tree.nodes.new("ShaderNodeCombineXYZ" if isinstance(value, tuple) else "ShaderNodeValue")
+        if isinstance(value, tuple):
+            for component, number in zip(node.inputs, value, strict=False):
+                component.default_value = number
+        else:
+            node.outputs[0].default_value = value
+        for link in list(socket.links):
+            tree.links.new(node.outputs[0], link.to_socket)
+
+    attributes = {"INSTANCER": dict(values.attributes), "VIEW_LAYER": dict(values.layer_attributes)}
+    for node in list(tree.nodes):
+        kind = node.bl_idname
+        if kind == "ShaderNodeObjectInfo":
+            replace_output(node.outputs["Random"], values.random)
+        elif kind == "ShaderNodeTexCoord" and node.from_instancer:
+            replace_output(node.outputs["Generated"], values.generated)
+            replace_output(node.outputs["UV"], values.uv)
+        elif kind == "ShaderNodeUVMap" and node.from_instancer:
+            replace_output(node.outputs["UV"], values.uv)
+        elif kind == "ShaderNodeAttribute" and node.attribute_type in attributes:
+            found = attributes[node.attribute_type].get(node.attribute_name, (0.0, 0.0, 0.0, 0.0))
+            red, green, blue, alpha = found
+            replace_output(node.outputs["Color"], (red, green, blue))
+            replace_output(node.outputs["Vector"], (red, green, blue))
+            replace_output(node.outputs["Fac"], (red + green + blue) / 3)
+            replace_output(node.outputs["Alpha"], alpha)
 
 
 def _expose(tree, pin):
@@ -548,6 +641,7 @@ class _Studio:
         thing.delta_location, thing.delta_scale = (0, 0, 0), (1, 1, 1)
         thing.delta_rotation_euler, thing.delta_rotation_quaternion = (0, 0, 0), (1, 0, 0, 0)
         thing.matrix_basis.identity()
+        thing.color, thing.pass_index = flat.values.color, flat.values.index
         thing.hide_render = thing.hide_viewport = thing.is_holdout = thing.is_shadow_catcher = False
         self.scene.collection.objects.link(thing)
         return thing

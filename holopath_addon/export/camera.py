@@ -16,7 +16,8 @@ def find_camera(scene, camera=None):
     ----------
     scene : bpy.types.Scene
     camera : bpy.types.Object, str or None
-        A camera object or its name; None takes the scene's active camera.
+        A camera object or its name; None takes the one that renders of the current frame take: of a marker on the
+        timeline, where one has a camera, or the scene's active one.
 
     Raises
     ------
@@ -28,7 +29,7 @@ def find_camera(scene, camera=None):
         if camera is None:
             raise InvalidInput(f"The scene has no object '{name}': give the name of one of its cameras.")
     elif camera is None:
-        camera = scene.camera
+        camera = _marked_camera(scene) or scene.camera
         if camera is None:
             raise InvalidInput(
                 f"The scene '{scene.name}' has no active camera: add one (Add > Camera) and make it active."
@@ -36,6 +37,15 @@ def find_camera(scene, camera=None):
     if camera.type != "CAMERA":
         raise InvalidInput(f"The object '{camera.name}' is not a camera: choose a camera object.")
     return camera
+
+
+def _marked_camera(scene):
+    """The camera of the last marker up to the current frame, else of the first one, as Blender's renders switch."""
+    marked = [m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render]
+    passed = [marker for marker in marked if marker.frame <= scene.frame_current]
+    if passed:
+        return max(passed, key=lambda marker: marker.frame).camera
+    return min(marked, key=lambda marker: marker.frame).camera if marked else None
 
 
 def export_camera(depsgraph, camera, resolution, scale, notes):

@@ -14,7 +14,10 @@ from . import baking
 from .cache import MeshBake
 from .geometry import read_mesh, split_by_slot
 from .hair_and_points import curve_tubes, particle_tubes, point_balls
+from .instances import InstanceValues, lacks_attributes, layer_attributes, values_of
 from .lights import emission_varies, export_lamp, read_profile
+from .node_graph import attributes_read, reads_generated, reads_instance
+from .render_state import background_layers, differences
 from .textures import RawImage
 
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
@@ -29,6 +32,8 @@ UNSUPPORTED_TYPES = {
 COPIED_TRIANGLES = 200_000
 # Side of a baked texture: two texels a pixel of the hologram where it is nearest, within these limits.
 LEAST_TEXELS, MOST_TEXELS = 64, 2048
+# Of a mesh: each has textures of its own.
+MAX_BAKED_INSTANCES = 64
 
 _BARE = ("UV maps on hair or points", "missing: textures read one point")
 
@@ -98,10 +103,12 @@ class Contents:
         self._flats = {}
         self._noted = set()
         self._placed = []
+        self._own_bakes = Counter()
+        self._instance_readers = {}
         self._evaluated_metaballs = set()
         self._hair = []
         self._override = depsgraph.view_layer.material_override
-        self._shown = _render_visible(depsgraph.view_layer)
+        self._shown = _render_visible(depsgraph)
         try:
             for instance, object, owner in self._instances():
                 if instance.show_particles:
@@ -116,7 +123,8 @@ class Contents:
             bpy.data.window_managers[0].progress_end()
             for flat, *_ in self._flats.values():
                 flat.remove()
-        self._note_missing()
+        self._note_collections()
+        self._note_viewport()
 
     def _instances(self):
         """Instances that renders show, with their object and the original object that they belong to."""
@@ -127,7 +135,7 @@ class Contents:
             original = object.original
             owner = instance.parent.original if instance.is_instance else original
             hidden = owner.hide_render or (original.hide_render and not _scattered(instance, owner))
-            if owner.name in self._shown and not hidden:
+            if owner.session_uid in self._shown and not hidden:
                 yield instance, object, owner
 
     def _add(self, instance, object, owner):
@@ -141,9 +149,9 @@ class Contents:
             if object.type != "META" and original.type == "META":
                 self._evaluated_metaballs.add(original.session_uid)
             materials = [slot.material for slot in object.material_slots]
-            key = _mesh_key(object, original, materials)
             matrix = instance.matrix_world.copy().freeze()
-            kept = self._recall(key, object, owner, materials, matrix)
+            key, values = self._key(instance, object, owner, materials)
+            kept = self._recall(key, object, owner, materials, matrix, values)
             looks, done = kept.shapes.get((name, matrix, self._scale, self._origin), (None, {}))
             self._placed.append(_Placed(key, name, matrix, done if _same(looks, self._slots[key]) else {}))
         elif object.type in UNSUPPORTED_TYPES:
@@ -189,7 +197,48 @@ class Contents:
             metres[:3, 3] = np.negative(self._origin)
             self._hair.append((_with_bare_maps(surface, look).transformed(metres), look, object.name))
 
-    def _recall(self, key, object, owner, materials, matrix):
+    def _key(self, instance, object, owner, materials):
+        """Key of an instance's mesh, and what its materials read of the instance.
+
+        Instances whose baked materials differ have meshes of their own, up to `MAX_BAKED_INSTANCES`.
+        """
+        key = _mesh_key(object, object.original, materials)
+        readers = [self._override] if self._override is not None else materials
+        readers = [material for material in readers if material is not None]
+        if not self._can_bake:
+            return key, InstanceValues()
+        names = set().union(*(attributes_read(material, "VIEW_LAYER") for material in readers))
+        values = InstanceValues(layer_attributes=tuple(layer_attributes(self._depsgraph, sorted(names))))
+        if not any(map(self._reads_instance, readers)):
+            return key, values
+        values = replace(values_of(instance, object), layer_attributes=values.layer_attributes)
+        if lacks_attributes(instance) and any(attributes_read(each, "INSTANCER") for each in readers):
+            self._notes.add(
+                object.name,
+                "Attributes of an instancer",
+                "black where geometry nodes make them: needs Blender 5.0",
+            )
+        if self._own_bakes[key] >= MAX_BAKED_INSTANCES:
+            name = object.name
+            self._notes.add(
+                name,
+                f"More than {MAX_BAKED_INSTANCES} instances with materials that read the instance",
+                "the others look like one another",
+            )
+            return key, values
+        self._own_bakes[key] += 1
+        who = (owner.session_uid, *instance.persistent_id) if instance.is_instance else (owner.session_uid,)
+        return (*key[:-1], who, key[-1]), values
+
+    def _reads_instance(self, material):
+        """Whether a material has to be baked and reads what differs from instance to instance of a mesh."""
+        uid = material.original.session_uid
+        if uid not in self._instance_readers:
+            wanted = self._cache.appearances.get(material, True).wanted
+            self._instance_readers[uid] = bool(wanted) and reads_instance(material)
+        return self._instance_readers[uid]
+
+    def _recall(self, key, object, owner, materials, matrix, values):
         """What the cache keeps of a mesh; finds the looks of its slots."""
         original = object.original
         data = original.data
@@ -201,13 +250,13 @@ class Contents:
             kept = self.meshes[key] = self._cache.mesh(key, sources)
             if self._override is not None:
                 materials = [self._override] * max(len(materials), 1)
-            self._slots[key] = self._looks(key, kept, object, materials or [None], matrix)
+            self._slots[key] = self._looks(key, kept, object, materials or [None], matrix, values)
         kept.sources |= sources
         if original.type == "META" or original.mode != "OBJECT" or owner.mode != "OBJECT":
             kept.tracked = False
         return kept
 
-    def _looks(self, key, kept, object, materials, matrix):
+    def _looks(self, key, kept, object, materials, matrix, values):
         """Looks of a mesh's slots; where they have to be baked, their baked ones or, for the time being, none."""
         get = self._cache.appearances.get
         uids = key[-1]  # of the materials: many meshes wear the same
@@ -223,12 +272,19 @@ class Contents:
         placed = self._finite(matrix, object.name)
         corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
-        read = matrix, tuple(object.color), object.pass_index
+        read = matrix, replace(values, color=tuple(object.color), index=object.pass_index)
         if bake and _same(bake.unbaked, looks) and bake.read == read and bake.pixel <= 1.5 * pixel:
             kept.bake = bake
             return bake.looks
         try:
-            flat = baking.Flat(object, self._layout(object, placed, pixel))
+            generated = any(material is not None and reads_generated(material) for material in materials)
+            flat = baking.Flat(object, self._layout(object, placed, pixel), *read, generated)
+            if flat.stretched:
+                self._notes.add(
+                    object.name,
+                    "Generated coordinates",
+                    "stretched over the result of modifiers: apply these",
+                )
         except baking.BakingFailed as error:
             self._notes.add(object.name, "Baking", f"failed: {error}")
             return [get(material, False) for material in materials]
@@ -449,15 +505,50 @@ class Contents:
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
 
-    def _note_missing(self):
-        """Objects to be rendered that this depsgraph does not hold, as it serves the viewport."""
+    def _note_collections(self):
+        """Collections of the view layer that Cycles treats in a way of its own."""
+        layers = [self._depsgraph.view_layer.layer_collection]
+        while layers:
+            layer = layers.pop()
+            if layer.exclude or layer.collection.hide_render:
+                continue
+            layers.extend(layer.children)
+            if not layer.collection.all_objects:
+                continue
+            if layer.holdout:
+                self._notes.add(
+                    layer.name, "Collection > Holdout", "ignored: its objects are rendered as others"
+                )
+            elif layer.indirect_only:
+                self._notes.add(
+                    layer.name,
+                    "Collection > Indirect Only",
+                    "ignored: its objects are seen, exclude the collection if their light does not matter",
+                )
+
+    def _note_viewport(self):
+        """What renders show otherwise than this depsgraph has it, where it serves the viewport."""
         if self._depsgraph.mode == "RENDER":
             return
-        for object in self._depsgraph.view_layer.objects:
-            if object.name not in self._shown or object.hide_render:
-                continue
-            if object.type in MESH_TYPES | {"LIGHT"} and (object.hide_viewport or object.hide_get()):
-                self._notes.add(object.name, "Hidden in the viewport", "left out, though shown in renders")
+        scene, layer = self._depsgraph.scene.original, self._depsgraph.view_layer
+        layer = scene.view_layers[layer.name]
+        for thing in layer.objects:
+            if thing.session_uid in self._shown and not thing.hide_render:
+                if (
+                    thing.type in MESH_TYPES | {"LIGHT"}
+                    and not thing.hide_viewport
+                    and thing.hide_get(view_layer=layer)
+                ):
+                    self._notes.add(thing.name, "Hidden in the viewport", "left out, though shown in renders")
+        for each in differences(scene, layer):
+            effect = (
+                "left out, though shown in renders"
+                if each.hidden
+                else "as in the viewport, not as in renders"
+            )
+            self._notes.add(each.owner, each.feature, effect)
+        if any(_reads_viewport(group) for group in bpy.data.node_groups):
+            self._notes.add(scene.name, "Is Viewport node", "true, as in the viewport: renders have it false")
 
 
 def _scattered(instance, owner):
@@ -470,17 +561,22 @@ def _scattered(instance, owner):
     return instance.is_instance and owner.instance_type == "NONE" and not of_collection
 
 
-def _render_visible(view_layer):
-    """Names of the view layer's objects that are in a collection shown in renders."""
-    names = set()
-    layers = [view_layer.layer_collection]
+def _render_visible(depsgraph):
+    """`session_uid` of the objects in collections that renders show, those of Background Scenes included."""
+    shown = [depsgraph.view_layer, *background_layers(depsgraph.scene.original)]
+    uids, layers = set(), [layer.layer_collection for layer in shown]
     while layers:
         layer = layers.pop()
         if layer.exclude or layer.collection.hide_render:
             continue
-        names.update(object.name for object in layer.collection.objects)
+        uids.update(object.session_uid for object in layer.collection.objects)
         layers.extend(layer.children)
-    return names
+    return uids
+
+
+def _reads_viewport(group):
+    """Whether geometry nodes tell the viewport from renders."""
+    return group.users > 0 and any(node.bl_idname == "GeometryNodeIsViewport" for node in group.nodes)
 
 
 def _maps(looks):

@@ -100,7 +100,8 @@ def read_profile(light, name, frame, notes):
     mean = profile.mean((0, 1), float, keepdims=True)
     if np.abs(profile - mean).max() <= 2e-3 * mean.max():
         return mean
-    notes.add(name, "Light nodes", "baked by direction, as they are one unit away")
+    how = ", not over its face: use an emitting mesh for a picture on it" if light.type == "AREA" else ""
+    notes.add(name, "Light nodes", f"baked by direction, as they are one unit away{how}")
     if light.type == "SUN":
         return profile[-1:].mean((0, 1), float, keepdims=True)  # of straight on, where alone it shines
     return profile

@@ -186,6 +186,13 @@ class _ShaderReader:
         if self._emission_pressing:
             whole = self._textures.emission(self._name)
             look = replace(look, emission=whole or look.emission)
+        if (
+            look.transmissive
+            and look.bsdf
+            and not self._material.use_transparent_shadow
+            and _has_holes(look.bsdf)
+        ):
+            self._note("Transparent Shadow off", "ignored: light passes through what is transparent")
         if self._abbe and not self._disperses:
             self._note("Abbe number", "ignored: only smooth glass disperses")
         return look
@@ -646,6 +653,13 @@ def _times(value, factor):
 def _rest(weight):
     """One minus a weight."""
     return weight.inverted() if isinstance(weight, ImageValue) else 1 - weight
+
+
+def _has_holes(bsdf):
+    """Whether a BSDF lets light pass straight on anywhere."""
+    return bsdf.get("type") in ("null", "clear") or any(
+        _has_holes(each) for each in bsdf.values() if isinstance(each, dict)
+    )
 
 
 def _clear():

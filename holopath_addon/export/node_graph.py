@@ -79,6 +79,94 @@ def upstream(pin):
             waiting += [Pin(socket, source.groups) for socket in source.node.inputs]
 
 
+def attributes_read(owner, kind):
+    """Names that Attribute nodes of a type read, such as ``"INSTANCER"``.
+
+    Parameters
+    ----------
+    owner : bpy.types.Material or bpy.types.NodeTree
+    kind : str
+
+    Returns
+    -------
+    set of str
+    """
+    tree, found = getattr(owner, "node_tree", owner), set()
+    for node in tree.nodes if tree is not None else ():
+        if node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
+            found |= attributes_read(node.node_tree, kind)
+        elif node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == kind:
+            found.add(node.attribute_name)
+    return found
+
+
+# Textures that read generated coordinates where nothing is linked to their Vector.
+GENERATED_BY_DEFAULT = {
+    f"ShaderNodeTex{name}"
+    for name in ("Noise", "Voronoi", "Wave", "Magic", "Gradient", "Checker", "Brick", "Gabor", "Musgrave")
+}
+
+
+def reads_generated(owner):
+    """Whether nodes of a material read generated coordinates.
+
+    Parameters
+    ----------
+    owner : bpy.types.Material or bpy.types.NodeTree
+    """
+    tree = getattr(owner, "node_tree", owner)
+    return tree is not None and any(_reads_generated(node) for node in tree.nodes)
+
+
+def _reads_generated(node):
+    kind = node.bl_idname
+    if kind == "ShaderNodeGroup":
+        return node.node_tree is not None and reads_generated(node.node_tree)
+    if kind == "ShaderNodeTexCoord":
+        return node.outputs["Generated"].is_linked and not node.from_instancer
+    return kind in GENERATED_BY_DEFAULT and not node.inputs["Vector"].is_linked
+
+
+# Outputs that differ from instance to instance of a mesh.
+_INSTANCE_OUTPUTS = {
+    "ShaderNodeObjectInfo": {"Location", "Color", "Alpha", "Object Index", "Random"},
+    "ShaderNodeNewGeometry": {"Position", "Normal", "Tangent", "True Normal", "Incoming", "Backfacing"},
+    "ShaderNodeTexCoord": {"Camera", "Window", "Reflection"},
+    "ShaderNodeCameraData": {"View Vector", "View Z Depth", "View Distance"},
+}
+
+
+def reads_instance(owner):
+    """Whether nodes of a material read what differs from instance to instance of a mesh, such as its place.
+
+    Parameters
+    ----------
+    owner : bpy.types.Material or bpy.types.NodeTree
+    """
+    tree = getattr(owner, "node_tree", owner)
+    return tree is not None and any(_reads_instance(node) for node in tree.nodes)
+
+
+def _reads_instance(node):
+    kind = node.bl_idname
+    if kind == "ShaderNodeGroup":
+        return node.node_tree is not None and reads_instance(node.node_tree)
+    if kind == "ShaderNodeAttribute":
+        return node.attribute_type in ("OBJECT", "INSTANCER")
+    if kind == "ShaderNodeVectorTransform":
+        return {node.convert_from, node.convert_to} != {"OBJECT"}
+    if kind in ("ShaderNodeTexEnvironment", "ShaderNodeTexSky"):  # by direction, in the world
+        return True
+    if getattr(node, "from_instancer", False):
+        return True
+    if kind == "ShaderNodeTexCoord" and node.object is not None and node.outputs["Object"].is_linked:
+        return True
+    if kind == "ShaderNodeNormalMap":
+        return "WORLD" in node.space
+    read = _INSTANCE_OUTPUTS.get(kind, set())
+    return any(socket.is_linked and socket.name in read for socket in node.outputs)
+
+
 def _passed_through(node, source):
     if node.bl_idname == "NodeReroute":
         return node.inputs[0]

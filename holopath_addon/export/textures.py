@@ -18,15 +18,15 @@ _BAKED_AS = (
     (
         "as seen by the camera from straight above the surface",
         {
-            *("Fresnel", "LayerWeight", "CameraData", "LightPath"),
+            *("Fresnel", "LayerWeight", "CameraData"),
             *(("TexCoord", name) for name in ("Camera", "Window", "Reflection")),
             *(("NewGeometry", name) for name in ("Incoming", "Backfacing")),
         },
     ),
+    ("as camera rays see it, what other rays alone would see is missing", {"LightPath"}),
     ("of the object alone", {"AmbientOcclusion", "Bevel"}),
     ("of the mesh in triangles", {"Wireframe", ("NewGeometry", "Parametric")}),
-    ("with other numbers", {("ObjectInfo", "Random")}),
-    ("the same for all instances of a mesh", {"ObjectInfo", "ParticleInfo"}),
+    ("the same for all instances of a mesh", {"ParticleInfo"}),
 )
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")

@@ -40,6 +40,14 @@ def export_world(world, frame, textures, notes):
     """
     if world is None:
         return None
+    rays = getattr(world, "cycles_visibility", None)  # not where Cycles is switched off
+    for kind in ("diffuse", "glossy", "transmission") if rays else ():
+        if not getattr(rays, kind):
+            notes.add(
+                world.name,
+                f"World > Ray Visibility > {kind.title()} off",
+                "ignored: the world lights everything",
+            )
     if world.node_tree is None or not uses_nodes(world):
         return _uniform(world.color)
     output = output_node(world.node_tree)
