@@ -33,7 +33,7 @@ class Blender:
             "HOLOPATH_CACHE": "",  # as users have it: the extension's own folder, below
         }
 
-    def __call__(self, *arguments: object, timeout: float = 300) -> tuple[int, str]:
+    def __call__(self, *arguments: object, timeout: float = 900) -> tuple[int, str]:
         """Run Blender and return its status and all that it printed; it never outlives `timeout` seconds."""
         process = self.start([*self._command, *map(str, arguments)])
         try:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import bpy
 
-LIMIT = 200.0  # seconds
+LIMIT = 900.0  # seconds
 FRAMES = 4
 folder = Path(sys.argv[sys.argv.index("--") + 1])
 scene_file = folder / "scene.blend"

@@ -18,7 +18,7 @@ import bpy
 sys.path.insert(0, os.path.dirname(__file__))
 from traces import modules, traces
 
-LIMIT = 240.0  # seconds
+LIMIT = 900.0  # seconds
 NAME = "bl_ext.user_default.holopath"
 target = sys.argv[sys.argv.index("--") + 1]
 result = {"steps": []}

@@ -20,7 +20,7 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parents[1] / "slm"))
 from device import Board, Firmware
 
-LIMIT = 250.0  # seconds
+LIMIT = 900.0  # seconds
 PATIENCE = 600.0  # seconds for one step
 ADDON = "bl_ext.user_default.holopath"
 SIZE = 48  # pixels

@@ -16,7 +16,7 @@ import addon_utils
 import bpy
 import numpy as np
 
-LIMIT = 240.0  # seconds
+LIMIT = 900.0  # seconds
 ADDON = "bl_ext.user_default.holopath"
 target = sys.argv[sys.argv.index("--") + 1]
 result = {"steps": [], "blender": bpy.app.version_string}

@@ -16,7 +16,7 @@ import traceback
 import bpy
 import numpy as np
 
-LIMIT = 280.0  # seconds
+LIMIT = 900.0  # seconds
 SIZE = 256  # pixels
 NAME = "HoloPath Reconstruction"
 target = sys.argv[sys.argv.index("--") + 1]

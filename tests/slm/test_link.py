@@ -147,10 +147,17 @@ def check(firmware, sent):
     assert firmware.triggers == sent["triggers"]
 
 
+@pytest.fixture
+def patient(monkeypatch):
+    """No device is lost only because other programs have the processor."""
+    monkeypatch.setattr(link_module, "PATIENCE", SOON)
+    monkeypatch.setattr(link_module, "STUCK", SOON)
+
+
 @pytest.mark.parametrize(
     "share, count", [(0.0, 1000), (0.01, 1000), pytest.param(0.01, 10000, marks=pytest.mark.slow)]
 )
-def test_every_message_once_and_in_order(share, count, monkeypatch):
+def test_every_message_once_and_in_order(share, count, monkeypatch, patient):
     """With 1 % of the bytes corrupted, dropped, doubled or delayed, in both directions."""
     if not share:  # an answer that other programs keep waiting is no loss: time is this program's own
         monkeypatch.setattr(link_module, "time", types.SimpleNamespace(perf_counter=time.process_time))
@@ -169,7 +176,7 @@ def test_every_message_once_and_in_order(share, count, monkeypatch):
             assert link.resent < count / 10
 
 
-def test_large_frames_on_a_bad_line():
+def test_large_frames_on_a_bad_line(patient):
     """Long packets do not get through: they are cut smaller, also those that are under way."""
     firmware = Firmware(longest=4096, size=(200, 100))
     with Board(firmware, 0.005, seed=5) as board:

@@ -295,8 +295,13 @@ def test_devices_that_do_not_fit(options, words, says, folder, capfd):
 @pytest.mark.parametrize("loops", ["0", "9999"])
 def test_interrupted(loops, board, folder, capfd):
     """Ctrl-C is how a show without end ends; one with an end is cancelled."""
-    timer = threading.Timer(0.25, lambda: os.kill(os.getpid(), signal.SIGINT))
-    timer.start()
+
+    def interrupt():
+        while len(board.firmware.shown) < 5:
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
     start = time.monotonic()
     status = run(folder, "--driver", "serial", "--port", board.path, "--loops", loops, "--rate", "50")
     assert time.monotonic() - start < SOON
