@@ -153,11 +153,12 @@ def _note_libraries(notes):
         lost = [thing for thing in library.users_id if thing.is_missing]
         if not lost:
             continue
-        shown = {bpy.types.Object: "object", bpy.types.Collection: "collection"}
-        left_out = [f"{shown[type(thing)]} {thing.name}" for thing in lost if type(thing) in shown]
-        others = [f"{thing.bl_rna.name.lower()} {thing.name}" for thing in lost if type(thing) not in shown]
-        effects = [f"{_listed(left_out)} left out"] if left_out else []
-        effects += [f"nothing in {_listed(others)}"] if others else []
+        names = {True: [], False: []}  # of objects and collections; of what these consist of
+        for thing in lost:
+            kind = thing.id_type.lower().replace("_", " ")
+            names[kind in ("object", "collection")].append(f"{kind} {thing.name}")
+        effects = [f"{_listed(names[True])} left out"] if names[True] else []
+        effects += [f"nothing in {_listed(names[False])}"] if names[False] else []
         if is_there(library):
             feature, advice = (
                 "Linked library without what is linked",
