@@ -129,7 +129,7 @@ def add_scene(parser, store):
         "--resolution",
         type=argument(_resolution),
         metavar="WxH",
-        help="default: the file's, of an .xml its film's or its crop window's; 512x512",
+        help="default: the file's (of an .xml: its film's, or its crop window's), else 512x512",
     )
     add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers (default: the file's, 8)")
     add(
