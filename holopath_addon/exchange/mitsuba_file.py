@@ -110,9 +110,8 @@ class MitsubaFile:
     @cached_property
     def sensors(self) -> list[tuple[str, Any]]:
         """Id and properties of each sensor, in the file's order."""
-        nodes = self._state.nodes
-        children = [nodes[index] for index in _children(nodes[0])]
-        return [(node.props.id(), node.props) for node in children if _kind(node) == "Sensor"]
+        nodes = [self._state.nodes[index] for index in _sensors_of(self._state)]
+        return [(node.props.id(), node.props) for node in nodes]
 
     def film(self, camera: str | None = None) -> Film:
         """The film of the sensor with the id `camera`, or of the first sensor."""
@@ -144,6 +143,9 @@ class MitsubaFile:
         state, config = self._parsed(), self._config()
         for node in state.nodes:
             self._replace(node)
+        others = set(_sensors_of(state)) - {_sensors_of(state)[number]} if self.sensors else ()
+        for index in others:  # whatever they are
+            state.nodes[index].props = _plain("perspective", state.nodes[index])
         try:
             with _beside(self.path):
                 mi.parser.transform_all(config, state)
@@ -223,7 +225,8 @@ class MitsubaFile:
 
     def _refused(self, error):
         reason = re.sub(r"\[\w+\.cpp:\d+\] ", "", " ".join(str(error).split())).rstrip(".")
-        return InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}.")
+        end = "" if reason.endswith("!") else "."
+        return InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}{end}")
 
     @property
     def _integrators(self):
@@ -305,15 +308,12 @@ class MitsubaFile:
 
     def _replace(self, node):
         """A plain plugin where another would do as well; what a sensor has for spectra goes."""
-        import mitsuba as mi
-
         kind = _kind(node)
         if kind == "Sensor" and "srf" in node.props:
             del node.props["srf"]
         if kind not in REPLACEMENTS:
             return
-        plain = mi.Properties(REPLACEMENTS[kind])
-        plain.set_id(node.props.id())
+        plain = _plain(REPLACEMENTS[kind], node)
         if kind == "Film":
             film = self._film_of(node.props)
             sizes = (film.width, film.height, film.crop[2], film.crop[3], film.crop[0], film.crop[1])
@@ -336,6 +336,20 @@ def _axis(sensor):
     """Along which axis a sensor's properties give its field of view."""
     axis = str(sensor.get("fov_axis", "x")).lower() if "fov" in sensor else "diagonal"
     return axis if axis in _AXES else "x"
+
+
+def _plain(plugin, node):
+    """Properties of a plugin that takes the place of a node's, without any parameter."""
+    import mitsuba as mi
+
+    plain = mi.Properties(plugin)
+    plain.set_id(node.props.id())
+    return plain
+
+
+def _sensors_of(state):
+    """Numbers of the scene's sensors, in the file's order."""
+    return [index for index in _children(state.nodes[0]) if _kind(state.nodes[index]) == "Sensor"]
 
 
 def _kind(node):

@@ -129,6 +129,8 @@ def test_of_several_sensors_the_chosen_one(written):
     path.write_text(path.read_text().replace("</scene>", second.replace('"30"', '"40"') + "</scene>"))
     source = sources.open_source(str(path))
     assert [source.hologram_from(name).width for name in (None, "viewer", "other")] == [30, 30, 40]
+    path.write_text(path.read_text().replace('perspective" id="viewer"', 'sphericalcamera" id="viewer"'))
+    assert source.load(40, 20, "other").scene.sensors()[1].film().size()[0] == 40
     with pytest.raises(engine.InvalidInput, match="no sensor 'third': choose one of viewer, other"):
         source.hologram_from("third")
 
