@@ -240,7 +240,7 @@ class MitsubaSource:
 
     @property
     def settings(self):
-        """`engine.Settings`, with the integrator's shorter paths where it has them."""
+        """`engine.Settings`, with paths as long as the integrator's."""
         return engine.Settings(max_depth=self._read().max_depth)
 
     @property

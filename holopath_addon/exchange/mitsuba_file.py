@@ -16,14 +16,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine import Camera, InvalidInput, Settings
+from ..engine import Camera, InvalidInput
 from ..engine.scene import variants
 
 if TYPE_CHECKING:
     import mitsuba as mi
 
 DEFAULT_FILM = 768, 576  # Mitsuba's, in pixels
-MAX_DEFAULT_DEPTH = Settings().max_depth
+# Vertices of a light path, of integrators without a limit and at most. A closed room that reflects 0.8 is within 3 % of
+# Mitsuba's with 32, and 7 % too dark with 8.
+UNLIMITED_DEPTH, MAX_DEPTH = 32, 64
 # The plugin that takes the place of a node's own, by its kind.
 REPLACEMENTS = {
     "Film": "hdrfilm",
@@ -120,12 +122,12 @@ class MitsubaFile:
 
     @property
     def max_depth(self) -> int:
-        """Longest light path in vertices: the integrator's where that is shorter than HoloPath's default."""
-        depths = []
+        """Longest light path in vertices, the integrator's."""
         for node in self._integrators:
             depth = 2 if node.props.plugin_name() == "direct" else node.props.get("max_depth", -1)
-            depths += [depth] if isinstance(depth, int) and depth > 0 else []
-        return min([MAX_DEFAULT_DEPTH, *depths[:1]])
+            if isinstance(depth, int) and depth > 0:
+                return min(depth, MAX_DEPTH)
+        return UNLIMITED_DEPTH
 
     def build(self, size: tuple[int, int], camera: str | None = None) -> BuiltScene:
         """Have Mitsuba build the scene, for a hologram of `size` pixels, seen from the sensor `camera`.

@@ -150,14 +150,15 @@ def test_unknown_films_integrators_samplers_and_filters_stop_no_scene(written):
 @pytest.mark.parametrize(
     ("integrator", "depth"),
     [
+        ("", 32),
         ('<integrator type="direct"/>', 2),
-        ('<integrator type="path"><integer name="max_depth" value="65"/></integrator>', 8),
-        ('<integrator type="path"><integer name="max_depth" value="-1"/></integrator>', 8),
+        ('<integrator type="path"><integer name="max_depth" value="65"/></integrator>', 64),
+        ('<integrator type="path"><integer name="max_depth" value="-1"/></integrator>', 32),
         ('<integrator type="aov"><integrator type="path"><integer name="max_depth" value="2"/></integrator>'
          "</integrator>", 2),
     ],
 )  # fmt: skip
-def test_shorter_paths_of_the_integrator_count(written, integrator, depth):
+def test_paths_are_as_long_as_the_integrators(written, integrator, depth):
     assert sources.open_source(str(written(head=integrator))).settings.max_depth == depth
 
 
