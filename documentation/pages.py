@@ -10,6 +10,8 @@ from holopath_addon import cli, engine
 from holopath_addon.command_line import options
 from holopath_addon.engine.settings import DECLARED
 
+from . import mitsuba_census
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 # A folder that is nobody's own, as help tells the reader's.
@@ -156,4 +158,6 @@ PARTS: dict[str, Callable[[], str]] = {
     "commands": commands,
     "decisions": decisions,
     "chart": chart_table,
+    "mitsuba": mitsuba_census.table,
+    "mitsuba-reasons": mitsuba_census.reasons,
 }

@@ -195,7 +195,8 @@ def _add_modulator(parser):
 
 def _plan(args):
     seconds = render_command.encode_seconds_of(args)
-    loaded, hologram, settings = render_command.load(args, sources.asked(args))
+    source = sources.asked(args)
+    loaded, hologram, settings = render_command.load(args, source)
     render_command.check_encoding(args, settings, hologram)
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = None
@@ -216,6 +217,9 @@ def _plan(args):
             )
         )
         return
+    size = render_command.size_from(args, source)
+    if size is not None:
+        print(f"resolution: {size[0]} (of {size[1]})")
     print(plan)
     if encoding is not None:
         print(encoding.decision)

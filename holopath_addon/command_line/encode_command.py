@@ -26,6 +26,7 @@ _APART = {
     "scene",
     "at_frame",
     "run_scripts",
+    "define",
     "store",
     "quiet",
     "debug",
@@ -63,6 +64,7 @@ def add(command, store):
     )
     render_command.add_at_frame(encode, "the one of the field")
     render_command.add_run_scripts(encode)
+    render_command.add_define(encode, "those of the field")
     render_command.add_cache(encode, store)
     render_command.add_encode_seconds(encode)
     render_command.add_levels(encode)
@@ -130,7 +132,7 @@ def _encode(args):
 def _scene(args, folder, progress, say):
     """The scene of a stored field and its settings, where `refine` may want them; both None where there is none."""
     field, alone = output.stored_field(folder), (None, None)
-    asked = args.scene is not None or args.at_frame is not None or args.run_scripts
+    asked = args.scene is not None or args.at_frame is not None or args.run_scripts or bool(args.define)
     if args.method not in ("auto", "refine"):
         if asked and args.scene != "none":
             raise engine.InvalidInput(
@@ -144,7 +146,9 @@ def _scene(args, folder, progress, say):
         return alone  # as of other programs' fields
     progress(0.0, "Opening the scene")
     try:
-        found = sources.reopen(folder, field, args.scene, args.at_frame, args.run_scripts)
+        found = sources.reopen(
+            folder, field, args.scene, args.at_frame, args.run_scripts, dict(args.define or ())
+        )
         if found.settings is not None and found.settings.method in BASELINES and args.method == "auto":
             return alone
         if found.settings is None:
@@ -199,7 +203,7 @@ def work_of(args, say) -> Work:
 
     They lie in the frames' folders, and go with them when a frame is rendered anew.
     """
-    if args.scene not in (None, "none") or args.at_frame is not None or args.run_scripts:
+    if args.scene not in (None, "none") or args.at_frame is not None or args.run_scripts or args.define:
         raise engine.InvalidInput(
             "An animation's fields are encoded without their scene: leave it out, or render with --encode auto."
         )

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -124,7 +125,12 @@ def add_scene(parser, store):
         metavar="PRESET",
         help=f"resolution and pitch of a device: {', '.join(engine.DISPLAYS)}",
     )
-    add("--resolution", type=argument(_resolution), metavar="WxH", help="default: the file's, 512x512")
+    add(
+        "--resolution",
+        type=argument(_resolution),
+        metavar="WxH",
+        help="default: the file's (of an .xml: its film's, or its crop window's), else 512x512",
+    )
     add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers (default: the file's, 8)")
     add(
         "--wavelengths",
@@ -168,6 +174,7 @@ def add_scene(parser, store):
     add("--scene-name", metavar="NAME", help="scene of a .blend (default: the one in which it was saved)")
     add("--view-layer", metavar="NAME", help="its view layer (default: the first one)")
     add_run_scripts(parser)
+    add_define(parser)
 
 
 def add_run_scripts(parser):
@@ -176,6 +183,24 @@ def add_run_scripts(parser):
         action="store_true",
         help="let a .blend run its Python, such as drivers; only for files that you trust",
     )
+
+
+def add_define(parser, default="the file's own"):
+    parser.add_argument(
+        "-D",
+        "--define",
+        action="append",
+        type=argument(_definition),
+        metavar="NAME=VALUE",
+        help=f"value of a $parameter of a Mitsuba .xml; may be repeated (default: {default})",
+    )
+
+
+def _definition(text):
+    name, equals, value = text.partition("=")
+    if not (equals and re.fullmatch(r"\w+", name)):
+        raise engine.InvalidInput(f"'{text}' is not NAME=VALUE, for example width=640")
+    return name, value
 
 
 def add_at_frame(parser, default="the file's current one"):
@@ -356,11 +381,25 @@ def pupil_of(args):
     return engine.Pupil(*(v * 1e-3 for v in args.pupil))
 
 
+def size_from(args, source):
+    """Resolution and where it is from, as words; None where words or a .blend give it."""
+    if args.resolution is not None or args.display is not None or source.frame is not None:
+        return None
+    hologram = source.hologram_from(args.camera)
+    return f"{hologram.width} x {hologram.height}", source.size_from(args.camera)
+
+
+def _say_size(args, source, say):
+    found = size_from(args, source)
+    if found is not None:
+        say(f"{found[0]} pixels, the size of {found[1]}; --resolution WxH for another one.")
+
+
 def load(args, source):
     """Scene in its current frame, hologram and settings that the words ask for."""
     sources.to_frame(args.at_frame, args.scene, source)
     hologram, settings = (
-        hologram_of(args, source.hologram),
+        hologram_of(args, source.hologram_from(args.camera)),
         options.asked(args, source.settings),
     )
     with sources.native_output_to_stderr():
@@ -422,6 +461,7 @@ def still_of(args, source, job=None):
             "camera": args.camera,
             "scene": args.scene_name,
             "view_layer": args.view_layer,
+            **({"define": dict(args.define)} if args.define else {}),
         },
     )
 
@@ -446,6 +486,7 @@ def _work(args, progress):
     with output.output_folder(args.out) as folder:
         progress(0.0, "Opening the scene")
         source = sources.asked(args)
+        _say_size(args, source, progress.say)
         progress(0.03, "Exporting the scene")
         still = still_of(args, source)
         spent = time.perf_counter() - start
@@ -561,7 +602,9 @@ def _parts(args, out, say, saved):
         for line in _remarks(report):
             say(line)
 
-    hologram, settings = hologram_of(args, source.hologram), options.asked(args, source.settings)
+    hologram = hologram_of(args, source.hologram_from(args.camera))
+    settings = options.asked(args, source.settings)
+    _say_size(args, source, say)
     parts = StillParts(out, args.divide, hologram, settings, job.digest, args.encode, still, joined)
     return Work(parts.folder, job, parts.units, parts.names, parts.clear)
 

@@ -41,6 +41,7 @@ def add(command):
     )
     render_command.add_at_frame(report, "the one of the field")
     render_command.add_run_scripts(report)
+    render_command.add_define(report, "those of the field")
     report.add_argument(
         "--paths",
         type=options.argument(_paths),
@@ -193,11 +194,18 @@ def _phases(sections, phase, refocus, focus, progress):
 def _truth(args, field, say):
     """`assessment.PathTraced` of the scene that the words name, or else its report; None if none is wanted."""
     if args.scene is None:
-        if args.at_frame is not None or args.run_scripts:
-            flag = "--at-frame" if args.at_frame is not None else "--run-scripts"
+        if args.at_frame is not None or args.run_scripts or args.define:
+            flag = (
+                "--at-frame"
+                if args.at_frame is not None
+                else "--run-scripts"
+                if args.run_scripts
+                else "--define"
+            )
             raise engine.InvalidInput(f"{flag} is of the scene to compare with: add --scene.")
         return None
-    found = sources.reopen(args.folder, field, args.scene or None, args.at_frame, args.run_scripts)
+    define = dict(args.define or ())
+    found = sources.reopen(args.folder, field, args.scene or None, args.at_frame, args.run_scripts, define)
     if not found.same and not args.scene:
         raise engine.InvalidInput(
             f"{found.name} has changed since the field was rendered, or is at another frame: name it after --scene to "

@@ -5,29 +5,20 @@ bpy is imported only where it is needed.
 
 import contextlib
 import glob
-import math
 import os
 import re
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from .. import demo, engine, output
 from ..engine.scene import variants
+from ..exchange.mitsuba_file import MitsubaFile
 from ..farm.processes import uninterrupted
 
 if TYPE_CHECKING:
     import mitsuba as mi
-
-SHINING = {  # a note
-    "object": "integrator",
-    "feature": "hide_emitters",
-    "effect": "the environment is hidden, shapes that shine are seen",
-    "material": "",
-}
 
 
 @dataclass(frozen=True)
@@ -95,9 +86,8 @@ class BlenderSource:
                 raise engine.InvalidInput(f"There is no {kind} '{name}': choose one of {others} with {flag}.")
         self._scene, self._layer = scene or self._scene, view_layer or ""
 
-    @property
-    def hologram(self):
-        """`engine.Hologram` of the settings in the current frame."""
+    def hologram_from(self, camera=None):
+        """`engine.Hologram` of the settings in the current frame, whatever the camera."""
         from .. import properties
 
         return properties.hologram_of(properties.of(self.scene))
@@ -237,101 +227,68 @@ def _files_at(path, sequence):
 
 
 class MitsubaSource:
-    """A Mitsuba scene file; the viewer stands at its first sensor."""
+    """A Mitsuba scene file; the viewer stands at its first sensor, or at the one that is named.
+
+    Parameters
+    ----------
+    path : Path
+    define : dict of str to str, optional
+        Values of the file's `$parameters`.
+    strict : bool
+        Whether values of parameters that it does not have are refused.
+    """
 
     frame = None
 
-    def __init__(self, path):
-        self.path = path
-        self.hologram = engine.Hologram(512, 512, 8e-6)
-        self.settings = engine.Settings()
+    def __init__(self, path, define=None, strict=True):
+        self.path, self.define, self._strict = path, define or {}, strict
+        self._file = None
+
+    def hologram_from(self, camera=None):
+        """`engine.Hologram` as large as the picture that Mitsuba renders; `camera` is a sensor's id."""
+        width, height = self._read().film(camera).size
+        return engine.Hologram(width, height, 8e-6)
+
+    @property
+    def settings(self):
+        """`engine.Settings`, with paths as long as the integrator's."""
+        return engine.Settings(max_depth=self._read().max_depth)
 
     @property
     def files(self):
         """Paths of the files that the scene is made of by their names from its folder: whatever its text names."""
         found, texts = {self.path.name: self.path}, [self.path]
+        values = dict(self.define)
         while texts:
-            for name in re.findall(r"""["']([^"'<>|]+)["']""", texts.pop().read_text("utf-8", "replace")):
+            text = texts.pop().read_text("utf-8", "replace")
+            for name, value in re.findall(r"""<default\s+name=["'](\w+)["']\s+value=["']([^"']*)""", text):
+                values.setdefault(name, value)
+            for name in sorted(values, key=len, reverse=True):
+                text = text.replace(f"${name}", values[name])
+            for name in re.findall(r"""["']([^"'<>|]+)["']""", text):
                 file = self.path.parent / name
                 if name not in found and file.is_file():
                     found[name] = file
                     texts += [file] if file.suffix.lower() == ".xml" else []
         return found
 
+    def size_from(self, camera=None):
+        """Where the size of `hologram_from` is from, as words."""
+        film = self._read().film(camera)
+        what = "crop window of the film" if film.cropped else "film" if film.stated else "default film"
+        return f"the {what} in {self.path.name}" if film.stated else f"Mitsuba's {what}"
+
     def load(self, width, height, camera=None):
-        """Load the file; `camera` is a sensor's id."""
-        with uninterrupted():
-            variants.activate()
-        import mitsuba as mi
+        """Build the scene for `width` x `height` pixels; `camera` is a sensor's id."""
+        built = self._read().build((width, height), camera)
+        return Loaded(built.scene, built.camera, built.notes)
 
-        try:
-            scene = mi.load_file(str(self.path), parallel=False)  # as `variants.made`
-        except Exception as error:
-            reason = " ".join(str(error).split())
-            raise engine.InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}") from error
-        sensors = scene.sensors()
-        if not sensors:
-            raise engine.InvalidInput(f"{self.path} has no sensor: add a perspective one.")
-        if camera is not None:
-            chosen = [s for s in sensors if s.id() == camera]
-            if not chosen:
-                ids = ", ".join(s.id() for s in sensors)
-                raise engine.InvalidInput(f"{self.path} has no sensor '{camera}': choose one of {ids}.")
-            sensors = chosen
-        viewer = camera_of(sensors[0])
-        if not self._hides_emitters():
-            return Loaded(scene, viewer)
-        shine = any(emitter.get_shape() is not None for emitter in scene.emitters())
-        return Loaded(scene, replace(viewer, sees_sky=False), [SHINING] if shine else [])
-
-    def _hides_emitters(self):
-        """Whether the file's integrator leaves what shines out of view."""
-        import mitsuba as mi
-
-        nodes = mi.parser.parse_file(mi.parser.ParserConfig(variants.activate()), str(self.path)).nodes
-        return any(node.props.get("hide_emitters", False) for node in nodes)
-
-
-def camera_of(sensor):
-    """Viewer at a Mitsuba `perspective` or `thinlens` sensor.
-
-    Mitsuba's sensors look along +z with x to the left, Blender's along -z.
-
-    Parameters
-    ----------
-    sensor : mitsuba.Sensor
-
-    Returns
-    -------
-    engine.Camera
-
-    Raises
-    ------
-    engine.InvalidInput
-        If it is another kind of sensor.
-    """
-    import mitsuba as mi
-
-    params = mi.traverse(sensor)
-    if "x_fov" not in params or "to_world" not in params:
-        raise engine.InvalidInput(
-            f"The scene's sensor '{sensor.id()}' ({sensor.class_name()}) is not a perspective one: add one of type "
-            "'perspective' or 'thinlens', or choose one with --camera."
-        )
-    to_world = np.asarray(params["to_world"].matrix, np.float64).reshape(4, 4)
-
-    def number(key, default=0.0):
-        return float(np.asarray(params[key]).ravel()[0]) if key in params else default
-
-    width, height = sensor.film().crop_size()
-    return engine.Camera(
-        to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]),
-        math.radians(number("x_fov")),
-        shift_x=number("principal_point_offset_x"),
-        shift_y=-number("principal_point_offset_y") * height / width,
-        clip_start=number("near_clip"),
-        clip_end=number("far_clip", math.inf),
-    )
+    def _read(self):
+        if self._file is None:
+            with uninterrupted():
+                variants.activate()
+            self._file = MitsubaFile(self.path, self.define, self._strict)
+        return self._file
 
 
 def asked(args):
@@ -340,7 +297,7 @@ def asked(args):
     Parameters
     ----------
     args : argparse.Namespace
-        With `scene`, `scene_name`, `view_layer` and `run_scripts`.
+        With `scene`, `scene_name`, `view_layer`, `run_scripts` and `define`.
 
     Returns
     -------
@@ -356,13 +313,13 @@ def asked(args):
         raise engine.InvalidInput(
             f"{args.scene} is no file of Blender's: leave out --scene-name, --view-layer and --run-scripts."
         )
-    source = open_source(args.scene, args.run_scripts)
+    source = open_source(args.scene, args.run_scripts, dict(args.define or ()))
     if isinstance(source, BlenderSource):
         source.choose(*names)
     return source
 
 
-def open_source(text, run_scripts=False):
+def open_source(text, run_scripts=False, define=None, strict=True):
     """Open what the command line calls SCENE.
 
     Parameters
@@ -371,6 +328,10 @@ def open_source(text, run_scripts=False):
         Path of a .blend or Mitsuba .xml, or ``demo:NAME``.
     run_scripts : bool
         Whether a .blend may run its Python.
+    define : dict of str to str, optional
+        Values of a Mitsuba file's `$parameters`.
+    strict : bool
+        Whether values of parameters that it does not have are refused.
 
     Returns
     -------
@@ -384,6 +345,8 @@ def open_source(text, run_scripts=False):
         If it needs bpy and there is none.
     """
     check(text)
+    if define and not text.lower().endswith(".xml"):
+        raise engine.InvalidInput(f"{text} has no parameters to define: leave out --define.")
     if text.startswith("demo:"):
         _bpy("A demo scene")
         with native_output_to_stderr():
@@ -391,7 +354,7 @@ def open_source(text, run_scripts=False):
         return BlenderSource()
     path = Path(text)
     if path.suffix.lower() == ".xml":
-        return MitsubaSource(path)
+        return MitsubaSource(path, define, strict)
     bpy = _bpy("A .blend file")
     with native_output_to_stderr():
         try:
@@ -481,7 +444,7 @@ def named(report):
     return path if path and name and not Path(name).exists() and Path(path).exists() else name
 
 
-def reopen(folder, field, name=None, at_frame=None, run_scripts=False) -> Reopened:
+def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=None) -> Reopened:
     """Open the scene of a stored field.
 
     Parameters
@@ -496,6 +459,8 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False) -> Reopen
         Frame of a Blender scene. Default: that of the field.
     run_scripts : bool
         Whether a .blend may run its Python.
+    define : dict of str to str, optional
+        Values of a Mitsuba file's `$parameters`. Default: those of the field, where the file has them.
 
     Raises
     ------
@@ -508,7 +473,11 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False) -> Reopen
     if not name:
         raise engine.InvalidInput(f"{folder} does not say which scene it is of: name it with --scene.")
     settings = _settings(folder, report)
-    source = open_source(name, run_scripts)
+    if define:
+        source = open_source(name, run_scripts, define)
+    else:
+        kept = opened.get("define") if name.lower().endswith(".xml") else None
+        source = open_source(name, run_scripts, kept, strict=False)
     if isinstance(source, BlenderSource):
         with contextlib.suppress(engine.InvalidInput):  # another file than the field's has others
             source.choose(opened.get("scene"), opened.get("view_layer"))

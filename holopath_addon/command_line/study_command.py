@@ -52,7 +52,7 @@ class _Scenes:
 
     def open(self, args):
         """The source of a run: of Blender's in the frame that the file has, where none is to be gone to."""
-        name = args.scene, args.scene_name, args.view_layer, args.run_scripts
+        name = args.scene, args.scene_name, args.view_layer, args.run_scripts, args.define
         if name != self._name or (self._moved and args.at_frame is None):
             self._name, self._source = (), None  # before another takes its memory
             self._source, self._name, self._moved = sources.asked(args), name, False
@@ -117,7 +117,10 @@ def words_of(study, run):
     words = [study.scene(run)]
     for name, value in run.asked.items():
         flag = options.flag(name)
-        words += ([flag] if value else []) if name in studies.FLAGS else [f"{flag}={value}"]
+        if name in studies.FLAGS:
+            words += [flag] if value else []
+        else:
+            words += [f"{flag}={each}" for each in (value if isinstance(value, tuple) else (value,))]
     return words
 
 

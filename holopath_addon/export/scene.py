@@ -1,6 +1,7 @@
 """The evaluated depsgraph to a Mitsuba scene: what is in it, where, and how often."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ from ..engine.scene.variants import activate, made
 from .cache import ExportCache
 from .camera import about, export_camera, find_camera
 from .contents import Contents
-from .notes import Notes
+from .notes import NAMED_OBJECTS, Notes
 from .world import export_world, world_of
 
 if TYPE_CHECKING:
@@ -125,6 +126,7 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
     pixel = footprint(exported_camera, resolution, scale)
     origin = ORIGINS * np.round(exported_camera.position / ORIGINS)
     parts = read_parts(depsgraph, scale, pixel, notes, cache, origin)
+    _note_libraries(notes)
     return Reading(scene.name, parts, about(origin, exported_camera), notes, origin)
 
 
@@ -141,6 +143,43 @@ def _note_precision(exported_scene, name, notes):
             "Scene tiny, or far from the camera for its size",
             "light leaks at edges: raise Scene > Units > Unit Scale, or move it near the camera",
         )
+
+
+def _note_libraries(notes):
+    """Note each linked library that is missing, or lacks what is linked from it: Blender has empty stand-ins."""
+    import bpy
+
+    for library in bpy.data.libraries:
+        lost = [thing for thing in library.users_id if thing.is_missing]
+        if not lost:
+            continue
+        names = {True: [], False: []}  # of objects and collections; of what these consist of
+        for thing in lost:
+            kind = thing.id_type.lower().replace("_", " ")
+            names[kind in ("object", "collection")].append(f"{kind} {thing.name}")
+        effects = [f"{_listed(names[True])} left out"] if names[True] else []
+        effects += [f"nothing in {_listed(names[False])}"] if names[False] else []
+        if is_there(library):
+            feature, advice = (
+                "Linked library without what is linked",
+                "save it with these names, or link them anew",
+            )
+        else:
+            feature, advice = "Missing linked library", "put the file there, or choose it with Relocate"
+        notes.add(library.filepath, feature, f"{', '.join(effects)}: {advice}")
+
+
+def is_there(library):
+    """Whether the file of a linked library exists."""
+    import bpy
+
+    return Path(bpy.path.abspath(library.filepath, library=library.parent)).is_file()
+
+
+def _listed(names):
+    """Some names, and how many more there are."""
+    names, more = sorted(names), len(names) - NAMED_OBJECTS
+    return ", ".join(names[:NAMED_OBJECTS]) + (f" and {more} more" if more > 0 else "")
 
 
 def footprint(camera, resolution, scale):
@@ -192,8 +231,13 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
         cache.clear()
         raise
     if len(parts) - len(contents.emitters) == 2 and world is None:
+        import bpy
+
+        lost = [library.filepath for library in bpy.data.libraries if not is_there(library)]
+        advice = "add or unhide an object with faces"
         raise InvalidInput(
-            f"The scene '{scene.name}' has nothing visible to render: add or unhide an object with faces."
+            f"The scene '{scene.name}' has nothing visible to render: "
+            + (f"its linked library {lost[0]} is missing." if lost else f"{advice}.")
         )
     if world is not None:
         parts["world"] = world

@@ -37,6 +37,7 @@ NAMES = (
         "at_frame",
         "scene_name",
         "view_layer",
+        "define",
         "focus",
         "pupil",
         "encode",
@@ -100,7 +101,8 @@ class Run:
 
     def row(self) -> dict:
         """What is known of it before it is made."""
-        return {"scene": self.scene, "view": self.view, **self.asked}
+        asked = {name: " ".join(v) if isinstance(v, tuple) else v for name, v in self.asked.items()}
+        return {"scene": self.scene, "view": self.view, **asked}
 
 
 @dataclass(frozen=True)
@@ -228,13 +230,17 @@ def _list(values, name):
 
 
 def _word(name, value):
-    """A setting's value as the command line takes it."""
+    """A setting's value as the command line takes it; a tuple is an option that is repeated."""
     if name in FLAGS:
         if not isinstance(value, bool):
             raise InvalidInput(f"{name} is neither true nor false, but {value}.")
         return value
     if isinstance(value, list) and not any(isinstance(part, (list, dict)) for part in value):
         return ("x" if name == "resolution" else ",").join(map(str, value))
+    if isinstance(value, dict) and name == "define":
+        return tuple(
+            f"{key}={str(each).lower() if isinstance(each, bool) else each}" for key, each in value.items()
+        )
     if isinstance(value, dict) and name == "fixed":
         return ",".join(f"{key}={each}" for key, each in value.items())
     if isinstance(value, bool) or not isinstance(value, (str, int, float)):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line import render_command, sources
+from holopath_addon.command_line import render_command, sources, study_command
 from holopath_addon.farm import study as studies
 
 ROOT = Path(__file__).parents[2]
@@ -333,3 +333,16 @@ def test_processes_share_a_study_and_outlive_each_other(study, tmp_path):
             alone / row["folder"] / "wavefield" / "field.npy"
         ).read_bytes()
     shutil.rmtree(alone)
+
+
+def test_parameters_of_a_scene_file(study):
+    """Each is a word of its own, whatever its value, and stands in the table as it was written."""
+    path = study('[grid]\ndefine = [{ color = "1, 0, 0", sharp = true }, { size = 16 }]\n')
+    runs = studies.read(path).runs
+    words = [study_command.words_of(studies.read(path), run) for run in runs]
+    assert [[word for word in each if "define" in word] for each in words] == [
+        ["--define=color=1, 0, 0", "--define=sharp=true"],
+        ["--define=size=16"],
+    ]
+    assert [run.row()["define"] for run in runs] == ["color=1, 0, 0 sharp=true", "size=16"]
+    assert len({run.digest for run in runs}) == 2
