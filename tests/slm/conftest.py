@@ -1,8 +1,11 @@
-"""Two virtual monitors, of an X server that these tests start."""
+"""Two virtual monitors, of an X server that these tests start, and patience with devices."""
 
 import pytest
 
+from holopath_addon.slm.drivers import display as display_module
+from holopath_addon.slm.drivers import link as link_module
 from tests.monitors import NoMonitors, monitors
+from tests.patience import SOON
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +25,11 @@ def two_monitors(x_server, monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
     return x_server
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """No device is lost only because other programs have the processor; tests of silence set what they wait for."""
+    monkeypatch.setattr(link_module, "PATIENCE", SOON)
+    monkeypatch.setattr(link_module, "STUCK", SOON)
+    monkeypatch.setattr(display_module, "STILL", SOON)

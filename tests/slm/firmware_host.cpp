@@ -105,13 +105,13 @@ static bool readable(int line, int milliseconds) {
 }
 
 template <uint16_t Longest, uint16_t Window>
-static void run(int line, Machine &machine, const holopath::Description &description) {
+static void run(int line, Machine &machine, const holopath::Description &description, int silence) {
     holopath::Protocol<Longest, Window> protocol(machine, description);
     uint8_t block[256];
     while (!ended) {
         if (!readable(line, 0)) {
             protocol.idle();
-            if (!readable(line, 50)) {
+            if (!readable(line, silence)) {
                 protocol.pause();
                 continue;
             }
@@ -125,7 +125,7 @@ static void run(int line, Machine &machine, const holopath::Description &descrip
 int main(int argc, char **argv) {
     int width = 0, height = 0;
     if (argc < 4 || sscanf(argv[2], "%dx%d", &width, &height) != 2) {
-        fprintf(stderr, "firmware_host TTY WIDTHxHEIGHT LOG [POSITIONS_A_SECOND [LONGEST]]\n");
+        fprintf(stderr, "firmware_host TTY WIDTHxHEIGHT LOG [POSITIONS_A_SECOND [LONGEST [SILENCE]]]\n");
         return 2;
     }
     const bool number = std::string(argv[1]).find_first_not_of("0123456789") == std::string::npos;
@@ -147,10 +147,11 @@ int main(int argc, char **argv) {
 
     Machine machine(line, log, argc > 4 ? atof(argv[4]) : 1000);
     const holopath::Description description = {uint16_t(width), uint16_t(height), 16, 7, "Host"};
+    const int silence = argc > 6 ? atoi(argv[6]) : 50;  // milliseconds after which half a packet is given up
     if (argc > 5 && atoi(argv[5]) == 64) {
-        run<64, 2>(line, machine, description);
+        run<64, 2>(line, machine, description, silence);
     } else {
-        run<512, 8>(line, machine, description);
+        run<512, 8>(line, machine, description, silence);
     }
     fclose(log);
     return 0;

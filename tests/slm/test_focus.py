@@ -265,7 +265,7 @@ class Motor(Firmware):
 @pytest.mark.parametrize("target", [300, -300])
 def test_returns_when_the_motion_has_ended(target):
     """Not before, and not long after; meanwhile it says where it is."""
-    firmware, seen = Motor(speed=1000), []
+    firmware, seen = Motor(speed=300), []
     with Board(firmware) as board:
         controller = Controller(board.path)
         controller.open()
@@ -274,10 +274,10 @@ def test_returns_when_the_motion_has_ended(target):
         end = time.monotonic()
         assert firmware.positions == [target] and controller.position() == target
         controller.close()
-    assert end >= firmware.arrivals[0] >= start + 0.25
-    assert end - firmware.arrivals[0] < 0.5
+    assert end >= firmware.arrivals[0] >= start + 0.9
+    assert end - firmware.arrivals[0] < SOON
     steps = [abs(position) for position in seen]
-    assert len(steps) > 3 and steps == sorted(steps) and 0 <= steps[0] < steps[-1] <= 300
+    assert len(steps) > 1 and steps == sorted(steps) and 0 <= steps[0] < steps[-1] <= 300
 
 
 def test_one_after_the_other():

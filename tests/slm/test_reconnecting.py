@@ -11,6 +11,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.slm import Controller, DeviceLost, Info, Sequence, SerialDriver, stream
 from holopath_addon.slm.drivers import controller
+from holopath_addon.slm.drivers import link as link_module
 from tests.patience import NEVER, SOON
 from tests.slm.device import Board, Firmware
 
@@ -132,7 +133,7 @@ def test_patience_with_a_lost_trigger(sequence):
     assert 1 < time.monotonic() - start < SOON and device.opened < 6
 
 
-def test_a_board_that_prints_without_end():
+def test_a_board_that_prints_without_end(monkeypatch):
     """Text between the reports is no sign of life."""
 
     class Talkative(Board):
@@ -147,6 +148,7 @@ def test_a_board_that_prints_without_end():
         controller = Controller(board.path, 1000000)
         controller.trigger(0)
         os.set_blocking(board.master, False)
+        monkeypatch.setattr(link_module, "PATIENCE", 0.5)
         board.mute = True
         start = time.monotonic()
         with pytest.raises(DeviceLost):
