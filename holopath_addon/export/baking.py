@@ -95,6 +95,7 @@ class Flat:
         try:
             if not self.mesh.polygons:
                 raise BakingFailed("the mesh has no faces")
+            _copy_custom(evaluated.data, self.mesh)
             self.deformed = self._keep_generated(evaluated.data)
             flat = self.mesh.normals_domain == "FACE"
             normals = _vectors(self.mesh, "corner_normals", "vector")
@@ -161,6 +162,13 @@ class Flat:
     def remove(self):
         """Take the copy out of the file again."""
         bpy.data.meshes.remove(self.mesh)
+
+
+def _copy_custom(source, target):
+    """Copy custom properties that Attribute nodes read: numbers and vectors."""
+    for key, value in source.items():
+        if isinstance(value, (int, float)) or hasattr(value, "typecode"):
+            target[key] = value
 
 
 def _vectors(mesh, collection, attribute):
@@ -539,6 +547,8 @@ class _Studio:
             thing.data = flat.mesh
         else:
             thing = self.keep(bpy.data.objects.new("HoloPath baking", flat.mesh))
+            thing.color, thing.pass_index = flat.original.color, flat.original.pass_index
+            _copy_custom(flat.original, thing)
         for slot in thing.material_slots:
             slot.link = "DATA"
         # by way of a parent, as only that may shear

@@ -12,6 +12,7 @@ from ..engine.light.unwrapping import LACKING, unwrap
 from ..engine.scene import variants
 from . import baking
 from .cache import MeshBake
+from .census import add_notes, note_viewport_state
 from .geometry import read_mesh, split_by_slot
 from .hair_and_points import curve_tubes, particle_tubes, point_balls
 from .lights import emission_varies, export_lamp, read_profile
@@ -104,7 +105,7 @@ class Contents:
         self._shown = _render_visible(depsgraph.view_layer)
         try:
             for instance, object, owner in self._instances():
-                if instance.show_particles:
+                if instance.show_particles and depsgraph.view_layer.use_strand:
                     self._add_hair(instance, object)
                 if instance.show_self:
                     self._add(instance, object, owner)
@@ -133,7 +134,7 @@ class Contents:
     def _add(self, instance, object, owner):
         if object.type == "LIGHT":
             self._add_lamp(object, np.array(instance.matrix_world, dtype=np.float64))
-        elif _is_mesh(object):
+        elif self._has_faces(object):
             name, original = object.name, object.original
             if name not in self._noted:
                 self._noted.add(name)
@@ -149,14 +150,20 @@ class Contents:
         elif object.type in UNSUPPORTED_TYPES:
             self._notes.add(object.name, UNSUPPORTED_TYPES[object.type], "not supported: left out")
 
+    def _has_faces(self, object):
+        """Whether an object has faces, or is given some, that its view layer renders."""
+        layer = self._depsgraph.view_layer
+        if object.type in FORMED:
+            return object.type != "CURVES" or layer.use_strand
+        return layer.use_solid and _is_mesh(object)
+
     def _add_lamp(self, object, matrix):
         if object.visible_camera:
             self._notes.add(object.name, "Ray visibility: lamp shown to the camera", "ignored: not seen")
         if not (object.visible_diffuse and object.visible_glossy and object.visible_transmission):
             self._notes.add(object.name, "Ray visibility: lamp hidden from some rays", "ignored: lights all")
-        linking = getattr(object, "light_linking", None)  # since Blender 4.0
-        if linking and (linking.receiver_collection or linking.blocker_collection):
-            self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
+        self._note_linking(object)
+        add_notes(getattr(object.data, "cycles", None), object.name, self._notes)
         profile = None
         if emission_varies(object.data):
             frame = self._depsgraph.scene.frame_current_final
@@ -301,7 +308,9 @@ class Contents:
         remaining = Counter(placed.key for placed in self._placed)
         counts = dict(remaining)
         objects = enumerate(
-            object for instance, object, _ in self._instances() if instance.show_self and _is_mesh(object)
+            object
+            for instance, object, _ in self._instances()
+            if instance.show_self and self._has_faces(object)
         )
         made: dict = {key: {} for key in self.meshes}
         surfaces, groups, shapes = {}, {}, []
@@ -442,12 +451,28 @@ class Contents:
             ("camera", not object.visible_camera),
             ("diffuse rays", not object.visible_diffuse),
             ("glossy rays", not object.visible_glossy),
+            ("transmission rays", not object.visible_transmission),
             ("shadow rays", not object.visible_shadow),
         ):
             if hidden:
                 self._notes.add(object.name, f"Ray visibility: hidden from {feature}", "ignored: visible")
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
+        self._note_linking(object)
+        cycles, scene = getattr(object, "cycles", None), self._depsgraph.scene
+        for block in (object, cycles, object.original.data, *object.modifiers):
+            add_notes(block, object.name, self._notes)
+        if cycles and scene.render.use_simplify:
+            culls = [kind for kind in ("camera", "distance") if getattr(scene.cycles, f"use_{kind}_cull")]
+            if any(getattr(cycles, f"use_{kind}_cull") for kind in culls):
+                self._notes.add(object.name, "Culling of Simplify", "ignored: rendered wherever it is")
+        if self._depsgraph.mode != "RENDER":
+            note_viewport_state(object.original, scene.render, self._notes)
+
+    def _note_linking(self, object):
+        linking = getattr(object, "light_linking", None)  # since Blender 4.0
+        if linking and (linking.receiver_collection or linking.blocker_collection):
+            self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
 
     def _note_missing(self):
         """Objects to be rendered that this depsgraph does not hold, as it serves the viewport."""

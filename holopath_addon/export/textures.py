@@ -23,13 +23,48 @@ _BAKED_AS = (
             *(("NewGeometry", name) for name in ("Incoming", "Backfacing")),
         },
     ),
-    ("of the object alone", {"AmbientOcclusion", "Bevel"}),
+    ("of the object alone", {"AmbientOcclusion", "Bevel", "Raycast"}),
     ("of the mesh in triangles", {"Wireframe", ("NewGeometry", "Parametric")}),
     ("with other numbers", {("ObjectInfo", "Random")}),
     ("the same for all instances of a mesh", {"ObjectInfo", "ParticleInfo"}),
 )
+_PLACE = (
+    "location",
+    "rotation_",
+    "scale",
+    "matrix_",
+    "delta_",
+    "dimensions",
+    "parent",
+)  # of a stand-in's own
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
+
+
+def stand_in_effect(source):
+    """How what comes from an output socket differs in a scene that is made for baking; empty where it does not.
+
+    Parameters
+    ----------
+    source : Pin
+
+    Returns
+    -------
+    str
+    """
+    node = source.node
+    kind = node.bl_idname.removeprefix("ShaderNode")
+    if kind == "Attribute" and node.attribute_type == "VIEW_LAYER":
+        return "properties of the view layer and scene read as those of a new one, custom ones as 0"
+    if kind == "Attribute" and node.attribute_type == "OBJECT" and node.attribute_name.startswith(_PLACE):
+        return "the object's location, rotation and scale read as if they were cleared"
+    if kind == "VectorTransform" and "CAMERA" in (node.convert_from, node.convert_to):
+        return "as of a camera at the world's origin that looks down"
+    if kind == "GeometryNodeInputSceneTime" and source.socket.name == "Seconds":  # since Blender 5.1
+        return "as of 24 frames a second"
+    if kind == "Script":
+        return "renders black: scripts of Open Shading Language are not run"
+    return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,12 +335,13 @@ class Textures:
 
     def _baked(self, pin, owner, feature, kind=None):
         picture = self._reading.baked[socket_key(pin, kind)]
-        read = set()
+        read, differing = set(), []
         for source in upstream(pin) if pin is not None else ():
+            differing.append(stand_in_effect(source))
             name = source.node.bl_idname.removeprefix("ShaderNode")
             read |= {name, (name, source.socket.name)}
-        effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read)]
-        self._notes.add(owner, feature, ", ".join(effects))
+        effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read), *differing]
+        self._notes.add(owner, feature, ", ".join(filter(None, dict.fromkeys(effects))))
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
     def _is_direct(self, source):
