@@ -99,23 +99,9 @@ def _direct(source, owner, notes):
 
 def _identity(mapping):
     """Whether a texture node's own mapping changes nothing."""
-    changed = (
-        "translation",
-        "rotation",
-        "scale",
-        "use_min",
-        "use_max",
-        "mapping_x",
-        "mapping_y",
-        "mapping_z",
-    )
-    properties = mapping.bl_rna.properties
-    return all(
-        np.array_equal(getattr(mapping, name), list(prop.default_array))
-        if getattr(prop := properties[name], "is_array", False)
-        else getattr(mapping, name) == prop.default
-        for name in changed
-    )
+    moved = (*mapping.translation, *mapping.rotation, *(side - 1 for side in mapping.scale))
+    axes = mapping.mapping_x, mapping.mapping_y, mapping.mapping_z
+    return not any(moved) and axes == ("X", "Y", "Z") and not (mapping.use_min or mapping.use_max)
 
 
 def _rotation(source):

@@ -32,12 +32,12 @@ def note_viewport_state(object, render, notes):
         settings = system.settings
         children = settings.child_type != "NONE" and settings.child_percent != settings.rendered_child_count
         hair = settings.type == "HAIR" and settings.render_type == "PATH"
-        if children or settings.display_percentage != 100 or (hair and _steps_differ(settings)):
+        if children or settings.display_percentage != 100 or (hair and _coarser(settings)):
             notes.add(object.name, f"Particles '{system.name}'", _EFFECT)
 
 
-def _steps_differ(settings):
-    return settings.display_step != settings.render_step
+def _coarser(settings):
+    return settings.display_step < settings.render_step - 1  # as is the default
 
 
 def _differs(modifier, render):
