@@ -62,6 +62,10 @@ def stand_in_effect(source):
         return "as of a camera at the world's origin that looks down"
     if kind == "GeometryNodeInputSceneTime" and source.socket.name == "Seconds":  # since Blender 5.1
         return "as of 24 frames a second"
+    if kind == "LightFalloff":
+        smooth = follow(source.input("Smooth")).socket
+        if source.socket.name != "Quadratic" or smooth.is_output or smooth.default_value > 0:
+            return "light falls off with the square of the distance, whatever it says"
     if kind == "Script":
         return "renders black: scripts of Open Shading Language are not run"
     return ""

@@ -179,6 +179,7 @@ def test_a_mesh_has_properties_of_its_own(stage):
         ("Attribute", "Fac", {"attribute_type": "VIEW_LAYER", "attribute_name": "x"}, "custom ones as 0"),
         ("Attribute", "Vector", {"attribute_type": "OBJECT", "attribute_name": "location"}, "cleared"),
         ("VectorTransform", "Vector", {"convert_to": "CAMERA"}, "looks down"),
+        ("LightFalloff", "Linear", {}, "square of the distance"),
     ],
 )
 def test_what_a_bake_cannot_see_is_noted(stage, node, output, values, effect):
@@ -186,16 +187,33 @@ def test_what_a_bake_cannot_see_is_noted(stage, node, output, values, effect):
     assert any(effect in note.effect for note in stage.export().notes)
 
 
-@pytest.mark.parametrize(("node", "output"), [("ObjectInfo", "Color"), ("NewGeometry", "Position")])
-def test_what_a_lamp_reads_of_its_object_is_noted(stage, monkeypatch, node, output):
+@pytest.mark.parametrize(
+    ("node", "output", "effect"),
+    [
+        ("ObjectInfo", "Color", "world's origin"),
+        ("NewGeometry", "Position", "world's origin"),
+        ("LightFalloff", "Linear", "square of the distance"),
+    ],
+)
+def test_what_a_lamp_reads_of_its_object_or_a_smooth_falloff_is_noted(
+    stage, monkeypatch, node, output, effect
+):
     monkeypatch.setattr(lights, "PROFILE", (32, 16))
     lamp = stage.lamp("POINT").data
     lamp.use_nodes = True
     tree = lamp.node_tree
     shader = next(each for each in tree.nodes if each.bl_idname == "ShaderNodeEmission")
-    tree.links.new(tree.nodes.new(f"ShaderNode{node}").outputs[output], shader.inputs["Color"])
+    source = tree.nodes.new(f"ShaderNode{node}")
+    if "Smooth" in source.inputs:
+        source.inputs["Smooth"].default_value = 3
+    tree.links.new(source.outputs[output], shader.inputs["Strength" if source.inputs else "Color"])
     stage.plane()
-    assert any("world's origin" in note.effect for note in stage.export().notes)
+    assert any(effect in note.effect for note in stage.export().notes)
+
+
+def test_negative_emission_of_a_texture_is_noted(stage):
+    stage.plane(2, emitting(stage, "ShaderNodeTexCoord", "Object"))
+    assert "Negative emission" in [note.feature for note in stage.export().notes]
 
 
 def test_an_environment_texture_has_a_mapping_of_its_own(stage, small_worlds):
