@@ -103,9 +103,11 @@ class Contents:
         self._hair = []
         self._override = depsgraph.view_layer.material_override
         self._shown = _render_visible(depsgraph.view_layer)
+        self._faces, self._strands = depsgraph.view_layer.use_solid, depsgraph.view_layer.use_strand
+        self._render, self._for_render = depsgraph.scene.render, depsgraph.mode == "RENDER"
         try:
             for instance, object, owner in self._instances():
-                if instance.show_particles and depsgraph.view_layer.use_strand:
+                if instance.show_particles and self._strands:
                     self._add_hair(instance, object)
                 if instance.show_self:
                     self._add(instance, object, owner)
@@ -152,10 +154,9 @@ class Contents:
 
     def _has_faces(self, object):
         """Whether an object has faces, or is given some, that its view layer renders."""
-        layer = self._depsgraph.view_layer
         if object.type in FORMED:
-            return object.type != "CURVES" or layer.use_strand
-        return layer.use_solid and _is_mesh(object)
+            return object.type != "CURVES" or self._strands
+        return self._faces and _is_mesh(object)
 
     def _add_lamp(self, object, matrix):
         if object.visible_camera:
@@ -459,15 +460,16 @@ class Contents:
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
         self._note_linking(object)
-        cycles, scene = getattr(object, "cycles", None), self._depsgraph.scene
+        cycles = getattr(object, "cycles", None)
         for block in (object, cycles, object.original.data, *object.modifiers):
             add_notes(block, object.name, self._notes)
-        if cycles and scene.render.use_simplify:
+        if cycles and self._render.use_simplify:
+            scene = self._depsgraph.scene
             culls = [kind for kind in ("camera", "distance") if getattr(scene.cycles, f"use_{kind}_cull")]
             if any(getattr(cycles, f"use_{kind}_cull") for kind in culls):
                 self._notes.add(object.name, "Culling of Simplify", "ignored: rendered wherever it is")
-        if self._depsgraph.mode != "RENDER":
-            note_viewport_state(object.original, scene.render, self._notes)
+        if not self._for_render:
+            note_viewport_state(object.original, self._render, self._notes)
 
     def _note_linking(self, object):
         linking = getattr(object, "light_linking", None)  # since Blender 4.0

@@ -585,9 +585,8 @@ class _ShaderReader:
             self._note("Negative emission", "ignored")
             return None
         colour = self._textures.value(node.input(colour_name), self._name, (1.0, 1.0, 1.0))
-        if isinstance(colour, ImageValue) and colour.image.is_float:
-            if self._textures.pixels(colour.image)[..., :3].min() < 0:
-                self._note("Negative emission", "ignored")
+        if isinstance(colour, ImageValue) and self._textures.has_negative(colour):
+            self._note("Negative emission", "ignored")
         return _times(colour, strength)
 
     def _product(self, value, weight):

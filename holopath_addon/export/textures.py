@@ -450,6 +450,10 @@ class Textures:
             self._notes.add(note.object, note.feature, note.effect)
         return pixels
 
+    def has_negative(self, value):
+        """Whether an `ImageValue` has colors below zero."""
+        return value.image.is_float and self.pixels(value.image)[..., :3].min() < 0
+
     def mean_colour(self, value):
         """Mean linear colour of a value, shape (3,)."""
         if not isinstance(value, ImageValue):

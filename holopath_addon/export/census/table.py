@@ -140,18 +140,28 @@ def add_notes(struct, owner, notes):
         Name for the notes.
     notes : Notes
     """
-    section = struct and section_of(struct.bl_rna.identifier)
-    for row in section.rows if section else ():
-        if row.effect and any(_differs(struct, name.pattern, row.when) for name in row.names):
+    if struct is None:
+        return
+    kind = struct.bl_rna.identifier
+    if kind not in _checks:
+        section = section_of(kind)
+        _checks[kind] = [
+            (row, name.pattern, prop.default if prop.type != "POINTER" else None)
+            for row in (section.rows if section else ())
+            for name in (row.names if row.effect else ())
+            if (prop := struct.bl_rna.properties.get(name.pattern)) is not None  # else of another Blender
+        ]
+    for row, name, default in _checks[kind]:
+        value = getattr(struct, name)
+        if value != default and _counts(value, default, row.when):
             notes.add(owner, row.words, row.effect)
 
 
-def _differs(struct, name, when):
-    prop = struct.bl_rna.properties.get(name)
-    if prop is None:  # of another Blender
-        return False
-    value = getattr(struct, name)
-    if prop.type == "POINTER":
-        return value is not None
-    less, more = value < prop.default, value > prop.default
-    return {"less": less, "more": more, "less, not 0": less and value > 0}.get(when, less or more)
+_checks = {}  # by the type's name, what `add_notes` looks at: row, property and default
+
+
+def _counts(value, default, when):
+    """Whether a value that is not the default is one that a row is for, see `table.toml`."""
+    return not when or (
+        value > default if when == "more" else value < default and (when == "less" or value > 0)
+    )
