@@ -179,8 +179,10 @@ class Stage:
         settings = scene.cycles
         settings.device, settings.samples = "CPU", spp
         settings.use_adaptive_sampling = settings.use_denoising = False
-        settings.max_bounces = depth - 2
-        settings.diffuse_bounces = settings.glossy_bounces = settings.transmission_bounces = depth - 2
+        limits = [f"{kind}_bounces" for kind in ("max", "diffuse", "glossy", "transmission")]
+        before = {name: getattr(settings, name) for name in limits}
+        for name in limits:
+            setattr(settings, name, depth - 2)
         settings.sample_clamp_indirect = 0
         settings.pixel_filter_type = "BOX"
         scene.render.resolution_x, scene.render.resolution_y = resolution
@@ -195,6 +197,8 @@ class Stage:
             pixels = np.empty(resolution[0] * resolution[1] * 4, np.float32)
             image.pixels.foreach_get(pixels)
             bpy.data.images.remove(image)
+        for name, value in before.items():  # an export notes what is not at its default
+            setattr(settings, name, value)
         return pixels.reshape(resolution[1], resolution[0], 4)[::-1, :, :3]
 
     def ratio(self, region=slice(None), **options):

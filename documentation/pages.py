@@ -153,6 +153,45 @@ def decisions() -> str:
     return "\n".join(["| name | value | what |", "|---|---|---|", *rows])
 
 
+def carried() -> str:
+    """What becomes of each property of Blender's types, by the exporter's census."""
+    from holopath_addon.export import census
+
+    titles = {census.CARRIED: "carried", census.NOTED: "noted", census.WITHOUT: "no effect"}
+    text = []
+    for of_nodes, heading in ((False, "## Data-blocks and settings"), (True, "## Shader nodes")):
+        text.append(heading)
+        for section in census.sections():
+            if section.of_nodes == of_nodes and section.rows:
+                rows = ["| what becomes of it | which |", "|---|---|"]
+                for row in section.rows:
+                    words = row.words.replace("{}", "…")
+                    told = f"“{words}”" if row.status == census.NOTED else words
+                    rows.append(
+                        f"| {': '.join(filter(None, [titles[row.status], told]))} | {_those(row.names)} |"
+                    )
+                kinds = (
+                    [] if [n.pattern for n in section.types] == [section.title] else [_those(section.types)]
+                )
+                text += [f"### {section.title}", *kinds, "\n".join(rows)]
+    return "\n\n".join(text)
+
+
+def _those(names):
+    """Names of a census, for a table."""
+    told = []
+    for name in names:
+        since = [f"since {_version(name.since)}"] if name.since > (0, 0) else []
+        until = [f"before {_version(name.until)}"] if name.until < (99, 0) else []
+        pattern = {"*": "all"}.get(name.pattern, f"`{name.pattern}`")
+        told.append(" ".join([pattern, *([f"({', '.join(since + until)})"] if since + until else [])]))
+    return ", ".join(told)
+
+
+def _version(version):
+    return ".".join(map(str, version))
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "settings": options.guide_table,
     "commands": commands,
@@ -160,4 +199,5 @@ PARTS: dict[str, Callable[[], str]] = {
     "chart": chart_table,
     "mitsuba": mitsuba_census.table,
     "mitsuba-reasons": mitsuba_census.reasons,
+    "carried": carried,
 }

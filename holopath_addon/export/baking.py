@@ -106,6 +106,7 @@ class Flat:
         try:
             if not self.mesh.polygons:
                 raise BakingFailed("the mesh has no faces")
+            _copy_custom(evaluated.data, self.mesh)
             self.deformed = self._keep_generated(evaluated.data)
             if generated and not self.deformed and self._has_other_vertices(evaluated):
                 self.deformed = self._extend_generated()
@@ -174,8 +175,8 @@ class Flat:
         return (
             self.original.type == "MESH"
             and isinstance(evaluated.data, bpy.types.Mesh)
-            and evaluated.data.name
-            == source.name  # else an instance of another mesh, which geometry nodes made
+            # else an instance of another mesh, which geometry nodes made
+            and evaluated.data.name == source.name
             and any(modifier.show_viewport for modifier in self.original.modifiers)
             and len(source.vertices) != len(self.mesh.vertices)
         )
@@ -221,6 +222,13 @@ class Flat:
     def remove(self):
         """Take the copy out of the file again."""
         bpy.data.meshes.remove(self.mesh)
+
+
+def _copy_custom(source, target):
+    """Copy custom properties that Attribute nodes read: numbers and vectors."""
+    for key, value in source.items():
+        if isinstance(value, (int, float)) or hasattr(value, "typecode"):
+            target[key] = value
 
 
 def _vectors(mesh, collection, attribute):
@@ -632,6 +640,7 @@ class _Studio:
             thing.data = flat.mesh
         else:
             thing = self.keep(bpy.data.objects.new("HoloPath baking", flat.mesh))
+            _copy_custom(flat.original, thing)
         for slot in thing.material_slots:
             slot.link = "DATA"
         # by way of a parent, as only that may shear

@@ -12,6 +12,7 @@ from ..engine.light.unwrapping import LACKING, unwrap
 from ..engine.scene import variants
 from . import baking
 from .cache import MeshBake
+from .census import add_notes
 from .geometry import read_mesh, split_by_slot
 from .hair_and_points import curve_tubes, particle_tubes, point_balls
 from .instances import InstanceValues, lacks_attributes, layer_attributes, values_of
@@ -34,6 +35,8 @@ COPIED_TRIANGLES = 200_000
 LEAST_TEXELS, MOST_TEXELS = 64, 2048
 # Of a mesh: each has textures of its own.
 MAX_BAKED_INSTANCES = 64
+LEFT_OUT = "left out, though shown in renders"
+AS_IN_VIEWPORT = "as in the viewport, not as in renders: use F12, or set both alike"
 
 _BARE = ("UV maps on hair or points", "missing: textures read one point")
 
@@ -109,9 +112,11 @@ class Contents:
         self._hair = []
         self._override = depsgraph.view_layer.material_override
         self._shown = _render_visible(depsgraph)
+        self._faces, self._strands = depsgraph.view_layer.use_solid, depsgraph.view_layer.use_strand
+        self._render = depsgraph.scene.render
         try:
             for instance, object, owner in self._instances():
-                if instance.show_particles:
+                if instance.show_particles and self._strands:
                     self._add_hair(instance, object)
                 if instance.show_self:
                     self._add(instance, object, owner)
@@ -141,7 +146,7 @@ class Contents:
     def _add(self, instance, object, owner):
         if object.type == "LIGHT":
             self._add_lamp(object, np.array(instance.matrix_world, dtype=np.float64))
-        elif _is_mesh(object):
+        elif self._has_faces(object):
             name, original = object.name, object.original
             if name not in self._noted:
                 self._noted.add(name)
@@ -157,14 +162,19 @@ class Contents:
         elif object.type in UNSUPPORTED_TYPES:
             self._notes.add(object.name, UNSUPPORTED_TYPES[object.type], "not supported: left out")
 
+    def _has_faces(self, object):
+        """Whether an object has faces, or is given some, that its view layer renders."""
+        if object.type in FORMED:
+            return object.type != "CURVES" or self._strands
+        return self._faces and _is_mesh(object)
+
     def _add_lamp(self, object, matrix):
         if object.visible_camera:
             self._notes.add(object.name, "Ray visibility: lamp shown to the camera", "ignored: not seen")
         if not (object.visible_diffuse and object.visible_glossy and object.visible_transmission):
             self._notes.add(object.name, "Ray visibility: lamp hidden from some rays", "ignored: lights all")
-        linking = getattr(object, "light_linking", None)  # since Blender 4.0
-        if linking and (linking.receiver_collection or linking.blocker_collection):
-            self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
+        self._note_linking(object)
+        add_notes(getattr(object.data, "cycles", None), object.name, self._notes)
         profile = None
         if emission_varies(object.data):
             frame = self._depsgraph.scene.frame_current_final
@@ -357,7 +367,9 @@ class Contents:
         remaining = Counter(placed.key for placed in self._placed)
         counts = dict(remaining)
         objects = enumerate(
-            object for instance, object, _ in self._instances() if instance.show_self and _is_mesh(object)
+            object
+            for instance, object, _ in self._instances()
+            if instance.show_self and self._has_faces(object)
         )
         made: dict = {key: {} for key in self.meshes}
         surfaces, groups, shapes = {}, {}, []
@@ -498,12 +510,27 @@ class Contents:
             ("camera", not object.visible_camera),
             ("diffuse rays", not object.visible_diffuse),
             ("glossy rays", not object.visible_glossy),
+            ("transmission rays", not object.visible_transmission),
             ("shadow rays", not object.visible_shadow),
         ):
             if hidden:
                 self._notes.add(object.name, f"Ray visibility: hidden from {feature}", "ignored: visible")
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
+        self._note_linking(object)
+        cycles = getattr(object, "cycles", None)
+        for block in (object, cycles, object.original.data, *object.modifiers):
+            add_notes(block, object.name, self._notes)
+        if cycles and self._render.use_simplify:
+            scene = self._depsgraph.scene
+            culls = [kind for kind in ("camera", "distance") if getattr(scene.cycles, f"use_{kind}_cull")]
+            if any(getattr(cycles, f"use_{kind}_cull") for kind in culls):
+                self._notes.add(object.name, "Culling of Simplify", "ignored: rendered wherever it is")
+
+    def _note_linking(self, object):
+        linking = getattr(object, "light_linking", None)  # since Blender 4.0
+        if linking and (linking.receiver_collection or linking.blocker_collection):
+            self._notes.add(object.name, "Light Linking", "ignored: lights all, and all cast shadows")
 
     def _note_collections(self):
         """Collections of the view layer that Cycles treats in a way of its own."""
@@ -539,14 +566,10 @@ class Contents:
                     and not thing.hide_viewport
                     and thing.hide_get(view_layer=layer)
                 ):
-                    self._notes.add(thing.name, "Hidden in the viewport", "left out, though shown in renders")
+                    self._notes.add(thing.name, "Hidden in the viewport", LEFT_OUT)
         for each in differences(scene, layer):
-            effect = (
-                "left out, though shown in renders"
-                if each.hidden
-                else "as in the viewport, not as in renders"
-            )
-            self._notes.add(each.owner, each.feature, effect)
+            if not each.minor:
+                self._notes.add(each.owner, each.feature, LEFT_OUT if each.hidden else AS_IN_VIEWPORT)
         if any(_reads_viewport(group) for group in bpy.data.node_groups):
             self._notes.add(scene.name, "Is Viewport node", "true, as in the viewport: renders have it false")
 

@@ -6,9 +6,15 @@ import numpy as np
 
 from . import baking
 from .blackbody import blackbody_colour
-from .node_graph import Pin, follow, output_node
+from .node_graph import Pin, follow, output_node, upstream
+from .textures import stand_in_effect
 
 PROFILE = 512, 256  # directions of a lamp's nodes
+# What nodes read of a lamp is that of a stand-in.
+_OF_STAND_IN = {
+    "ObjectInfo": "of a white object at the world's origin, not of the light: set the light's own color",
+    ("NewGeometry", "Position"): "reads the world's origin, not where the light is",
+}
 FALLOFFS = {"Quadratic": 0, "Linear": 1, "Constant": 2}  # power of the distance on top of 1 / distance^2
 
 
@@ -97,6 +103,13 @@ def read_profile(light, name, frame, notes):
     except baking.BakingFailed as error:
         notes.add(name, "Light nodes", f"not baked, {error}")
         return None
+    for source in upstream(Pin(output_node(light.node_tree).inputs["Surface"])):
+        kind = source.node.bl_idname.removeprefix("ShaderNode")
+        effect = (
+            _OF_STAND_IN.get(kind) or _OF_STAND_IN.get((kind, source.socket.name)) or stand_in_effect(source)
+        )
+        if effect:
+            notes.add(name, f"{source.node.bl_label} node", effect)
     mean = profile.mean((0, 1), float, keepdims=True)
     if np.abs(profile - mean).max() <= 2e-3 * mean.max():
         return mean

@@ -591,7 +591,10 @@ class _ShaderReader:
         if strength < 0:
             self._note("Negative emission", "ignored")
             return None
-        return _times(self._textures.value(node.input(colour_name), self._name, (1.0, 1.0, 1.0)), strength)
+        colour = self._textures.value(node.input(colour_name), self._name, (1.0, 1.0, 1.0))
+        if isinstance(colour, ImageValue) and self._textures.has_negative(colour):
+            self._note("Negative emission", "ignored")
+        return _times(colour, strength)
 
     def _product(self, value, weight):
         """A value, or none, times a number or an image."""

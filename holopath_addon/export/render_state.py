@@ -36,6 +36,8 @@ class Difference:
         What renders use.
     hidden : bool
         Whether the viewport leaves out what renders show.
+    minor : bool
+        Whether it is no more than the difference that Blender makes by default, and hardly seen.
     """
 
     owner: str
@@ -44,6 +46,7 @@ class Difference:
     name: str
     value: Any
     hidden: bool = False
+    minor: bool = False
 
 
 def differences(scene, view_layer):
@@ -70,7 +73,7 @@ def differences(scene, view_layer):
     for thing in objects:
         if thing.hide_viewport:
             yield Difference(thing.name, "Hidden in the viewport", thing, "hide_viewport", False, True)
-        yield from _of_object(thing)
+        yield from _of_object(thing, scene.render)
     if scene.render.use_simplify:
         for name, rendered in _SIMPLIFIED:
             wanted = getattr(scene.render, rendered)
@@ -131,7 +134,7 @@ def _rendered(view_layers):
     return collections.values(), objects.values()
 
 
-def _of_object(thing):
+def _of_object(thing, render):
     """Differences in what an object is made of."""
     if thing.is_instancer and thing.show_instancer_for_viewport != thing.show_instancer_for_render:
         shown = thing.show_instancer_for_render
@@ -143,8 +146,13 @@ def _of_object(thing):
         if modifier.show_viewport != modifier.show_render:
             yield Difference(thing.name, words, modifier, "show_viewport", modifier.show_render)
         pair = _MODIFIER_LEVELS.get(modifier.type)
-        if pair and modifier.show_render and getattr(modifier, pair[0]) != getattr(modifier, pair[1]):
-            yield Difference(thing.name, words, modifier, pair[0], getattr(modifier, pair[1]))
+        if pair and modifier.show_render:
+            seen, wanted = (getattr(modifier, name) for name in pair)
+            if seen != wanted:
+                limits = render.simplify_subdivision, render.simplify_subdivision_render
+                limited = render.use_simplify and "render_levels" in pair
+                alike = limited and min(seen, limits[0]) == min(wanted, limits[1])
+                yield Difference(thing.name, words, modifier, pair[0], wanted, minor=alike)
     yield from _of_data(thing.name, thing.data)
     for system in thing.particle_systems:
         settings, words = system.settings, f"Particles '{system.name}'"
@@ -155,16 +163,20 @@ def _of_object(thing):
         for name, rendered in _PARTICLE_COUNTS:
             used = settings.type == "HAIR" if name == "display_step" else settings.child_type != "NONE"
             if used and getattr(settings, name) != getattr(settings, rendered):
-                yield Difference(thing.name, words, settings, name, getattr(settings, rendered))
+                minor = name == "display_step" and settings.display_step >= settings.render_step - 1
+                yield Difference(thing.name, words, settings, name, getattr(settings, rendered), minor=minor)
 
 
 def _of_data(owner, data):
     """Differences in how finely curves and metaballs are divided."""
     if isinstance(data, bpy.types.MetaBall) and data.resolution != data.render_resolution:
-        yield Difference(owner, "Resolution", data, "resolution", data.render_resolution)
+        minor = data.resolution <= 2 * data.render_resolution
+        yield Difference(
+            owner, "Metaball resolution", data, "resolution", data.render_resolution, minor=minor
+        )
     if isinstance(data, bpy.types.Curve):
         for name in ("resolution_u", "resolution_v"):
             wanted = getattr(data, f"render_{name}")
             for block in (data, *data.splines) if wanted else ():  # 0 stands for the viewport's
                 if getattr(block, name) != wanted:
-                    yield Difference(owner, "Resolution", block, name, wanted)
+                    yield Difference(owner, "Curve resolution", block, name, wanted)

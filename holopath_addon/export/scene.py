@@ -10,6 +10,7 @@ from ..engine import Camera, InvalidInput
 from ..engine.scene.variants import activate, made
 from .cache import ExportCache
 from .camera import about, export_camera, find_camera
+from .census import add_notes
 from .contents import Contents
 from .notes import NAMED_OBJECTS, Notes
 from .world import export_world, world_of
@@ -125,9 +126,28 @@ def read_scene(depsgraph, resolution, camera=None, cache=None):
         exported_camera = export_camera(depsgraph, find_camera(scene, camera), resolution, scale, notes)
     pixel = footprint(exported_camera, resolution, scale)
     origin = ORIGINS * np.round(exported_camera.position / ORIGINS)
+    _note_settings(depsgraph, notes)
     parts = read_parts(depsgraph, scale, pixel, notes, cache, origin)
     _note_libraries(notes)
     return Reading(scene.name, parts, about(origin, exported_camera), notes, origin)
+
+
+def _note_settings(depsgraph, notes):
+    """Tell which settings of renders a hologram does not take over."""
+    scene = depsgraph.scene
+    cycles = getattr(scene, "cycles", None)  # which is not there where Blender's add-on for Cycles is off
+    add_notes(scene.render, scene.name, notes)
+    add_notes(cycles, scene.name, notes)
+    if cycles and cycles.use_fast_gi:
+        notes.add(
+            scene.name, "Fast GI Approximation", "ignored: light bounces as often as Max Path Depth says"
+        )
+    limited = cycles and (
+        cycles.texture_limit_render != "OFF"
+        or getattr(cycles, "texture_resolution_render", 1) != 1  # since Blender 5.2
+    )
+    if limited and scene.render.use_simplify:
+        notes.add(scene.name, "Texture Limit of Simplify", "ignored: images have their full size")
 
 
 def _note_precision(exported_scene, name, notes):

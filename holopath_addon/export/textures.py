@@ -24,12 +24,42 @@ _BAKED_AS = (
         },
     ),
     ("as camera rays see it, what other rays alone would see is missing", {"LightPath"}),
-    ("of the object alone", {"AmbientOcclusion", "Bevel"}),
+    ("of the object alone", {"AmbientOcclusion", "Bevel", "Raycast"}),
     ("of the mesh in triangles", {"Wireframe", ("NewGeometry", "Parametric")}),
     ("the same for all instances of a mesh", {"ParticleInfo"}),
 )
+# Of an object, which a stand-in has otherwise.
+_PLACE = ("location", "rotation_", "scale", "matrix_", "delta_", "dimensions", "parent")
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
+
+
+def stand_in_effect(source):
+    """How what comes from an output socket differs in a scene that is made for baking; empty where it does not.
+
+    Parameters
+    ----------
+    source : Pin
+
+    Returns
+    -------
+    str
+    """
+    node = source.node
+    kind = node.bl_idname.removeprefix("ShaderNode")
+    if kind == "Attribute" and node.attribute_type == "OBJECT" and node.attribute_name.startswith(_PLACE):
+        return "the object's location, rotation and scale read as if they were cleared"
+    if kind == "VectorTransform" and "CAMERA" in (node.convert_from, node.convert_to):
+        return "as of a camera at the world's origin that looks down"
+    if kind == "GeometryNodeInputSceneTime" and source.socket.name == "Seconds":  # since Blender 5.1
+        return "as of 24 frames a second"
+    if kind == "LightFalloff":
+        smooth = follow(source.input("Smooth")).socket
+        if source.socket.name != "Quadratic" or smooth.is_output or smooth.default_value > 0:
+            return "light falls off with the square of the distance, whatever it says"
+    if kind == "Script":
+        return "renders black: scripts of Open Shading Language are not run"
+    return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,12 +330,13 @@ class Textures:
 
     def _baked(self, pin, owner, feature, kind=None):
         picture = self._reading.baked[socket_key(pin, kind)]
-        read = set()
+        read, differing = set(), []
         for source in upstream(pin) if pin is not None else ():
+            differing.append(stand_in_effect(source))
             name = source.node.bl_idname.removeprefix("ShaderNode")
             read |= {name, (name, source.socket.name)}
-        effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read)]
-        self._notes.add(owner, feature, ", ".join(effects))
+        effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read), *differing]
+        self._notes.add(owner, feature, ", ".join(filter(None, dict.fromkeys(effects))))
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
     def _is_direct(self, source):
@@ -409,6 +440,10 @@ class Textures:
         for note in notes:
             self._notes.add(note.object, note.feature, note.effect)
         return pixels
+
+    def has_negative(self, value):
+        """Whether an `ImageValue` has colors below zero."""
+        return value.image.is_float and self.pixels(value.image)[..., :3].min() < 0
 
     def mean_colour(self, value):
         """Mean linear colour of a value, shape (3,)."""

@@ -3,15 +3,18 @@
 import numpy as np
 
 from . import baking
-from .node_graph import Pin, follow, output_node, uses_nodes
-from .textures import MAGENTA, ImageValue, missing
+from .census import add_notes
+from .node_graph import Pin, follow, output_node, upstream, uses_nodes
+from .textures import MAGENTA, ImageValue, missing, stand_in_effect
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
 
 
 def world_of(depsgraph):
-    """The world of an evaluated view layer, `bpy.types.World` or None: its own, or the scene's."""
+    """The world of an evaluated view layer, `bpy.types.World` or None: its own, or the scene's; none without sky."""
+    if not depsgraph.view_layer.use_sky:
+        return None
     return getattr(depsgraph.view_layer, "world_override", None) or depsgraph.scene.world
 
 
@@ -53,6 +56,7 @@ def export_world(world, frame, textures, notes):
     output = output_node(world.node_tree)
     if output is None:
         return None
+    add_notes(getattr(world, "cycles", None), world.name, notes)
     if output.inputs["Volume"].is_linked:
         notes.add(world.name, "World volume", "ignored")
     source = follow(Pin(output.inputs["Surface"]))
@@ -86,6 +90,8 @@ def _direct(source, owner, notes):
         return MAGENTA, strength, np.eye(3)
     if node.projection != "EQUIRECTANGULAR" or node.image.source in ("MOVIE", "SEQUENCE"):
         return None
+    if node.interpolation != "Linear" or not _identity(node.texture_mapping):
+        return None
     rotation = np.eye(3)
     vector = follow(colour.input("Vector"))
     if vector.socket.is_output and vector.node.bl_idname == "ShaderNodeMapping":
@@ -97,6 +103,13 @@ def _direct(source, owner, notes):
     if rotation is None or (vector.socket.is_output and not generated):
         return None
     return ImageValue(node.image), strength, rotation
+
+
+def _identity(mapping):
+    """Whether a texture node's own mapping changes nothing."""
+    moved = (*mapping.translation, *mapping.rotation, *(side - 1 for side in mapping.scale))
+    axes = mapping.mapping_x, mapping.mapping_y, mapping.mapping_z
+    return not any(moved) and axes == ("X", "Y", "Z") and not (mapping.use_min or mapping.use_max)
 
 
 def _rotation(source):
@@ -121,6 +134,15 @@ def _baked(source, world, frame, notes):
     feature = f"{source.node.bl_label} node" if source.groups == () else "World nodes"
     if any(node.bl_idname == "ShaderNodeLightPath" for node in world.node_tree.nodes):
         notes.add(world.name, "Light Path node", "the world is the same for all kinds of rays")
+    for part in (
+        source,
+        *(part for name in source.node.inputs for part in upstream(Pin(name, source.groups))),
+    ):
+        effect, name = stand_in_effect(part), part.socket.name
+        if part.node.bl_idname == "ShaderNodeTexCoord" and name in ("Camera", "Window"):
+            effect = "not as the camera sees it"
+        if effect:
+            notes.add(world.name, f"{part.node.bl_label} node", effect)
     try:
         radiance = baking.bake_world(world, WIDTH, HEIGHT, frame)
     except baking.BakingFailed as error:

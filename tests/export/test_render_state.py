@@ -8,6 +8,7 @@ bpy = pytest.importorskip("bpy")
 from holopath_addon import engine  # noqa: E402
 from holopath_addon.command_line import sources  # noqa: E402
 from holopath_addon.export import find_camera, show_as_rendered  # noqa: E402
+from holopath_addon.export.contents import AS_IN_VIEWPORT, LEFT_OUT  # noqa: E402
 from holopath_addon.export.render_state import differences  # noqa: E402
 
 
@@ -32,9 +33,6 @@ def collection(stage, thing, name="things"):
 
 def shining(stage, strength=1.0):
     return stage.material("ShaderNodeEmission", Strength=strength)
-
-
-LEFT_OUT, AS_IN_VIEWPORT = "left out, though shown in renders", "as in the viewport, not as in renders"
 
 
 def hide_object(stage, thing):
@@ -83,7 +81,7 @@ def curve(stage, thing):
         point.co, point.handle_left_type, point.handle_right_type = place, "AUTO", "AUTO"
     data.materials.append(shining(stage))
     stage.link(bpy.data.objects.new("curve", data)).location = (0, 0, 0.5)
-    return ("curve", "Resolution"), AS_IN_VIEWPORT
+    return ("curve", "Curve resolution"), AS_IN_VIEWPORT
 
 
 CASES = [

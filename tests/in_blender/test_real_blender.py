@@ -48,6 +48,12 @@ def test_command_line(blender):
     assert blender.environment["BLENDER_USER_RESOURCES"] in output, output
 
 
+def test_the_census_is_that_of_this_blender(blender):
+    script = Path(__file__).with_name("census.py")
+    _, output = blender("--background", "--factory-startup", "--python", script)
+    assert "properties of types" in output and "of nodes" in output, output
+
+
 # A lit mesh on a textured plane, with settings under which nothing depends on how fast this machine is.
 MAKE = """
 import bpy, sys
