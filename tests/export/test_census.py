@@ -176,7 +176,6 @@ def test_a_mesh_has_properties_of_its_own(stage):
 @pytest.mark.parametrize(
     ("node", "output", "values", "effect"),
     [
-        ("Attribute", "Fac", {"attribute_type": "VIEW_LAYER", "attribute_name": "x"}, "custom ones as 0"),
         ("Attribute", "Vector", {"attribute_type": "OBJECT", "attribute_name": "location"}, "cleared"),
         ("VectorTransform", "Vector", {"convert_to": "CAMERA"}, "looks down"),
         ("LightFalloff", "Linear", {}, "square of the distance"),
