@@ -4,10 +4,12 @@ import numpy as np
 
 from . import baking
 from .node_graph import Pin, follow, output_node, uses_nodes
-from .textures import MAGENTA, ImageValue, missing
+from .textures import MAGENTA, ImageValue, decoded, missing, own_mapping
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
+# Columns up to which an sRGB image is refined, as Mitsuba interpolates between linear values: 400 MB.
+MAX_REFINED = 4096
 
 
 def world_of(depsgraph):
@@ -50,7 +52,7 @@ def export_world(world, frame, textures, notes):
     source = follow(Pin(output.inputs["Surface"]))
     if not source.socket.is_output:
         return None
-    direct = _direct(source, world.name, notes)
+    direct = _direct(source, world.name, frame, textures, notes)
     if direct is None:
         return _baked(source, world, frame, notes)
     colour, strength, rotation = direct
@@ -58,10 +60,31 @@ def export_world(world, frame, textures, notes):
         return None
     if not isinstance(colour, ImageValue):
         return _uniform(np.array(colour) * strength)
-    return _everywhere(textures.pixels(colour.image) * np.float32(strength), rotation)
+    return _everywhere(_radiance(textures.stored(colour.image)) * np.float32(strength), rotation)
 
 
-def _direct(source, owner, notes):
+def _radiance(kept):
+    """Linear values of a stored image [y, x, 3], on a finer grid where Cycles interpolates between encoded ones."""
+    pixels = kept.numbers[..., :3]
+    if not kept.srgb:
+        return pixels
+    # an odd number, so that the centers of texels are among the places
+    finer = max((MAX_REFINED // pixels.shape[1] - 1) // 2 * 2 + 1, 1)
+    return decoded(_refined(_refined(pixels, 0, finer), 1, finer))
+
+
+def _refined(pixels, axis, finer):
+    """Pixels interpolated linearly at `finer` times as many places along an axis, around it as Cycles does."""
+    if finer == 1:
+        return pixels
+    pixels = np.moveaxis(np.pad(pixels, [(int(axis == k),) * 2 for k in range(3)], "wrap"), axis, 0)
+    places = (np.arange(finer * (len(pixels) - 2)) + 0.5) / finer + 0.5
+    first = places.astype(int)
+    weight = (places - first).astype(np.float32)[:, None, None]
+    return np.moveaxis((1 - weight) * pixels[first] + weight * pixels[first + 1], 0, axis)
+
+
+def _direct(source, owner, frame, textures, notes):
     """Colour or image, strength, and the 3x3 rotation from world directions to the image's; or None: bake it."""
     if source.node.bl_idname not in ("ShaderNodeBackground", "ShaderNodeEmission") or source.node.mute:
         return None
@@ -74,9 +97,15 @@ def _direct(source, owner, notes):
     node = colour.node
     if node.bl_idname != "ShaderNodeTexEnvironment" or node.mute:
         return None
-    if missing(node.image, owner, notes):
+    if missing(node, owner, frame, notes):
         return MAGENTA, strength, np.eye(3)
-    if node.projection != "EQUIRECTANGULAR" or node.image.source in ("MOVIE", "SEQUENCE"):
+    if (
+        node.projection != "EQUIRECTANGULAR"
+        or node.interpolation != "Linear"
+        or node.image.source not in ("FILE", "GENERATED")
+        or not textures.is_known(node.image)
+        or not np.array_equal(own_mapping(node), np.eye(4))
+    ):
         return None
     rotation = np.eye(3)
     vector = follow(colour.input("Vector"))
