@@ -33,6 +33,7 @@ _BAKED_AS = (
 )
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
+_NO_NEGATIVE = "negative values, as of colors outside Rec.709, are shown as zero"
 _ANIMATED = ("SEQUENCE", "MOVIE")
 # Files whose color Cycles takes to be multiplied by their alpha, whatever the image's alpha mode.
 _ASSOCIATED_FILES = ("OPEN_EXR", "OPEN_EXR_MULTILAYER", "HDR")
@@ -158,28 +159,29 @@ def missing(node, owner, frame, notes):
     if image is None:
         notes.add(owner, "Image Texture without an image", "shown in magenta")
         return True
-    if image.source in (*_ANIMATED, "TILED") and not image.packed_files:
-        if _files_exist(image, node.image_user, frame):
-            return False
-    elif image.size[0] * image.size[1] > 0 and image.channels:
-        return False
-    what = (
-        f"Frame {frame_shown(node.image_user, frame)} of a sequence"
-        if image.source == "SEQUENCE"
-        else "Image file"
-    )
-    notes.add(image.name, what, "missing: shown in magenta")
-    return True
+    what = "Image file"
+    if image.source not in (*_ANIMATED, "TILED") or image.packed_files:
+        lost = not (image.size[0] * image.size[1] and image.channels)
+    elif image.source == "TILED":
+        path = _path(image)
+        tiles = [tile.number for tile in image.tiles if not os.path.isfile(_tile_path(path, tile.number))]
+        if image.is_dirty or not image.filepath:  # made here and not saved
+            tiles = []
+        lost = len(tiles) == len(image.tiles)
+        for number in () if lost else tiles:
+            notes.add(image.name, f"UDIM tile {number}", "missing: shown in magenta")
+    elif image.source == "SEQUENCE":
+        number = frame_shown(node.image_user, frame)
+        what, lost = f"Frame {number} of a sequence", not os.path.isfile(_frame_path(_path(image), number))
+    else:
+        lost = not os.path.isfile(_path(image))
+    if lost:
+        notes.add(image.name, what, "missing: shown in magenta")
+    return lost
 
 
-def _files_exist(image, user, frame):
-    """Whether there is a file of the frame that is shown, or of any tile."""
-    path = bpy.path.abspath(image.filepath, library=image.library)
-    if image.source == "TILED":
-        return any(os.path.isfile(_tile_path(path, tile.number)) for tile in image.tiles) or image.has_data
-    if image.source == "SEQUENCE":
-        path = _frame_path(path, frame_shown(user, frame))
-    return os.path.isfile(path)
+def _path(image):
+    return bpy.path.abspath(image.filepath, library=image.library)
 
 
 def frame_shown(user, frame):
@@ -290,6 +292,13 @@ def _is_alpha_known(image):
     """Whether Blender's color and alpha tell those that Cycles reads from the file, where that is not opaque."""
     straight = image.alpha_mode == "STRAIGHT" and image.file_format in _STRAIGHT_FILES
     return straight or image.file_format in _ASSOCIATED_FILES or not _is_from_file(image)
+
+
+def _is_negative(pixels):
+    """Whether a hundredth of a color image is below zero, as colors outside Rec.709 are."""
+    return pixels.shape[2] >= 3 and -np.minimum(pixels, 0).sum(dtype=float) > 0.01 * np.abs(pixels).sum(
+        dtype=float
+    )
 
 
 def _as_float(pixels):
@@ -459,6 +468,8 @@ class Textures:
             name = source.node.bl_idname.removeprefix("ShaderNode")
             read |= {name, (name, source.socket.name)}
         effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read)]
+        if kind != NORMAL and _is_negative(picture.pixels):
+            effects.append(_NO_NEGATIVE)
         self._notes.add(owner, feature, ", ".join(effects))
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
@@ -512,6 +523,9 @@ class Textures:
             self._notes.add(owner, f"{node.projection.title()} projection", "mapped by UV instead")
         if node.texture_mapping.vector_type == "NORMAL":
             self._notes.add(owner, "Texture Mapping of the Normal kind", "not normalized")
+        if node.image.is_float and not node.image.colorspace_settings.is_data:
+            if _is_negative(self.stored(node.image).pixels):
+                self._notes.add(owner, f"Colors of {node.image.name}", _NO_NEGATIVE)
         uv_name, matrix = self._coordinates(source.input("Vector"), owner)
         matrix = own_mapping(node)[np.ix_([0, 1, 3], [0, 1, 3])] @ matrix
         self._reading.uv_names.add(uv_name)

@@ -8,8 +8,9 @@ from .textures import MAGENTA, ImageValue, decoded, missing, own_mapping
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
-# Columns up to which an sRGB image is refined, as Mitsuba interpolates between linear values: 400 MB.
-MAX_REFINED = 4096
+# Columns up to which an sRGB image is refined, as Mitsuba interpolates between linear values, and how much at most:
+# of the mean of a checker, 1 % is missing with 9 places a texel.
+MAX_REFINED, MAX_FINER = 3072, 33
 
 
 def world_of(depsgraph):
@@ -68,15 +69,14 @@ def _radiance(kept):
     pixels = kept.numbers[..., :3]
     if not kept.srgb:
         return pixels
-    # an odd number, so that the centers of texels are among the places
-    finer = max((MAX_REFINED // pixels.shape[1] - 1) // 2 * 2 + 1, 1)
-    return decoded(_refined(_refined(pixels, 0, finer), 1, finer))
+    height, width = pixels.shape[:2]
+    finer = min(MAX_REFINED // max(width, 2 * height), MAX_FINER)
+    finer -= finer % 2 == 0  # an odd number, so that the centers of texels are among the places
+    return decoded(_refined(_refined(pixels, 0, finer), 1, finer) if finer > 1 else pixels)
 
 
 def _refined(pixels, axis, finer):
     """Pixels interpolated linearly at `finer` times as many places along an axis, around it as Cycles does."""
-    if finer == 1:
-        return pixels
     pixels = np.moveaxis(np.pad(pixels, [(int(axis == k),) * 2 for k in range(3)], "wrap"), axis, 0)
     places = (np.arange(finer * (len(pixels) - 2)) + 0.5) / finer + 0.5
     first = places.astype(int)

@@ -44,6 +44,7 @@ class ImageTexture(mi.Texture):
     def __init__(self, props):
         super().__init__(props)
         texels = np.array(props["bitmap"])
+        texels = texels.reshape(*texels.shape[:2], -1)
         self._settings = text_of_properties(props)
         self._cubic = props.get("filter_type", "bilinear") == "cubic"
         self._wrap = props.get("wrap_mode", "repeat")
