@@ -71,7 +71,7 @@ class StoredImage:
     srgb : bool
         The color is encoded.
     associated : bool
-        The color has been multiplied by the alpha, encoded or not.
+        The color has been multiplied by an alpha that is not one everywhere, encoded or not.
     """
 
     pixels: np.ndarray
@@ -249,8 +249,8 @@ def stored(image, notes):
     if image.alpha_mode == "NONE":
         pixels[..., 3] = 1
     color, alpha = pixels[..., :3], pixels[..., 3:]
-    opaque = not associated or alpha.min() == 1
-    if not opaque and not _is_alpha_known(image):
+    associated = associated and bool(alpha.min() < 1)
+    if associated and not _is_alpha_known(image):
         notes.add(
             image.name,
             f"Alpha of a {image.file_format} file",
@@ -261,7 +261,7 @@ def stored(image, notes):
         if srgb and space.name != "sRGB":
             notes.add(image.name, f"Color Space {space.name}", "read as sRGB")
         levels = np.rint(pixels * 255).astype(np.uint8)
-        if not opaque:
+        if associated:
             levels[..., :3] = levels[..., :3].astype(np.uint16) * levels[..., 3:] // 255
         return StoredImage(levels, srgb, associated)
     # Blender has decoded them, and after that multiplied by the alpha
@@ -269,11 +269,11 @@ def stored(image, notes):
     as_it_is = (
         _is_from_file(image) and image.alpha_mode == "STRAIGHT" and image.file_format in _ASSOCIATED_FILES
     )
-    if not opaque and (srgb or as_it_is):
+    if associated and (srgb or as_it_is):
         color[:] = _divided(color, alpha)
     if srgb:
         color[:] = _encoded(color)
-        if not (opaque or as_it_is):
+        if associated and not as_it_is:
             color *= alpha
     return StoredImage(pixels, srgb, associated)
 
@@ -296,9 +296,9 @@ def _is_alpha_known(image):
 
 def _is_negative(pixels):
     """Whether a hundredth of a color image is below zero, as colors outside Rec.709 are."""
-    return pixels.shape[2] >= 3 and -np.minimum(pixels, 0).sum(dtype=float) > 0.01 * np.abs(pixels).sum(
-        dtype=float
-    )
+    if pixels.shape[2] < 3:
+        return False
+    return -np.minimum(pixels, 0).sum(dtype=float) > 0.01 * np.abs(pixels).sum(dtype=float)
 
 
 def _as_float(pixels):
@@ -350,7 +350,7 @@ class MaterialReading:
         self.wanted = {}
         self.pressing = False
         self.uv_names = set()
-        self.alphas_read = frozenset()
+        self.alphas_read: set[Pin] = set()
 
     @property
     def incomplete(self):
@@ -594,10 +594,8 @@ class Textures:
         """Whether the numbers that Blender gives of an image tell those that Cycles has."""
         if not image.is_float and image.colorspace_settings.name not in ("sRGB", *_LINEAR_SPACES):
             return False
-        if _is_alpha_known(image) or not _is_associated(image):
-            return True
-        alpha = self.stored(image).numbers[..., 3]
-        return bool(alpha.min() == 1)
+        with self.reading(self._reading, Notes()):  # what is not known will be baked
+            return _is_alpha_known(image) or not self.stored(image).associated
 
     def mean_colour(self, value):
         """Mean linear colour of a value, shape (3,)."""
@@ -668,20 +666,16 @@ class Textures:
 
         key = (replace(value, image=None), value.image.name_full, grey, limit)
         if key not in self._built:
-            parts = (
-                self._bitmap_parts(value, grey, limit)
-                if self._is_linear(value)
-                else self._picture(value, limit)
-            )
-            parts["to_uv"] = mi.ScalarTransform3f(parts["to_uv"])
-            texture = made(parts)
+            linear = self._is_linear(value)
+            parts, to_uv = self._bitmap_parts(value, grey, limit) if linear else self._picture(value, limit)
+            texture = made(parts | {"to_uv": mi.ScalarTransform3f(to_uv)})
             if isinstance(value.image, RawImage):  # which is read once, and then no more
                 return texture
             self._built[key] = texture
         return self._built[key]
 
     def _picture(self, value, limit):
-        """What `engine.scene.images` takes to sample an image as Cycles does."""
+        """What `engine.scene.images` takes to sample an image as Cycles does, and the 3x3 transform of UVs."""
         import mitsuba as mi
 
         kept = self.stored(value.image)
@@ -696,14 +690,15 @@ class Textures:
             "unassociate": divide,
             "gray": value.grey and not value.alpha,
             "power": value.power,
-            "to_uv": np.array(value.uv_matrix).reshape(3, 3),
         }
         for channel, scale, offset in zip("rgb", value.scale, value.offset, strict=True):
             parts |= {f"scale_{channel}": scale, f"offset_{channel}": offset}
-        return parts if limit is None else parts | {"limit": float(limit)}
+        if limit is not None:
+            parts["limit"] = float(limit)
+        return parts, np.array(value.uv_matrix).reshape(3, 3)
 
     def _bitmap_parts(self, value, grey, limit):
-        """Mitsuba's own texture."""
+        """Mitsuba's own texture, and the 3x3 transform of UVs."""
         import mitsuba as mi
 
         colour = self._linear_colour(value)
@@ -719,15 +714,15 @@ class Textures:
         if grey:
             colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
         # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
-        return {
+        parts = {
             "type": "bitmap",
             "bitmap": mi.Bitmap(np.ascontiguousarray(colour, np.float32)),
             "raw": True,
             "format": "fp16" if not value.image.is_float and max(value.scale) <= 100 else "variant",
             "filter_type": "nearest" if value.interpolation == "Closest" else "bilinear",
             "wrap_mode": "clamp" if value.extension == "CLIP" else _WRAPS[value.extension],
-            "to_uv": to_uv,
         }
+        return parts, to_uv
 
 
 def own_mapping(node):
