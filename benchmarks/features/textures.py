@@ -91,6 +91,36 @@ def _image(*space, size=64, **settings):
     return source
 
 
+def _noise(stage, size):
+    pixels = np.random.default_rng(3).random((size, size, 3)) ** 2
+    return stage.image(pixels, "noise", space="sRGB")
+
+
+def _sampled(size, mapping=None, **settings):
+    """An sRGB image of noise."""
+
+    def source(stage, tree):
+        made = node(tree, "TexImage", image=_noise(stage, size), **settings)
+        for name, value in (mapping or {}).items():
+            setattr(made.texture_mapping, name, value)
+        return made.outputs[0]
+
+    return source
+
+
+def _sequence(stage, tree):
+    """Its second frame; there is no file of the one that its path names."""
+    kept = os.path.join(tempfile.mkdtemp(prefix="holopath-bench-"), "frame_0002.png")
+    image = _noise(stage, 8)
+    image.filepath_raw, image.file_format = kept, "PNG"
+    image.save()
+    loaded = bpy.data.images.load(kept)
+    loaded.source, loaded.filepath = "SEQUENCE", kept.replace("0002", "0000")
+    made = node(tree, "TexImage", image=loaded)
+    made.image_user.frame_duration, made.image_user.frame_offset = 9, 1
+    return made.outputs[0]
+
+
 PICTURES = {
     "image, linear": _image(),
     "image, sRGB": _image("sRGB", False),
@@ -98,6 +128,14 @@ PICTURES = {
     "image, Linear Rec.2020": _image("Linear Rec.2020"),
     "image, few pixels, linear interpolation": _image(size=4),
     "image, few pixels, closest": _image(size=4, interpolation="Closest"),
+    "image, few pixels, cubic": _image(size=4, interpolation="Cubic"),
+    "image, sRGB, few pixels": _sampled(6),
+    "image, sRGB, few pixels, smart": _sampled(6, interpolation="Smart"),
+    "image, sRGB, a texel a pixel": _sampled(64),
+    "image with a Texture Mapping of its own": _sampled(
+        6, dict(vector_type="TEXTURE", translation=(0.3, 0.2, 0), rotation=(0, 0, 0.5), scale=(0.7, 1.2, 1))
+    ),
+    "image sequence without its first frame": _sequence,
     "image with alpha, colour": lambda stage, tree: picture(stage, tree, image=_with_alpha(stage)).outputs[0],
     "image with alpha, alpha": lambda stage, tree: picture(stage, tree, image=_with_alpha(stage)).outputs[1],
     "extension repeat": extension("REPEAT"),
@@ -162,7 +200,7 @@ def _vertex_colours(stage, domain, kind, attribute_node):
     layer.data.foreach_set("color", colours.ravel())
 
 
-def _alpha_cut(stage, colour=False):
+def _alpha_cut(stage, colour=False, between=None):
     def source(stage, tree):
         return node(tree, "TexImage", image=_with_alpha(stage)).outputs["Alpha"]
 
@@ -170,7 +208,10 @@ def _alpha_cut(stage, colour=False):
     if colour:
         inputs = shader_of(material.node_tree).inputs
         texture = inputs["Alpha"].links[0].from_node
-        material.node_tree.links.new(texture.outputs["Color"], inputs["Base Color"])
+        shown = texture.outputs["Color"]
+        if between:
+            shown = node(material.node_tree, between, Color=shown).outputs[0]
+        material.node_tree.links.new(shown, inputs["Base Color"])
     tilted(stage, material)
     backdrop(stage)
 
@@ -258,6 +299,7 @@ MAPPED = {
     "vertex colours, Attribute, corners": lambda s: _vertex_colours(s, "CORNER", "BYTE_COLOR", "Attribute"),
     "image alpha on Principled Alpha": _alpha_cut,
     "image colour and alpha on Principled": lambda stage: _alpha_cut(stage, colour=True),
+    "image color through Invert Color, and alpha": lambda stage: _alpha_cut(stage, True, "Invert"),
     "packed image": _packed_image,
     "textured Roughness": _textured("Roughness"),
     "textured Roughness, metal": _textured("Roughness", Metallic=1.0),

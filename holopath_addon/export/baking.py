@@ -16,12 +16,22 @@ import bmesh
 import bpy
 import numpy as np
 
-from .node_graph import GENERATED_BY_DEFAULT, Pin, by_identifier, first_link, group_output, tree_of
+from .node_graph import (
+    GENERATED_BY_DEFAULT,
+    Pin,
+    alphas_upstream,
+    by_identifier,
+    first_link,
+    group_output,
+    output_node,
+    tree_of,
+)
 
 ATLAS = "HoloPath atlas"
 _NORMAL, _TANGENT, _GENERATED = "HoloPath normal", "HoloPath tangent", "HoloPath generated"
 SUNNY = 100.0  # how much brighter than the mean a world's brightest texel is, for it to be looked at closely
 BRIGHTEST = 1e7  # radiance of a world, four times that of Blender's sun
+_BEYOND_ALPHA = 1e30  # no alpha is greater
 _NO_UV = "HoloPath none"  # an attribute that no mesh has reads as zero
 _MARGIN = 4
 SAMPLES = 2_000_000  # in all of a surface's texels, which get 1 to 16 each
@@ -297,6 +307,8 @@ class _Evaluated:
             for tree in _own_groups(studio, self.material.node_tree):
                 _settle_coordinates(tree, flat)
         self.tree = tree = self.material.node_tree
+        if material is not None and outputs:
+            _keep_alphas(material.original.node_tree, tree)
         self.outputs = outputs
         numbers = [k for k, output in enumerate(outputs) if output.kind == NUMBER]
         self.passes = [[k] for k, output in enumerate(outputs) if output.kind != NUMBER]
@@ -394,6 +406,31 @@ def _own_groups(studio, tree):
             node.node_tree = studio.keep(node.node_tree.copy())
             trees += _own_groups(studio, node.node_tree)
     return trees
+
+
+def _keep_alphas(original, tree):
+    """Have Cycles read those alphas in a copied tree that the original reads: it divides the color of an image by its
+    alpha where something reads that, though perhaps not what is baked.
+    """
+    output = output_node(original)
+    if output is None:
+        return
+    for pin in alphas_upstream(*(Pin(output.inputs[name]) for name in ("Surface", "Displacement"))):
+        inner = tree
+        for group in pin.groups:
+            inner = inner.nodes[group.name].node_tree
+        color, alpha = inner.nodes[pin.node.name].outputs
+        readers = [link.to_socket for link in color.links]
+        if not readers:
+            continue
+        # zero, which Cycles does not find out beforehand
+        none, kept = inner.nodes.new("ShaderNodeMath"), inner.nodes.new("ShaderNodeVectorMath")
+        none.operation, none.inputs[1].default_value = "GREATER_THAN", _BEYOND_ALPHA
+        inner.links.new(alpha, none.inputs[0])
+        inner.links.new(color, kept.inputs[0])
+        inner.links.new(none.outputs[0], kept.inputs[1])
+        for reader in readers:
+            inner.links.new(kept.outputs[0], reader)
 
 
 def _settle_coordinates(tree, flat):

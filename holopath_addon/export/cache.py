@@ -30,8 +30,8 @@ class ExportCache:
     another mode than Object Mode, images that were painted on but not saved, image sequences.
 
     Memory: the Mitsuba meshes (44 bytes a face corner with normals and UVs, 12 a triangle) and bitmaps of
-    the last exported scene, which that scene holds anyway; and the linear pixels of its images, 16 bytes
-    each. `clear` lets go of them, `close` also stops listening.
+    the last exported scene, which that scene holds anyway; and the pixels of its images, 4 bytes each,
+    16 where they are floats. `clear` lets go of them, `close` also stops listening.
     """
 
     def __init__(self):
@@ -173,13 +173,15 @@ class Appearances:
 
     def __init__(self):
         self._kept = {}
+        self._frame = 0.0
         self._renew_textures()
         self.begin(Notes())
 
-    def begin(self, notes):
-        """Start an export; what is got from now on adds its notes to `notes`."""
+    def begin(self, notes, frame=0.0):
+        """Start an export at a frame; what is got from now on adds its notes to `notes`."""
         self._notes = notes
         self._current = {}
+        self._frame = self.textures.frame = frame
 
     def get(self, material, can_bake=True):
         """`ExportedMaterial` of a material or None; its notes are its own.
@@ -250,6 +252,7 @@ class Appearances:
     def _renew_textures(self):
         """Read images anew from now on; no image is known to be the same."""
         self.textures = Textures(Notes())
+        self.textures.frame = self._frame
 
 
 def _node_sources(owner):

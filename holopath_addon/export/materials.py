@@ -182,6 +182,7 @@ class _ShaderReader:
         self._displaced = first_link(output.inputs["Displacement"]) is not None
         if self._displaced and self._material.displacement_method != "BUMP":
             self._note("Displacement", "shown as bumps: the surface is not moved")
+        self._textures.read_alphas(*(Pin(output.inputs[name]) for name in ("Surface", "Displacement")))
         look = self._linked_shader(Pin(output.inputs["Surface"]))
         if self._emission_pressing:
             whole = self._textures.emission(self._name)

@@ -79,6 +79,21 @@ def upstream(pin):
             waiting += [Pin(socket, source.groups) for socket in source.node.inputs]
 
 
+def alphas_upstream(*pins):
+    """Alpha outputs of Image Textures that input sockets depend on: Cycles divides the color by those.
+
+    Parameters
+    ----------
+    *pins : Pin
+
+    Returns
+    -------
+    set of Pin
+    """
+    sources = (source for pin in pins for source in upstream(pin))
+    return {s for s in sources if s.node.bl_idname == "ShaderNodeTexImage" and s.socket.name == "Alpha"}
+
+
 def attributes_read(owner, kind):
     """Names that Attribute nodes of a type read, such as ``"INSTANCER"``.
 

@@ -238,7 +238,7 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
     else:
         cache.begin(depsgraph)
     appearances = cache.appearances
-    appearances.begin(notes)
+    appearances.begin(notes, scene.frame_current_final)
     # on CUDA, OptiX has no cracks; Embree lets rays through where triangles meet, unless told otherwise
     parts = {"type": "scene", "embree_use_robust_intersections": True}
     try:

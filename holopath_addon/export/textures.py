@@ -2,13 +2,16 @@
 
 import contextlib
 import math
+import os
+import re
 from dataclasses import dataclass, replace
 
+import bpy
 import numpy as np
 
 from ..engine.scene.variants import made
 from .baking import ATLAS, COLOUR, EMISSION, NORMAL, NUMBER, Output
-from .node_graph import follow, upstream
+from .node_graph import Pin, alphas_upstream, first_link, follow, upstream
 from .notes import Notes
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -32,6 +35,14 @@ _BAKED_AS = (
 _PLACE = ("location", "rotation_", "scale", "matrix_", "delta_", "dimensions", "parent")
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
+_NO_NEGATIVE = "negative values, as of colors outside Rec.709, are shown as zero"
+_ANIMATED = ("SEQUENCE", "MOVIE")
+# Files whose color Cycles takes to be multiplied by their alpha, whatever the image's alpha mode.
+_ASSOCIATED_FILES = ("OPEN_EXR", "OPEN_EXR_MULTILAYER", "HDR")
+# Files whose color Cycles multiplies by their alpha. Of others it depends on the file.
+_STRAIGHT_FILES = ("PNG", "TARGA", "TARGA_RAW")
+_WRAPS = {"REPEAT": "repeat", "MIRROR": "mirror", "EXTEND": "clamp", "CLIP": "black"}
+_SMOOTH = ("Cubic", "Smart")  # both are Cycles' B-spline
 
 
 def stand_in_effect(source):
@@ -79,6 +90,30 @@ class RawImage:
     is_float: bool = True
 
 
+@dataclass(frozen=True, eq=False)
+class StoredImage:
+    """An image's numbers as Cycles keeps them, and interpolates between.
+
+    Attributes
+    ----------
+    pixels : uint8 or float32 [y, x, 4]
+        Bottom row first.
+    srgb : bool
+        The color is encoded.
+    associated : bool
+        The color has been multiplied by an alpha that is not one everywhere, encoded or not.
+    """
+
+    pixels: np.ndarray
+    srgb: bool = False
+    associated: bool = False
+
+    @property
+    def numbers(self):
+        """The pixels as float32, of bytes 0 to 1."""
+        return _as_float(self.pixels)
+
+
 @dataclass(frozen=True)
 class ImageValue:
     """A socket fed by an image.
@@ -88,10 +123,10 @@ class ImageValue:
     image : bpy.types.Image or RawImage
     alpha : bool
         Read the alpha channel instead of the colour.
-    multiplied : bool
-        The colour as Cycles has it where nothing reads the alpha: times alpha, before it is made linear.
-    closest : bool
-        No interpolation between pixels.
+    alpha_read : bool
+        Something reads the alpha too: then Cycles divides the color by it.
+    interpolation : str
+        Blender's ``Linear``, ``Closest``, ``Cubic`` or ``Smart``.
     extension : str
         Blender's ``REPEAT``, ``EXTEND``, ``CLIP`` or ``MIRROR``.
     uv_name : str or None
@@ -110,8 +145,8 @@ class ImageValue:
 
     image: object
     alpha: bool = False
-    multiplied: bool = False
-    closest: bool = False
+    alpha_read: bool = False
+    interpolation: str = "Linear"
     extension: str = "REPEAT"
     uv_name: str | None = None
     uv_matrix: tuple = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -133,31 +168,91 @@ class ImageValue:
         return replace(self, scale=tuple(map(float, scale)), offset=tuple(map(float, offset)))
 
 
-def missing(image, owner, notes):
-    """Whether an image is none or cannot be read, which is noted: it is opaque and magenta, as in Cycles.
+def missing(node, owner, frame, notes):
+    """Whether a node's image is none or cannot be read, which is noted: it is opaque and magenta, as in Cycles.
 
     Parameters
     ----------
-    image : bpy.types.Image or None
+    node : bpy.types.ShaderNode
+        An Image or Environment Texture.
     owner : str
-        Name for the note where there is none.
+        Name for the note where there is no image.
+    frame : float
+        Of the scene.
     notes : Notes
 
     Returns
     -------
     bool
     """
+    image = node.image
     if image is None:
         notes.add(owner, "Image Texture without an image", "shown in magenta")
         return True
-    if image.size[0] * image.size[1] == 0 or not image.channels:
-        notes.add(image.name, "Image file", "missing: shown in magenta")
-        return True
-    return False
+    what = "Image file"
+    if image.source not in (*_ANIMATED, "TILED") or image.packed_files:
+        lost = not (image.size[0] * image.size[1] and image.channels)
+    elif image.source == "TILED":
+        path = _path(image)
+        tiles = [tile.number for tile in image.tiles if not os.path.isfile(_tile_path(path, tile.number))]
+        if image.is_dirty or not image.filepath:  # made here and not saved
+            tiles = []
+        lost = len(tiles) == len(image.tiles)
+        for number in () if lost else tiles:
+            notes.add(image.name, f"UDIM tile {number}", "missing: shown in magenta")
+    elif image.source == "SEQUENCE":
+        number = frame_shown(node.image_user, frame)
+        what, lost = f"Frame {number} of a sequence", not os.path.isfile(_frame_path(_path(image), number))
+    else:
+        lost = not os.path.isfile(_path(image))
+    if lost:
+        notes.add(image.name, what, "missing: shown in magenta")
+    return lost
 
 
-def linear_pixels(image, notes):
-    """Pixels of an image that is not `missing` in linear Rec.709, bottom row first.
+def _path(image):
+    return bpy.path.abspath(image.filepath, library=image.library)
+
+
+def frame_shown(user, frame):
+    """Number of the frame of a sequence or movie that Cycles shows at a frame of the scene.
+
+    Parameters
+    ----------
+    user : bpy.types.ImageUser
+    frame : float
+
+    Returns
+    -------
+    int
+    """
+    count = user.frame_duration
+    if not count:
+        return 0
+    number = math.floor(frame) - user.frame_start + 1
+    if user.use_cyclic:
+        number = (number - 1) % count + 1
+    return min(max(number, 0), count) + user.frame_offset
+
+
+def _frame_path(path, number):
+    """File of a frame: the last digits in the name are replaced."""
+    folder, name = os.path.split(path)
+    stem, end = os.path.splitext(name)
+    digits = re.search(r"(\d+)(\D*)$", stem)
+    if digits is None:
+        return path
+    counted = f"{max(number, 0):0{len(digits[1])}d}"
+    return os.path.join(folder, stem[: digits.start()] + counted + digits[2] + end)
+
+
+def _tile_path(path, number):
+    column, row = (number - 1001) % 10 + 1, (number - 1001) // 10 + 1
+    return path.replace("<UDIM>", str(number)).replace("<UVTILE>", f"u{column}_v{row}")
+
+
+def stored(image, notes):
+    """An image that is not `missing`, as Cycles keeps it.
 
     Parameters
     ----------
@@ -166,32 +261,92 @@ def linear_pixels(image, notes):
 
     Returns
     -------
-    float32 [y, x, 4]
+    StoredImage
     """
     width, height = image.size
-    if image.source in ("SEQUENCE", "MOVIE"):
+    if image.source in _ANIMATED:
         notes.add(image.name, "Image sequence or movie", "only the frame loaded now is used")
     elif image.source == "TILED":
         notes.add(image.name, "UDIM tiles", "only the first tile is used")
     pixels = np.empty(width * height * 4, np.float32)
+    if not pixels.size:
+        notes.add(image.name, "Image file", "not loaded by Blender: shown in magenta")
+        return StoredImage(np.full((1, 1, 4), (*MAGENTA, 1.0), np.float32))
     image.pixels.foreach_get(pixels)
     pixels = pixels.reshape(height, width, 4)
-    space = image.colorspace_settings.name
-    if image.is_float or space in _LINEAR_SPACES:
-        return pixels
-    if space != "sRGB":
-        notes.add(image.name, f"Color Space {space}", "read as sRGB")
-    pixels[..., :3] = _decoded(pixels[..., :3])
-    return pixels
+    space = image.colorspace_settings
+    associated = _is_associated(image)
+    if image.alpha_mode == "NONE":
+        pixels[..., 3] = 1
+    color, alpha = pixels[..., :3], pixels[..., 3:]
+    associated = associated and bool(alpha.min() < 1)
+    if associated and not _is_alpha_known(image):
+        notes.add(
+            image.name,
+            f"Alpha of a {image.file_format} file",
+            "the color may be darker or brighter where it is transparent",
+        )
+    if not image.is_float:
+        srgb = space.name not in _LINEAR_SPACES
+        if srgb and space.name != "sRGB":
+            notes.add(image.name, f"Color Space {space.name}", "read as sRGB")
+        levels = np.rint(pixels * 255).astype(np.uint8)
+        if associated:
+            levels[..., :3] = levels[..., :3].astype(np.uint16) * levels[..., 3:] // 255
+        return StoredImage(levels, srgb, associated)
+    # Blender has decoded them, and after that multiplied by the alpha
+    srgb = _is_from_file(image) and space.name == "sRGB"
+    as_it_is = (
+        _is_from_file(image) and image.alpha_mode == "STRAIGHT" and image.file_format in _ASSOCIATED_FILES
+    )
+    if associated and (srgb or as_it_is):
+        color[:] = _divided(color, alpha)
+    if srgb:
+        color[:] = _encoded(color)
+        if associated and not as_it_is:
+            color *= alpha
+    return StoredImage(pixels, srgb, associated)
 
 
-def _decoded(colour):
+def _is_from_file(image):
+    """Whether Cycles reads the file itself; it has packed and generated images from Blender."""
+    return image.source in ("FILE", "SEQUENCE", "TILED") and not image.packed_files
+
+
+def _is_associated(image):
+    """Whether Cycles takes the color as multiplied by the alpha."""
+    return not image.colorspace_settings.is_data and image.alpha_mode in ("STRAIGHT", "PREMUL")
+
+
+def _is_alpha_known(image):
+    """Whether Blender's color and alpha tell those that Cycles reads from the file, where that is not opaque."""
+    straight = image.alpha_mode == "STRAIGHT" and image.file_format in _STRAIGHT_FILES
+    return straight or image.file_format in _ASSOCIATED_FILES or not _is_from_file(image)
+
+
+def _is_negative(pixels):
+    """Whether a hundredth of a color image is below zero, as colors outside Rec.709 are."""
+    if pixels.shape[2] < 3:
+        return False
+    return -np.minimum(pixels, 0).sum(dtype=float) > 0.01 * np.abs(pixels).sum(dtype=float)
+
+
+def _as_float(pixels):
+    return pixels * np.float32(1 / 255) if pixels.dtype == np.uint8 else pixels
+
+
+def _divided(color, alpha):
+    """Color without the factor of its alpha, as Cycles divides."""
+    return color / np.where(alpha == 0, np.float32(1), alpha)
+
+
+def decoded(colour):
     """Linear values of sRGB's (IEC 61966-2-1)."""
     return np.where(colour <= 0.04045, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
 
 
 def _encoded(colour):
-    """Inverse of `_decoded`."""
+    """Inverse of `decoded`."""
     return np.where(colour <= 0.0031308, colour * 12.92, 1.055 * np.maximum(colour, 0) ** (1 / 2.4) - 0.055)
 
 
@@ -216,6 +371,8 @@ class MaterialReading:
         Whether there are sockets that only baking can serve.
     uv_names : set of (str or None)
         UV maps of the images read directly.
+    alphas_read : set of Pin
+        Alpha outputs of images that the material reads.
     """
 
     def __init__(self, baked):
@@ -223,6 +380,7 @@ class MaterialReading:
         self.wanted = {}
         self.pressing = False
         self.uv_names = set()
+        self.alphas_read: set[Pin] = set()
 
     @property
     def incomplete(self):
@@ -247,9 +405,14 @@ class Textures:
 
     def __init__(self, notes):
         self._notes = notes
-        self._pixels = {}
+        self._stored = {}
         self._built = {}
         self._reading = MaterialReading(None)
+        self.frame = 0.0  # of the scene
+
+    def read_alphas(self, *pins):
+        """Find the Alpha outputs that input sockets of the material's output depend on."""
+        self._reading.alphas_read = alphas_upstream(*pins)
 
     @contextlib.contextmanager
     def reading(self, reading, notes):
@@ -284,7 +447,7 @@ class Textures:
         if not source.socket.is_output or node.bl_idname in _CONSTANT:
             return _plain(source.socket.default_value)
         pictured = node.bl_idname == "ShaderNodeTexImage" and not node.mute
-        if pictured and missing(node.image, owner, self._notes):
+        if pictured and missing(node, owner, self.frame, self._notes):
             return 1.0 if source.socket.name == "Alpha" else MAGENTA
         feature = f"{node.bl_label} node into {pin.socket.name}"
         reading = self._reading
@@ -336,6 +499,8 @@ class Textures:
             name = source.node.bl_idname.removeprefix("ShaderNode")
             read |= {name, (name, source.socket.name)}
         effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read), *differing]
+        if kind != NORMAL and _is_negative(picture.pixels):
+            effects.append(_NO_NEGATIVE)
         self._notes.add(owner, feature, ", ".join(filter(None, dict.fromkeys(effects))))
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
@@ -344,10 +509,19 @@ class Textures:
         node, image = source.node, source.node.image
         return (
             node.projection == "FLAT"
-            and image.source not in ("TILED", "MOVIE", "SEQUENCE")
-            and (image.is_float or image.colorspace_settings.name in ("sRGB", *_LINEAR_SPACES))
+            and image.source not in ("TILED", *_ANIMATED)
+            and self.is_known(image)
             and self._reads_uv(source.input("Vector"))
+            and self._is_flat(source)
         )
+
+    @staticmethod
+    def _is_flat(source):
+        """Whether the node's own Texture Mapping is an affine map of UVs."""
+        if source.node.texture_mapping.vector_type == "NORMAL":
+            return False
+        raised = source.input("Vector") and first_link(source.input("Vector").socket)
+        return not raised or not np.any(own_mapping(source.node)[:2, 2])
 
     def _reads_uv(self, pin):
         """Whether a Vector socket carries a UV map, moved by Mapping nodes in the plane at most."""
@@ -378,13 +552,19 @@ class Textures:
         node = source.node
         if node.projection != "FLAT":
             self._notes.add(owner, f"{node.projection.title()} projection", "mapped by UV instead")
+        if node.texture_mapping.vector_type == "NORMAL":
+            self._notes.add(owner, "Texture Mapping of the Normal kind", "not normalized")
+        if node.image.is_float and not node.image.colorspace_settings.is_data:
+            if _is_negative(self.stored(node.image).pixels):
+                self._notes.add(owner, f"Colors of {node.image.name}", _NO_NEGATIVE)
         uv_name, matrix = self._coordinates(source.input("Vector"), owner)
+        matrix = own_mapping(node)[np.ix_([0, 1, 3], [0, 1, 3])] @ matrix
         self._reading.uv_names.add(uv_name)
         return ImageValue(
             node.image,
             alpha=source.socket.name == "Alpha",
-            multiplied=not node.outputs["Alpha"].is_linked and node.image.alpha_mode == "STRAIGHT",
-            closest=node.interpolation == "Closest",
+            alpha_read=Pin(node.outputs["Alpha"], source.groups) in self._reading.alphas_read,
+            interpolation=node.interpolation,
             extension=node.extension,
             uv_name=uv_name,
             uv_matrix=tuple(float(v) for v in matrix.ravel()),
@@ -428,22 +608,29 @@ class Textures:
             return np.eye(3)
         return np.linalg.inv(matrix)
 
-    def pixels(self, image):
-        """Cached `linear_pixels`."""
+    def stored(self, image):
+        """Cached `stored`; a `RawImage` as it is."""
         if isinstance(image, RawImage):
-            return image.pixels
+            return StoredImage(image.pixels)
         key = image.name_full
-        if key not in self._pixels:
+        if key not in self._stored:
             notes = Notes()
-            self._pixels[key] = linear_pixels(image, notes), notes
-        pixels, notes = self._pixels[key]
+            self._stored[key] = stored(image, notes), notes
+        kept, notes = self._stored[key]
         for note in notes:
             self._notes.add(note.object, note.feature, note.effect)
-        return pixels
+        return kept
+
+    def is_known(self, image):
+        """Whether the numbers that Blender gives of an image tell those that Cycles has."""
+        if not image.is_float and image.colorspace_settings.name not in ("sRGB", *_LINEAR_SPACES):
+            return False
+        with self.reading(self._reading, Notes()):  # what is not known will be baked
+            return _is_alpha_known(image) or not self.stored(image).associated
 
     def has_negative(self, value):
         """Whether an `ImageValue` has colors below zero."""
-        return value.image.is_float and self.pixels(value.image)[..., :3].min() < 0
+        return value.image.is_float and self.stored(value.image).pixels[..., :3].min() < 0
 
     def mean_colour(self, value):
         """Mean linear colour of a value, shape (3,)."""
@@ -459,20 +646,32 @@ class Textures:
 
     def _linear_colour(self, value):
         """The channels of an image that count, [y, x, 3]."""
-        pixels = self.pixels(value.image)
+        kept = self.stored(value.image)
+        pixels = kept.numbers
         if pixels.shape[2] == 1:
             return np.repeat(pixels, 3, axis=2)
         if value.alpha:
             return np.repeat(pixels[..., 3:], 3, axis=2)
         colour = pixels[..., :3]
-        if value.multiplied and pixels.shape[2] == 4 and pixels[..., 3].min() < 1:
-            if value.image.is_float or value.image.colorspace_settings.name != "sRGB":
-                colour = colour * pixels[..., 3:]
-            else:
-                colour = _decoded(_encoded(colour) * pixels[..., 3:])
+        if value.alpha_read and kept.associated:
+            colour = _divided(colour, pixels[..., 3:])
+        if kept.srgb:
+            colour = decoded(colour)
         return (
             np.repeat((colour @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.grey else colour
         )
+
+    def _is_linear(self, value):
+        """Whether interpolation between the values of texels gives what Cycles has."""
+        if isinstance(value.image, RawImage) or value.interpolation == "Closest":
+            return True
+        if value.interpolation in _SMOOTH or value.power != 1:
+            return False
+        kept = self.stored(value.image)
+        if value.alpha or not (kept.srgb or (kept.associated and value.alpha_read)):
+            return True
+        pixels = kept.pixels if value.alpha_read else kept.pixels[..., :3]
+        return bool((pixels == pixels[0, 0]).all()) and value.extension != "CLIP"
 
     def build(self, value, grey=False, limit=None):
         """A Mitsuba texture or constant.
@@ -501,8 +700,42 @@ class Textures:
         import mitsuba as mi
 
         key = (replace(value, image=None), value.image.name_full, grey, limit)
-        if key in self._built:
-            return self._built[key]
+        if key not in self._built:
+            linear = self._is_linear(value)
+            parts, to_uv = self._bitmap_parts(value, grey, limit) if linear else self._picture(value, limit)
+            texture = made(parts | {"to_uv": mi.ScalarTransform3f(to_uv)})
+            if isinstance(value.image, RawImage):  # which is read once, and then no more
+                return texture
+            self._built[key] = texture
+        return self._built[key]
+
+    def _picture(self, value, limit):
+        """What `engine.scene.images` takes to sample an image as Cycles does, and the 3x3 transform of UVs."""
+        import mitsuba as mi
+
+        kept = self.stored(value.image)
+        divide = value.alpha_read and kept.associated and not value.alpha
+        channels = slice(3, 4) if value.alpha else slice(0, 4 if divide else 3)
+        parts = {
+            "type": "picture",
+            "bitmap": mi.Bitmap(np.ascontiguousarray(kept.pixels[..., channels])),
+            "filter_type": "cubic" if value.interpolation in _SMOOTH else "bilinear",
+            "wrap_mode": _WRAPS[value.extension],
+            "srgb": kept.srgb and not value.alpha,
+            "unassociate": divide,
+            "gray": value.grey and not value.alpha,
+            "power": value.power,
+        }
+        for channel, scale, offset in zip("rgb", value.scale, value.offset, strict=True):
+            parts |= {f"scale_{channel}": scale, f"offset_{channel}": offset}
+        if limit is not None:
+            parts["limit"] = float(limit)
+        return parts, np.array(value.uv_matrix).reshape(3, 3)
+
+    def _bitmap_parts(self, value, grey, limit):
+        """Mitsuba's own texture, and the 3x3 transform of UVs."""
+        import mitsuba as mi
+
         colour = self._linear_colour(value)
         to_uv = np.array(value.uv_matrix).reshape(3, 3)
         if value.extension == "CLIP":
@@ -515,22 +748,49 @@ class Textures:
         colour = np.clip(self._scaled(colour, value), 0, limit)
         if grey:
             colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
-        wrap = {"REPEAT": "repeat", "MIRROR": "mirror"}.get(value.extension, "clamp")
         # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
-        texture = made(
-            {
-                "type": "bitmap",
-                "bitmap": mi.Bitmap(np.ascontiguousarray(colour, np.float32)),
-                "raw": True,
-                "format": "fp16" if not value.image.is_float and max(value.scale) <= 100 else "variant",
-                "filter_type": "nearest" if value.closest else "bilinear",
-                "wrap_mode": wrap,
-                "to_uv": mi.ScalarTransform3f(to_uv),
-            }
-        )
-        if not isinstance(value.image, RawImage):  # which is read once, and then no more
-            self._built[key] = texture
-        return texture
+        parts = {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(np.ascontiguousarray(colour, np.float32)),
+            "raw": True,
+            "format": "fp16" if not value.image.is_float and max(value.scale) <= 100 else "variant",
+            "filter_type": "nearest" if value.interpolation == "Closest" else "bilinear",
+            "wrap_mode": "clamp" if value.extension == "CLIP" else _WRAPS[value.extension],
+        }
+        return parts, to_uv
+
+
+def own_mapping(node):
+    """The Texture Mapping that a texture node has besides its sockets, as Cycles applies it (its Min and Max it does
+    not read).
+
+    Parameters
+    ----------
+    node : bpy.types.ShaderNode
+
+    Returns
+    -------
+    float [4, 4]
+        Of coordinates.
+    """
+    from mathutils import Euler
+
+    mapping = node.texture_mapping
+    axes = np.eye(4)
+    for row, axis in enumerate((mapping.mapping_x, mapping.mapping_y, mapping.mapping_z)):
+        axes[row] = np.eye(4)["XYZ".index(axis)] if axis != "NONE" else 0
+    scale = np.array(mapping.scale)
+    if mapping.vector_type in ("TEXTURE", "NORMAL"):
+        scale = np.where(np.abs(scale) < 1e-5, np.copysign(1e-5, scale), scale)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array(Euler(mapping.rotation, "XYZ").to_matrix()) * scale
+    if mapping.vector_type in ("POINT", "TEXTURE"):
+        matrix[:3, 3] = mapping.translation
+    if mapping.vector_type == "TEXTURE":
+        matrix = np.linalg.inv(matrix)
+    elif mapping.vector_type == "NORMAL":
+        matrix[:3, :3] = np.linalg.inv(matrix[:3, :3]).T
+    return matrix @ axes
 
 
 def _plain(value):

@@ -5,10 +5,13 @@ import numpy as np
 from . import baking
 from .census import add_notes
 from .node_graph import Pin, follow, output_node, upstream, uses_nodes
-from .textures import MAGENTA, ImageValue, missing, stand_in_effect
+from .textures import MAGENTA, ImageValue, decoded, missing, own_mapping, stand_in_effect
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
+# Columns up to which an sRGB image is refined, as Mitsuba interpolates between linear values, and how much at most:
+# of the mean of a checker, 1 % is missing with 9 places a texel.
+MAX_REFINED, MAX_FINER = 3072, 33
 
 
 def world_of(depsgraph):
@@ -62,7 +65,7 @@ def export_world(world, frame, textures, notes):
     source = follow(Pin(output.inputs["Surface"]))
     if not source.socket.is_output:
         return None
-    direct = _direct(source, world.name, notes)
+    direct = _direct(source, world.name, frame, textures, notes)
     if direct is None:
         return _baked(source, world, frame, notes)
     colour, strength, rotation = direct
@@ -70,10 +73,30 @@ def export_world(world, frame, textures, notes):
         return None
     if not isinstance(colour, ImageValue):
         return _uniform(np.array(colour) * strength)
-    return _everywhere(textures.pixels(colour.image) * np.float32(strength), rotation)
+    return _everywhere(_radiance(textures.stored(colour.image)) * np.float32(strength), rotation)
 
 
-def _direct(source, owner, notes):
+def _radiance(kept):
+    """Linear values of a stored image [y, x, 3], on a finer grid where Cycles interpolates between encoded ones."""
+    pixels = kept.numbers[..., :3]
+    if not kept.srgb:
+        return pixels
+    height, width = pixels.shape[:2]
+    finer = min(MAX_REFINED // max(width, 2 * height), MAX_FINER)
+    finer -= finer % 2 == 0  # an odd number, so that the centers of texels are among the places
+    return decoded(_refined(_refined(pixels, 0, finer), 1, finer) if finer > 1 else pixels)
+
+
+def _refined(pixels, axis, finer):
+    """Pixels interpolated linearly at `finer` times as many places along an axis, around it as Cycles does."""
+    pixels = np.moveaxis(np.pad(pixels, [(int(axis == k),) * 2 for k in range(3)], "wrap"), axis, 0)
+    places = (np.arange(finer * (len(pixels) - 2)) + 0.5) / finer + 0.5
+    first = places.astype(int)
+    weight = (places - first).astype(np.float32)[:, None, None]
+    return np.moveaxis((1 - weight) * pixels[first] + weight * pixels[first + 1], 0, axis)
+
+
+def _direct(source, owner, frame, textures, notes):
     """Colour or image, strength, and the 3x3 rotation from world directions to the image's; or None: bake it."""
     if source.node.bl_idname not in ("ShaderNodeBackground", "ShaderNodeEmission") or source.node.mute:
         return None
@@ -86,11 +109,15 @@ def _direct(source, owner, notes):
     node = colour.node
     if node.bl_idname != "ShaderNodeTexEnvironment" or node.mute:
         return None
-    if missing(node.image, owner, notes):
+    if missing(node, owner, frame, notes):
         return MAGENTA, strength, np.eye(3)
-    if node.projection != "EQUIRECTANGULAR" or node.image.source in ("MOVIE", "SEQUENCE"):
-        return None
-    if node.interpolation != "Linear" or not _identity(node.texture_mapping):
+    if (
+        node.projection != "EQUIRECTANGULAR"
+        or node.interpolation != "Linear"
+        or node.image.source not in ("FILE", "GENERATED")
+        or not textures.is_known(node.image)
+        or not np.array_equal(own_mapping(node), np.eye(4))
+    ):
         return None
     rotation = np.eye(3)
     vector = follow(colour.input("Vector"))
@@ -103,13 +130,6 @@ def _direct(source, owner, notes):
     if rotation is None or (vector.socket.is_output and not generated):
         return None
     return ImageValue(node.image), strength, rotation
-
-
-def _identity(mapping):
-    """Whether a texture node's own mapping changes nothing."""
-    moved = (*mapping.translation, *mapping.rotation, *(side - 1 for side in mapping.scale))
-    axes = mapping.mapping_x, mapping.mapping_y, mapping.mapping_z
-    return not any(moved) and axes == ("X", "Y", "Z") and not (mapping.use_min or mapping.use_max)
 
 
 def _rotation(source):

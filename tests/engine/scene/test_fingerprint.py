@@ -47,6 +47,10 @@ def bitmap(pixels=PIXELS, **settings):
     return {"type": "bitmap", "data": pixels, "raw": True, **settings}
 
 
+def picture(pixels=PIXELS, **settings):
+    return {"type": "picture", "bitmap": pixels, **settings}
+
+
 def changes(kind, role, given, **others):
     """A plugin with and without each of the other settings; a name's last underscores tell variants apart."""
     for name, value in others.items():
@@ -136,6 +140,12 @@ CHANGES = [
         "bitmap", "texture", bitmap(SPARSE), filter_type="nearest", wrap_mode="mirror", wrap_mode_="clamp"
     ),
     *changes("bitmap", "texture", bitmap(to_uv=turned(0.3)), filter_type="nearest", wrap_mode="mirror"),
+    *changes("picture", "texture", picture(), bitmap=changed(PIXELS), srgb=True, gray=True, limit=0.5),
+    *changes(
+        "picture", "texture", picture(), wrap_mode="black", filter_type="cubic", to_uv=moved(1e-6, 0, 0)
+    ),
+    *changes("picture", "texture", picture(), power=0.5, scale_g=1.00001, offset_b=0.00001),
+    *changes("picture", "texture", picture(np.ones((2, 2, 4), np.float32)), unassociate=True),
     *changes("checkerboard", "texture", {}, color0=0.5, color1=0.5, to_uv=moved(0.1, 0, 0)),
     *changes("mesh_attribute", "texture", {"name": "vertex_a"}, name="vertex_b", scale=1.001),
     # emitters
