@@ -41,7 +41,7 @@ def build(objects=OBJECTS):
 def _textured():
     import bpy
 
-    from holopath_addon.export.node_graph import tree_of
+    from holopath_addon.export.shading.node_graph import tree_of
 
     material = bpy.data.materials.new("textured")
     tree = tree_of(material)

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from holopath_addon.export.node_graph import tree_of
+from holopath_addon.export.shading.node_graph import tree_of
 
 
 def added() -> Any:

@@ -20,9 +20,10 @@ from gpu_extras.presets import draw_texture_2d
 
 from . import engine, failures, preferences, properties
 from .engine.scene import variants
-from .export import baking, read_scene, unit_scale
+from .export import read_scene, unit_scale
 from .export.camera import about, export_camera, find_camera
 from .export.notes import Notes
+from .export.shading import baking
 from .export.world import sees_sky, world_of
 from .operators import session
 from .operators.jobs import Job

@@ -73,7 +73,7 @@ def any_scene(stage, seed):
     stage.camera.rotation_euler = Vector(-place).to_track_quat("-Z", "Y").to_euler()
     stage.camera.data.lens = 35
     _flags(stage, rng)
-    bpy.context.view_layer.update()
+    stage.scene.view_layers[0].update()
 
 
 def _object(stage, rng, number):

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import bpy
 
 from ..engine.scene.variants import made
-from . import baking
-from .materials import export_material
 from .notes import Notes
-from .textures import MaterialReading, Textures
+from .shading import baking
+from .shading.materials import export_material
+from .shading.textures import MaterialReading, Textures
 
 _listening = weakref.WeakSet()
 

@@ -10,16 +10,16 @@ import numpy as np
 from ..engine import InvalidInput
 from ..engine.light.unwrapping import LACKING, unwrap
 from ..engine.scene import variants
-from . import baking
 from .cache import MeshBake
 from .census import add_notes
 from .geometry import read_mesh, split_by_slot
 from .hair_and_points import curve_tubes, particle_tubes, point_balls
-from .instances import InstanceValues, lacks_attributes, layer_attributes, values_of
 from .lights import emission_varies, export_lamp, read_profile
-from .node_graph import attributes_read, reads_generated, reads_instance
 from .render_state import background_layers, differences
-from .textures import RawImage
+from .shading import baking
+from .shading.instances import InstanceValues, lacks_attributes, layer_attributes, values_of
+from .shading.node_graph import attributes_read, reads_generated, reads_instance
+from .shading.textures import RawImage
 
 MESH_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 # Objects without faces that are given some.

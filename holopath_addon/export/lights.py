@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from . import baking
-from .blackbody import blackbody_colour
-from .node_graph import Pin, follow, output_node, upstream
-from .textures import stand_in_effect
+from .shading import baking
+from .shading.blackbody import blackbody_colour
+from .shading.node_graph import Pin, follow, output_node, upstream
+from .shading.textures import stand_in_effect
 
 PROFILE = 512, 256  # directions of a lamp's nodes
 # What nodes read of a lamp is that of a stand-in.

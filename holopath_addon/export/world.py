@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from . import baking
 from .census import add_notes
-from .node_graph import Pin, follow, output_node, upstream, uses_nodes
-from .textures import MAGENTA, ImageValue, decoded, missing, own_mapping, stand_in_effect
+from .shading import baking
+from .shading.node_graph import Pin, follow, output_node, upstream, uses_nodes
+from .shading.textures import MAGENTA, ImageValue, decoded, missing, own_mapping, stand_in_effect
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024

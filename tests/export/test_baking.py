@@ -195,7 +195,7 @@ def test_bumps(stage, source, scale):
 
 
 def test_objects_of_one_mesh_share_a_bake(stage, monkeypatch):
-    from holopath_addon.export import baking
+    from holopath_addon.export.shading import baking
 
     material, _ = noise(stage)
     first = stage.sphere(0.5, material)
@@ -271,7 +271,7 @@ def test_from_another_thread_nothing_is_baked_but_noted(stage):
 
 
 def test_a_bake_that_fails_is_noted_and_leaves_nothing(stage, monkeypatch):
-    from holopath_addon.export import baking
+    from holopath_addon.export.shading import baking
 
     def fail(*_):
         raise baking.BakingFailed("no luck")
@@ -376,7 +376,8 @@ def test_what_is_baked_stays_in_place_beside_anisotropy(stage):
 
 
 def test_a_second_export_bakes_only_what_changed(stage, monkeypatch):
-    from holopath_addon.export import ExportCache, baking, export_scene
+    from holopath_addon.export import ExportCache, export_scene
+    from holopath_addon.export.shading import baking
 
     names = []
     real = baking.bake_surface

@@ -11,24 +11,21 @@ from benchmarks import exporter  # noqa: E402
 from benchmarks.features import EVERYWHERE, FEATURES, box, random_scene  # noqa: E402
 from benchmarks.stage import Stage  # noqa: E402
 
-# These take every branch of the exporter that any feature takes, together with test_lights, test_materials and
-# test_baking, and show each group's shading. The others are slow.
+# These take every branch of the exporter that any feature takes, together with test_lights, test_materials,
+# test_baking, test_images and test_instances, and show each group's shading. The others are slow.
 EVERY_DAY = """
 area lamp on a polished ball | Bump from an image | clip end before an object | custom normals
-depth of field ignored | extension clip | film transparent | geometry nodes instances | hair curves
-hair particles | HDRI | HDRI, turned | hidden and excluded | image with alpha, alpha | image with alpha, colour
-image, sRGB | light nodes, IES | light nodes, Math | Mapping, texture | material slots | mesh | metaball
-missing image | Mix Shader by Fresnel | Mix Shader by Layer Weight, Facing | Mix Shader by Layer Weight, Fresnel
-modifiers | negative scale | node group | Noise Texture, UV | Normal Map, tangent space | NURBS surface
-particle instances | point lamp on a rough metal | Principled Coat Roughness 0.3, coat weight 1
-Principled Coat Tint tinted, coat weight 1 | Principled Coat Weight 1, metallic 1, roughness 0.4
+depth of field ignored | extension clip | film transparent | hair curves | hair particles | HDRI, turned
+hidden and excluded | image with alpha, colour | light nodes, IES | Mapping, texture | material slots | mesh
+metaball | missing image | Mix Shader by Fresnel | Mix Shader by Layer Weight, Facing | negative scale
+node group | Noise Texture, UV | Normal Map, tangent space | NURBS surface | point lamp on a rough metal
+Principled Coat Roughness 0.3, coat weight 1 | Principled Coat Weight 1, metallic 1, roughness 0.4
 Principled IOR 2.5, roughness 0.3 | Principled Sheen Weight 0.5 | Principled Specular IOR Level 0, roughness 0.3
 Principled Specular Tint tinted, roughness 0.3, ior 2 | Principled Subsurface Weight 0.5, subsurface scale 0.1
-Principled Thin Film Thickness 300, roughness 0.2 | Refraction BSDF roughness 0 | Refraction BSDF roughness 0.3
-reroute and muted node | sensor fit auto, wide | sheared by a parent | shift | single sheet of Glass
-smooth by angle | textured Coat Weight | textured Emission Strength | textured Roughness
-textured Transmission Weight | turned and scaled camera | two UV maps in one material | unit scale 0.01
-UV map by name | Voronoi Texture, Generated | world, Blackbody | world, mix of Backgrounds
+Principled Thin Film Thickness 300, roughness 0.2 | Refraction BSDF roughness 0.3 | reroute and muted node
+sensor fit auto, wide | sheared by a parent | shift | single sheet of Glass | smooth by angle
+textured Emission Strength | textured Roughness | turned and scaled camera | two UV maps in one material
+unit scale 0.01 | world, mix of Backgrounds
 """
 EVERY_DAY = set(EVERY_DAY.strip().replace("\n", " | ").split(" | "))
 

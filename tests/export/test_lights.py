@@ -130,7 +130,7 @@ def test_blackbody_node(stage, kelvin):
 
 def test_blackbody_is_blenders():
     from holopath_addon.engine.scene import variants
-    from holopath_addon.export.blackbody import blackbody_colour
+    from holopath_addon.export.shading.blackbody import blackbody_colour
 
     variants.activate()
     light = bpy.data.lights.new("light", "POINT")

@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from holopath_addon.engine import InvalidInput  # noqa: E402
-from holopath_addon.export.node_graph import Pin, follow  # noqa: E402
+from holopath_addon.export.shading.node_graph import Pin, follow  # noqa: E402
 
 from .test_geometry import area, bounds, hit  # noqa: E402
 

@@ -449,9 +449,9 @@ def abbe():
     ],
 )
 def test_abbe_number(stage, abbe, node, values, disperses):
-    from holopath_addon.export.materials import read_material
     from holopath_addon.export.notes import Notes
-    from holopath_addon.export.textures import Textures
+    from holopath_addon.export.shading.materials import read_material
+    from holopath_addon.export.shading.textures import Textures
 
     material = stage.material(node, **values)
     notes = Notes()

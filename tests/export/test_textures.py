@@ -234,7 +234,7 @@ def test_the_frame_of_a_sequence_that_the_scene_shows(stage, tmp_path, small_wor
 def test_frames_shown(settings, frame, number):
     from types import SimpleNamespace
 
-    from holopath_addon.export.textures import frame_shown
+    from holopath_addon.export.shading.textures import frame_shown
 
     names = ("frame_start", "frame_duration", "frame_offset", "use_cyclic")
     assert frame_shown(SimpleNamespace(**dict(zip(names, settings, strict=True))), frame) == number

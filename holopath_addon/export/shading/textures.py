@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..engine.scene.variants import made
+from ...engine.scene.variants import made
+from ..notes import Notes
 from .baking import ATLAS, COLOUR, EMISSION, NORMAL, NUMBER, Output
 from .node_graph import Pin, alphas_upstream, first_link, follow, upstream
-from .notes import Notes
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 MAGENTA = (1.0, 0.0, 1.0)

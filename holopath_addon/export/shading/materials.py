@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..engine.scene.variants import made
+from ...engine.scene.variants import made
+from ..notes import Notes
 from .baking import ATLAS
 from .node_graph import Pin, first_link, follow, output_node, uses_nodes
-from .notes import Notes
 from .textures import LUMINANCE, ImageValue, MaterialReading
 
 # Below this roughness a glass, mirror or polished surface is exported as perfectly smooth.

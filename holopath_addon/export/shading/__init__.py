@@ -1,0 +1,1 @@
+"""What shader nodes mean: materials and textures, read where Mitsuba has them, and baked by Cycles where not."""
