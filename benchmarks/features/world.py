@@ -126,5 +126,12 @@ def _unexposed(stage):
 FEATURES = [
     *(Feature(name, "world", _under(wire), EVERYWHERE) for name, wire in WORLDS.items()),
     Feature("film transparent", "world", _clear, EVERYWHERE),
-    Feature("exposure is not baked in", "world", _exposed, EVERYWHERE, reference=_unexposed),
+    Feature(
+        "exposure is not baked in",
+        "world",
+        _exposed,
+        EVERYWHERE,
+        notes=frozenset({"Film Exposure"}),
+        reference=_unexposed,
+    ),
 ]
