@@ -210,9 +210,27 @@ def test_what_a_lamp_reads_of_its_object_or_a_smooth_falloff_is_noted(
     assert any(effect in note.effect for note in stage.export().notes)
 
 
-def test_negative_emission_of_a_texture_is_noted(stage):
-    stage.plane(2, emitting(stage, "ShaderNodeTexCoord", "Object"))
+@pytest.mark.parametrize("socket", ["Color", "Strength"])
+def test_negative_emission_of_a_texture_is_noted(stage, socket):
+    material = emitting(stage, "ShaderNodeTexCoord", "Object")
+    emission = next(n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeEmission")
+    link = emission.inputs["Color"].links[0]
+    material.node_tree.links.new(link.from_socket, emission.inputs[socket])
+    if socket == "Strength":
+        material.node_tree.links.remove(emission.inputs["Color"].links[0])
+    stage.plane(2, material)
     assert "Negative emission" in [note.feature for note in stage.export().notes]
+
+
+def test_normals_that_point_away_are_noted(stage):
+    """A number as a normal: (f, f, f) in the world, behind half of a cube."""
+    material = stage.material("ShaderNodeBsdfDiffuse")
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    source = nodes.new("ShaderNodeTexWave")
+    shader = next(n for n in nodes if n.bl_idname == "ShaderNodeBsdfDiffuse")
+    links.new(source.outputs["Factor"], shader.inputs["Normal"])
+    stage.sphere(0.5, material)
+    assert any("normals that point away" in note.effect for note in stage.export().notes)
 
 
 def test_an_environment_texture_has_a_mapping_of_its_own(stage, small_worlds):

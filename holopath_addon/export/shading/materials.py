@@ -585,6 +585,8 @@ class _ShaderReader:
             if isinstance(colour, ImageValue):
                 self._emission_pressing = True
                 colour = self._textures.mean_colour(colour)
+            if self._textures.has_negative(strength):
+                self._note("Negative emission", "ignored")
             return replace(strength, grey=True).scaled(colour)
         strength = _luminance(strength)
         if strength == 0:

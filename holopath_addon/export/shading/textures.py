@@ -324,6 +324,12 @@ def _is_alpha_known(image):
     return straight or image.file_format in _ASSOCIATED_FILES or not _is_from_file(image)
 
 
+def _points_away(pixels):
+    """Whether a hundredth of a baked normal map's normals lie below the surface; what is not used is zero."""
+    used = pixels[pixels.any(axis=-1)]
+    return len(used) > 0 and (used[:, 2] < 0.5).mean() > 0.01
+
+
 def _is_negative(pixels):
     """Whether a hundredth of a color image is below zero, as colors outside Rec.709 are."""
     if pixels.shape[2] < 3:
@@ -501,6 +507,8 @@ class Textures:
         effects = ["baked to a texture", *(how for how, sockets in _BAKED_AS if sockets & read), *differing]
         if kind != NORMAL and _is_negative(picture.pixels):
             effects.append(_NO_NEGATIVE)
+        if kind == NORMAL and _points_away(picture.pixels):
+            effects.append("normals that point away from the surface reflect nothing there")
         self._notes.add(owner, feature, ", ".join(filter(None, dict.fromkeys(effects))))
         return ImageValue(picture, extension="EXTEND", uv_name=ATLAS)
 
