@@ -325,9 +325,12 @@ def _is_alpha_known(image):
 
 
 def _points_away(pixels):
-    """Whether a hundredth of a baked normal map's normals lie below the surface; what is not used is zero."""
+    """Whether a hundredth of a baked normal map's normals lie below the surface or have no length.
+
+    What is not used of the map is zero.
+    """
     used = pixels[pixels.any(axis=-1)]
-    return len(used) > 0 and (used[:, 2] < 0.5).mean() > 0.01
+    return len(used) > 0 and (used[:, 2] < 0.501).mean() > 0.01
 
 
 def _is_negative(pixels):
