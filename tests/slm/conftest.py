@@ -2,6 +2,7 @@
 
 import pytest
 
+from holopath_addon.slm.drivers import controller
 from holopath_addon.slm.drivers import display as display_module
 from holopath_addon.slm.drivers import link as link_module
 from tests.monitors import NoMonitors, monitors
@@ -32,4 +33,5 @@ def patient(monkeypatch):
     """No device is lost only because other programs have the processor; tests of silence set what they wait for."""
     monkeypatch.setattr(link_module, "PATIENCE", SOON)
     monkeypatch.setattr(link_module, "STUCK", SOON)
+    monkeypatch.setattr(controller, "WRITE_TIMEOUT", SOON)
     monkeypatch.setattr(display_module, "STILL", SOON)

@@ -160,7 +160,7 @@ def cable():
 
 
 def open_port(path):
-    return serial.Serial(path, 4000000, timeout=0.002, write_timeout=1.5)
+    return serial.Serial(path, 4000000, timeout=0.002, write_timeout=SOON)
 
 
 def messages(seed):
@@ -197,10 +197,11 @@ def send(link, stream, count):
     return lines
 
 
-def send_until_lost(link, stream):
+def send_until_lost(link, stream, monkeypatch):
     """Send until the device is lost; returns the lines of all that was given to the link."""
     lines = []
-    with pytest.raises(DeviceLost):
+    with monkeypatch.context() as patched, pytest.raises(DeviceLost):
+        patched.setattr(link_module, "PATIENCE", 0.25)
         for line, act in itertools.islice(stream, 2000):
             lines.append(line)
             act(link)
@@ -359,7 +360,6 @@ def test_garbage_before_the_handshake(start, raw_pty, longest, monkeypatch):
 
 def test_a_new_port_while_the_firmware_goes_on(start, cable, monkeypatch):
     """Whatever is under way, half a frame too, arrives once."""
-    monkeypatch.setattr(link_module, "PATIENCE", 0.25)
     line = cable()
     process, link, stream, chance = start(line.device), Link(), messages(6), random.Random(7)
     lines = []
@@ -374,7 +374,7 @@ def test_a_new_port_while_the_firmware_goes_on(start, cable, monkeypatch):
         port = open_port(line.computer)
         link.connect(port)
         line.cut(chance.randrange(3000))
-        lines += send_until_lost(link, stream)
+        lines += send_until_lost(link, stream, monkeypatch)
         port.close()
         line.mend()
     with open_port(line.computer) as port:
@@ -387,7 +387,6 @@ def test_a_new_port_while_the_firmware_goes_on(start, cable, monkeypatch):
 
 def test_a_new_port_and_firmware_that_has_restarted(start, cable, monkeypatch):
     """All arrives in order; twice only what was done just before and not yet reported."""
-    monkeypatch.setattr(link_module, "PATIENCE", 0.25)
     line = cable()
     link, stream, chance = Link(), messages(8), random.Random(9)
     lines, logs = [], []
@@ -397,7 +396,7 @@ def test_a_new_port_and_firmware_that_has_restarted(start, cable, monkeypatch):
             link.connect(port)
             if life < 6:
                 line.cut(chance.randrange(3000))
-                lines += send_until_lost(link, stream)
+                lines += send_until_lost(link, stream, monkeypatch)
             else:
                 lines += send(link, stream, 20)
         process.kill()

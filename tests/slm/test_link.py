@@ -24,7 +24,7 @@ BAUD = 4000000
 
 
 def opened(board):
-    return serial.Serial(board.path, BAUD, timeout=0.002, write_timeout=1.0)
+    return serial.Serial(board.path, BAUD, timeout=0.002, write_timeout=SOON)
 
 
 def connected(board, link=None):
