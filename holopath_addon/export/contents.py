@@ -518,7 +518,7 @@ class Contents:
         if object.is_holdout or object.is_shadow_catcher:
             self._notes.add(object.name, "Holdout or shadow catcher", "rendered as a normal object")
         self._note_linking(object)
-        cycles = getattr(object, "cycles", None)
+        cycles = getattr(object.original, "cycles", None)  # of a copy, Blender would not free it
         for block in (object, cycles, object.original.data, *object.modifiers):
             add_notes(block, object.name, self._notes)
         if cycles and self._render.use_simplify:
