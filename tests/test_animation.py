@@ -209,6 +209,7 @@ def test_frames_may_be_listed_and_lie_beyond_the_range(moving, tmp_path, capfd):
     assert "The range '5-1' is empty" in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_frames_of_a_demo(tmp_path):
     out = tmp_path / "out"
     assert cli.main(["render", "demo:planes", *WORDS, "--frame-range", "2-3", "--out", str(out)]) == 0

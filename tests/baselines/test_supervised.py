@@ -130,7 +130,7 @@ def test_layers_block_as_waves(build, camera):
 
 
 @pytest.mark.parametrize(
-    "method", [pytest.param(m, marks=pytest.mark.slow if m == "light-field" else ()) for m in DESCENTS]
+    "method", [pytest.param(m, marks=pytest.mark.slow if m != "rgbd-sgd" else ()) for m in DESCENTS]
 )
 def test_phases_of_one_modulus_that_get_better(build, camera, method):
     """More steps, less speckle; all frames are used, and differ."""

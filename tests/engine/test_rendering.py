@@ -45,6 +45,7 @@ def test_emissive_planes(build, camera, small):
         assert brightness(picture, reference) == pytest.approx(1, abs=0.05), depth
 
 
+@pytest.mark.slow
 def test_half_the_rays_lose_little(build, camera, small):
     """What is left is a narrower cone, not a coarser lattice, whose aliases cost 4 dB."""
     settings = engine.Settings(frames=24, planes=1, spp=50)
@@ -249,9 +250,10 @@ def test_direct_method_is_the_paper_s_estimator_at_the_slm(build, camera):
     assert engine.psnr(*rows[0][1:]) >= 19
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "reflectance",
-    [pytest.param(0.05, marks=pytest.mark.slow), 0.5, pytest.param(0.95, marks=pytest.mark.slow)],
+    [0.05, 0.5, 0.95],
 )
 def test_brightness_over_albedo_in_colour(build, camera, reflectance):
     hologram = engine.Hologram(128, 128, 8e-6, RGB, 0.3e-3, 2.8e-3)

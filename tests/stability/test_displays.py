@@ -46,6 +46,7 @@ SLOW = {
     "texels": "test_radiance_cache: holograms of baked light",
     "frames, designed fields": "test_phase_fields: the first frames alone are better than random ones",
     "rays, paper's estimator": "test_rendering: paper's estimator",
+    "distance": "a picture too far for the aperture, here; test_rendering: points refocus at their depth",
     "wavelength": "test_rendering: each wavelength shows its channel",
     "pitch": "size, distance and rays, here",
 }
@@ -101,7 +102,8 @@ def test_speckle_of_random_fields():
         assert figures["brightness"] == pytest.approx(1, abs=0.05)
 
 
-def test_fewer_and_more_rays_than_needed():
+@pytest.mark.slow
+def test_fewer_and_more_rays_than_needed():  # test_planner: too few rays are warned of
     few_rays, enough, more = few("rays")
     assert "fewer than" in few_rays["warned"] and few_rays["psnr of few"] < enough["psnr"] - 3
     assert "fewer than" not in enough.get("warned", "")

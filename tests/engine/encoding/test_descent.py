@@ -484,7 +484,7 @@ def test_frames_that_are_not_there_in_time_are_done_without(clock):
     assert refined["psnr_db"] > sgd["psnr_db"] + 2
 
 
-@pytest.mark.parametrize("bits", [None, 2])
+@pytest.mark.parametrize("bits", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_time_that_is_too_short_for_all_views_is_each_frame_s(clock, monkeypatch, bits):
     """Which otherwise has a tenth of it; nothing of what is given is left."""
     field, seconds = wave_field(np.concatenate([smooth(2, n, (128, 128)) for n in (0, 5)], axis=1)), 0.6

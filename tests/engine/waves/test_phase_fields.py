@@ -125,6 +125,7 @@ def test_a_seed_moves_the_maps():
     assert contrasts(moved, 5).mean() == pytest.approx(contrasts(still, 5).mean(), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_predicted_contrast_of_textured_pictures():
     """The plan's figures are those of the shipped maps, in pictures that were not designed for."""
     assert speckle_contrast("random", 9) == pytest.approx(1 / 3)
