@@ -48,7 +48,7 @@ SLOW = {
     "rays, paper's estimator": "test_rendering: paper's estimator",
     "distance": "a picture too far for the aperture, here; test_rendering: points refocus at their depth",
     "wavelength": "test_rendering: each wavelength shows its channel",
-    "pitch": "size, distance and rays, here",
+    "pitch": "size, here; test_slabs",
 }
 
 
