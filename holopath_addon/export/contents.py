@@ -221,22 +221,22 @@ class Contents:
         values = InstanceValues(layer_attributes=tuple(layer_attributes(self._depsgraph, sorted(names))))
         if not any(map(self._reads_instance, readers)):
             return key, values
-        values = replace(values_of(instance, object), layer_attributes=values.layer_attributes)
-        if lacks_attributes(instance) and any(attributes_read(each, "INSTANCER") for each in readers):
+        if self._own_bakes[key] >= MAX_BAKED_INSTANCES:
             self._notes.add(
                 object.name,
-                "Attributes of an instancer",
-                "black where geometry nodes make them: needs Blender 5.0",
-            )
-        if self._own_bakes[key] >= MAX_BAKED_INSTANCES:
-            name = object.name
-            self._notes.add(
-                name,
                 f"More than {MAX_BAKED_INSTANCES} instances with materials that read the instance",
                 "the others look like one another",
             )
             return key, values
         self._own_bakes[key] += 1
+        names = set().union(*(attributes_read(material, "INSTANCER") for material in readers))
+        values = replace(values_of(instance, object, names), layer_attributes=values.layer_attributes)
+        if names and lacks_attributes(instance):
+            self._notes.add(
+                object.name,
+                "Attributes of an instancer",
+                "black where geometry nodes make them: needs Blender 5.0",
+            )
         who = (owner.session_uid, *instance.persistent_id) if instance.is_instance else (owner.session_uid,)
         return (*key[:-1], who, key[-1]), values
 

@@ -97,6 +97,20 @@ def test_instances_beyond_the_limit_are_told_of(stage, monkeypatch):
     assert note.object == "leaf" and note.effect == "the others look like one another"
 
 
+def test_a_second_export_bakes_no_instance_again(stage, monkeypatch):
+    from holopath_addon.export import ExportCache, export_scene
+    from holopath_addon.export.shading import baking
+
+    values = {"attribute_type": "INSTANCER", "attribute_name": "tint"}
+    scattered(stage, shining(stage, "ShaderNodeAttribute", "Color", **values))
+    cache, bakes, bake = ExportCache(), [], baking.bake_surface
+    monkeypatch.setattr(baking, "bake_surface", lambda *words: bakes.append(1) or bake(*words))
+    for _ in range(2):
+        export_scene(bpy.context.evaluated_depsgraph_get(), (32, 32), None, cache)
+        made = len(bakes)
+    assert made == 17  # sixteen instances and the leaf itself
+
+
 def test_attributes_of_the_view_layer_and_the_scene(stage):
     stage.scene["tint"] = (0.2, 0.9, 0.4)
     values = {"attribute_type": "VIEW_LAYER", "attribute_name": "tint"}

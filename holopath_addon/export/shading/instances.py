@@ -1,4 +1,4 @@
-"""What shader nodes read of an instance: its random number, its instancer, and attributes of the view layer."""
+"""Values that shader nodes read of an instance: its random number, its instancer, attributes of the view layer."""
 
 import contextlib
 from dataclasses import dataclass
@@ -37,15 +37,27 @@ class InstanceValues:
     layer_attributes: tuple = ()
 
 
-def values_of(instance, object):
-    """What nodes read of an instance, in Cycles' own terms (its `sync_object`)."""
+def values_of(instance, object, names):
+    """Values that nodes read of an instance, in Cycles' own terms (its `sync_object`).
+
+    Parameters
+    ----------
+    instance : bpy.types.DepsgraphObjectInstance
+    object : bpy.types.Object
+    names : set of str
+        Attributes of the instancer that nodes read.
+
+    Returns
+    -------
+    InstanceValues
+    """
     if not instance.is_instance:
         return InstanceValues(random=_hash_of(object.name) / 0xFFFFFFFF)
     return InstanceValues(
         random=(instance.random_id & 0xFFFFFFFF) / 0xFFFFFFFF,
         generated=tuple(0.5 * v - 0.5 for v in instance.orco),
         uv=(*instance.uv, 0.0),
-        attributes=_instancer_attributes(instance),
+        attributes=_instancer_attributes(instance, names) if names else (),
     )
 
 
@@ -69,7 +81,7 @@ def _hash_of(name):
     return mix(c, b, 24)
 
 
-def _instancer_attributes(instance):
+def _instancer_attributes(instance, names):
     """Numbers that an Attribute node of type Instancer finds, as name and RGBA.
 
     Blender looks at the particle settings, then at the attributes of instances that geometry nodes made, then at the
@@ -90,7 +102,8 @@ def _instancer_attributes(instance):
                 if hasattr(values, kind):
                     found |= _as_rgba(attribute.name, getattr(values, kind))
                     break
-    return tuple(found.items())
+    found.pop("position", None)  # of instances' points Blender leaves it undefined
+    return tuple((name, found[name]) for name in sorted(names & found.keys()))
 
 
 def _as_rgba(name, value):
