@@ -9,7 +9,7 @@ import time
 import bpy
 import numpy as np
 
-from .exporter import BLOCK, _cycles
+from .exporter import BLOCK, unbiased_cycles
 from .features.anything import any_scene
 from .stage import Stage
 
@@ -52,7 +52,7 @@ def judge(seed: int) -> tuple[str, str]:
     difference = brightness = 0.0
     for samples in SAMPLES:
         options = dict(resolution=(SIDE, SIDE), spp=samples, depth=DEPTH)
-        ours, theirs = stage.mitsuba(**options, exported=exported), _cycles(stage, 0, **options)
+        ours, theirs = stage.mitsuba(**options, exported=exported), unbiased_cycles(stage, 0, **options)
         blocks = [
             image.reshape(SIDE // BLOCK, BLOCK, SIDE // BLOCK, BLOCK, 3).mean((1, 3))
             for image in (ours, theirs)

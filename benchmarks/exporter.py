@@ -99,7 +99,7 @@ def compare(feature, counts=(SPP,)):
         pictures = 2 if spp == counts[-1] else 1
         options = dict(resolution=feature.resolution, spp=spp // pictures, depth=feature.depth)
         ours = np.stack([stage.mitsuba(**options, exported=exported, seed=seed) for seed in range(pictures)])
-        theirs = np.stack([_cycles(stage, seed, **options) for seed in range(pictures)])
+        theirs = np.stack([unbiased_cycles(stage, seed, **options) for seed in range(pictures)])
         differences, noise, brightness = _apart(ours, theirs, feature.regions)
         seconds = time.perf_counter() - start
         result = Comparison(
@@ -118,7 +118,7 @@ def compare(feature, counts=(SPP,)):
     return result
 
 
-def _cycles(stage, seed, **options):
+def unbiased_cycles(stage, seed, **options):
     """Cycles' picture without its biased shortcuts."""
     settings = stage.scene.cycles
     settings.seed = seed

@@ -172,7 +172,7 @@ def add_scene(parser, store):
     )
     add_at_frame(parser)
     add("--scene-name", metavar="NAME", help="scene of a .blend (default: the one in which it was saved)")
-    add("--view-layer", metavar="NAME", help="its view layer (default: the first one)")
+    add("--view-layer", metavar="NAME", help="its view layer (default: the first that renders use)")
     add_run_scripts(parser)
     add_define(parser)
 

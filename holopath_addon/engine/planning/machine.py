@@ -95,7 +95,7 @@ def _slowness(folder, now):
                 least = before
                 if abs(time.time() - file.stat().st_mtime) < KEPT:
                     return least
-    least = least.or_less(_found(made_with, now))
+    least = least.or_less(_process_slowness(made_with, now))
     if file is not None:
         with suppress(OSError):  # measured again the next time
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ def _slowness(folder, now):
 
 
 @lru_cache(1)
-def _found(_made_with, _now):
+def _process_slowness(_made_with, _now):
     """What is measured once in a process, for whichever folder."""
     timed(_programs)  # compiles
     return reduce(Slowness.or_less, [_measured() for _ in range(3)])

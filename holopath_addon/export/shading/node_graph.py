@@ -94,6 +94,20 @@ def alphas_upstream(*pins):
     return {s for s in sources if s.node.bl_idname == "ShaderNodeTexImage" and s.socket.name == "Alpha"}
 
 
+def all_nodes(owner):
+    """Yield every node of a material or tree, those within its groups too.
+
+    Parameters
+    ----------
+    owner : bpy.types.Material or bpy.types.NodeTree
+    """
+    tree = getattr(owner, "node_tree", owner)
+    for node in tree.nodes if tree is not None else ():
+        yield node
+        if node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
+            yield from all_nodes(node.node_tree)
+
+
 def attributes_read(owner, kind):
     """Names that Attribute nodes of a type read, such as ``"INSTANCER"``.
 
@@ -106,13 +120,8 @@ def attributes_read(owner, kind):
     -------
     set of str
     """
-    tree, found = getattr(owner, "node_tree", owner), set()
-    for node in tree.nodes if tree is not None else ():
-        if node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
-            found |= attributes_read(node.node_tree, kind)
-        elif node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == kind:
-            found.add(node.attribute_name)
-    return found
+    nodes = (node for node in all_nodes(owner) if node.bl_idname == "ShaderNodeAttribute")
+    return {node.attribute_name for node in nodes if node.attribute_type == kind}
 
 
 # Textures that read generated coordinates where nothing is linked to their Vector.
@@ -129,14 +138,11 @@ def reads_generated(owner):
     ----------
     owner : bpy.types.Material or bpy.types.NodeTree
     """
-    tree = getattr(owner, "node_tree", owner)
-    return tree is not None and any(_reads_generated(node) for node in tree.nodes)
+    return any(_reads_generated(node) for node in all_nodes(owner))
 
 
 def _reads_generated(node):
     kind = node.bl_idname
-    if kind == "ShaderNodeGroup":
-        return node.node_tree is not None and reads_generated(node.node_tree)
     if kind == "ShaderNodeTexCoord":
         return node.outputs["Generated"].is_linked and not node.from_instancer
     return kind in GENERATED_BY_DEFAULT and not node.inputs["Vector"].is_linked
@@ -158,14 +164,11 @@ def reads_instance(owner):
     ----------
     owner : bpy.types.Material or bpy.types.NodeTree
     """
-    tree = getattr(owner, "node_tree", owner)
-    return tree is not None and any(_reads_instance(node) for node in tree.nodes)
+    return any(_reads_instance(node) for node in all_nodes(owner))
 
 
 def _reads_instance(node):
     kind = node.bl_idname
-    if kind == "ShaderNodeGroup":
-        return node.node_tree is not None and reads_instance(node.node_tree)
     if kind == "ShaderNodeAttribute":
         return node.attribute_type in ("OBJECT", "INSTANCER")
     if kind == "ShaderNodeVectorTransform":

@@ -21,7 +21,7 @@ def anew(folder):
 
 def forget():
     machine._slowness.cache_clear()
-    machine._found.cache_clear()
+    machine._process_slowness.cache_clear()
 
 
 @pytest.mark.slow
