@@ -240,18 +240,31 @@ def test_frames_shown(settings, frame, number):
     assert frame_shown(SimpleNamespace(**dict(zip(names, settings, strict=True))), frame) == number
 
 
+def tiled(stage, folder, saved, used):
+    """An image of UDIM tiles, each with noise of its own."""
+    noise = np.random.default_rng(3).random((len(saved), 6, 6, 3)) ** 2
+    for number, pixels in zip(saved, noise, strict=True):
+        image = stage.image(pixels)
+        image.filepath_raw, image.file_format = str(folder / f"tile.{number}.png"), "PNG"
+        image.save()
+    image = bpy.data.images.load(str(folder / f"tile.{saved[0]}.png"))
+    image.source, image.filepath = "TILED", str(folder / "tile.<UDIM>.png")
+    for number in used:
+        if number not in [tile.number for tile in image.tiles]:
+            image.tiles.new(number)
+    return image
+
+
+def test_tiles(stage, tmp_path):
+    numbers = (1001, 1002, 1011)
+    shown(stage, tiled(stage, tmp_path, numbers, numbers)).texture_mapping.scale = (3, 2, 1)
+    assert_alike(stage, notes={"Image Texture node into Color"})
+
+
 @pytest.mark.slow
 def test_missing_tiles_are_noted(stage, tmp_path):
-    for number in (1001, 1002):
-        image = stage.image(FEW)
-        image.filepath_raw, image.file_format = str(tmp_path / f"tile.{number}.png"), "PNG"
-        image.save()
-    tiled = bpy.data.images.load(str(tmp_path / "tile.1001.png"))
-    tiled.source, tiled.filepath = "TILED", str(tmp_path / "tile.<UDIM>.png")
-    for number in (1002, 1003):
-        if number not in [tile.number for tile in tiled.tiles]:
-            tiled.tiles.new(number)
-    shown(stage, tiled).texture_mapping.scale = (3, 1, 1)
+    image = tiled(stage, tmp_path, (1001, 1002), (1002, 1003))
+    shown(stage, image).texture_mapping.scale = (3, 1, 1)
     assert features(stage.export()) == {"UDIM tile 1003", "Image Texture node into Color"}
 
 
