@@ -15,11 +15,11 @@ import numpy as np
 from ..engine.errors import InvalidInput
 from ..engine.scene import variants
 from ..engine.waves.display_model import DisplayModel
-from ..engine.waves.modulator import Levels, grey_levels, varying
+from ..engine.waves.modulator import MIN_LEVELS, Levels, grey_levels, one_turn, unwrapped, varying
 from .sensor import Sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from ..engine.hologram import Hologram
 
@@ -107,7 +107,7 @@ class Response:
                     f"The curve at {self.wavelength * 1e9:g} nm runs from level {at[0]:g} to {at[-1]:g}: measure it "
                     f"from 0 to {levels[-1]}."
                 )
-            phases = np.interp(levels, at, phases)
+            phases = np.interp(levels, at, unwrapped(phases))
         return phases * _scale(self.wavelength, wavelength)
 
     def linear(self, wavelength: float) -> bool:
@@ -234,9 +234,10 @@ class Calibration:
             correction = self._scaled_correction(wavelength, device)
             if correction is not None:
                 correction = self._under(correction, shape)
-            found.append(
-                Levels(self.response(wavelength).phases(self.bits, wavelength), correction, variation)
-            )
+            phases = self.response(wavelength).phases(self.bits, wavelength)
+            if self.models:
+                phases = phases[self._used(phases)]
+            found.append(Levels(phases, correction, variation))
         return found
 
     def display(self, wavelengths: Sequence[float]) -> list[DisplayModel] | None:
@@ -282,14 +283,17 @@ class Calibration:
             return np.stack(
                 [self._table(phases[0] + share * (phases - phases[0]), COARSE_STEPS) for share in shares]
             )
-        if self.models:  # crosstalk blurs over what is more than a turn
-            phases = phases[phases < phases[0] + 2 * math.pi]
         return self._table(phases, STEPS)
 
+    def _used(self, phases):
+        """Which levels are; a model's crosstalk knows no more than a turn."""
+        return one_turn(phases, 2 if self.models else MIN_LEVELS)
+
     def _table(self, phases, steps):
-        phases = np.mod(phases, 2 * math.pi)
+        used = np.flatnonzero(self._used(phases))
+        phases = np.mod(phases[used], 2 * math.pi)
         order = np.argsort(phases, kind="stable")
-        ring = phases[order]
+        ring, order = phases[order], used[order]
         edges = np.append((ring[1:] + ring[:-1]) / 2, (ring[0] + 2 * math.pi + ring[-1]) / 2)
         wanted = np.arange(steps) * (2 * math.pi / steps)
         wanted = np.where(wanted < edges[-1] - 2 * math.pi, wanted + 2 * math.pi, wanted)
@@ -384,7 +388,13 @@ class Calibration:
             here.append(slice(first - begin, last - begin))
         return tuple(there), tuple(here)
 
-    def seen(self, levels: np.ndarray, wavelength: float, shape: tuple[int, int]) -> np.ndarray:
+    def seen(
+        self,
+        levels: np.ndarray,
+        wavelength: float,
+        shape: tuple[int, int],
+        blurred: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> np.ndarray:
         """What a device that this calibration describes makes of levels: the reverse of `levels`.
 
         Parameters
@@ -395,6 +405,9 @@ class Calibration:
             Metres.
         shape : (int, int)
             Rows and columns of the hologram.
+        blurred : callable, optional
+            What neighboring pixels do to each other: from phases that the response gives, which may be of more than a
+            turn, radians, shape (height, width), to those that the panel has.
 
         Returns
         -------
@@ -406,6 +419,8 @@ class Calibration:
         variation = self._shown_variation(phases.shape)
         if variation is not None:
             phases = response[0] + variation * (phases - response[0])
+        if blurred is not None:
+            phases = blurred(phases)
         correction = self._scaled_correction(wavelength, phases.shape)
         if correction is not None:
             phases = phases - correction

@@ -159,8 +159,8 @@ class _Loop:
         wanted = dict(zip(everywhere, reconstruct(field, depths)[..., colour], strict=True))
         shape = phase.data.shape[-2:]
         shown = ShownLight(model, shape, hologram.pitch, MARGIN)
-        levels = calibration.levels_of(hologram)[colour].phases
-        self.phases = Phases(phase.data[:, colour], threads, shown, (levels[0], levels[-1]))
+        ends = calibration.levels_of(hologram)[colour].ends
+        self.phases = Phases(phase.data[:, colour], threads, shown, ends)
         self._table = calibration.table(self._wavelength)
         wide = tuple(n + 2 * MARGIN for n in shape)
         self._within = np.s_[:, MARGIN : MARGIN + shape[0], MARGIN : MARGIN + shape[1]]

@@ -1,6 +1,7 @@
 """The simulated bench: what its camera sees of the levels that it is sent."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -235,6 +236,27 @@ def test_crosstalk():
     inner = slice(16, -16)  # at the edge pixels blur with themselves
     assert decibels(blurred[:, inner, inner], mirror[:, inner, inner]) > 20
     assert decibels(plain[:, inner, inner], mirror[:, inner, inner]) < 10
+
+
+def test_crosstalk_of_a_panel_of_more_than_a_turn():
+    """Levels a turn apart are not alike: neighbors blur the panel's own phases.
+
+    A checkerboard of both keeps the share a of its waves, and the light of a flat mirror falls to cos(pi a)^2.
+    """
+    hologram = flat(20)
+    panel = Calibration(responses=(Response(WAVELENGTHS[0], 2.0),))
+    bench = VirtualDriver(hologram, panel, engine.Modulator(crosstalk=0.4))
+    alike = np.full((SIDE, SIDE), 10, np.uint8)
+    side = math.exp(-0.5 / 0.4**2)
+    kept = ((1 - 2 * side) / (1 + 2 * side)) ** 2
+
+    def middle(levels):
+        bench.show(0, replace(Sequence([hologram], panel).picture(0), pixels=levels))
+        return seen(bench)[:, 24:40, 24:40].mean()
+
+    board = alike + np.uint8(128) * (np.indices(alike.shape).sum(0) % 2).astype(np.uint8)
+    assert middle(board) / middle(alike) == pytest.approx(math.cos(math.pi * kept) ** 2, rel=0.05)
+    assert np.array_equal(panel.levels(hologram.data[0, 0], WAVELENGTHS[0]), alike)
 
 
 @pytest.mark.parametrize("limits", [{"bits": 8}, {"bits": 1, "response": (0.0, 3.0)}])

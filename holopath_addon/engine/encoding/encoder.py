@@ -518,7 +518,7 @@ class _Work:
     def _phases(self, group, colour):
         """`Phases` of some frames in one wavelength, which are put back however the work ends."""
         levels = self._levels[colour]
-        ends = WHOLE if levels is None else (levels.phases[0], levels.phases[-1])
+        ends = WHOLE if levels is None else levels.ends
         phases = Phases(self.phases[group, colour], self._threads, self._displays[colour], ends)
         try:
             yield phases

@@ -55,6 +55,8 @@ class Phases:
         ends: tuple[float, float] = WHOLE,
     ) -> None:
         self._angle = np.array(start, order="C").reshape(len(start), -1)
+        if display is not None:
+            self._angle = ends[0] + np.mod(self._angle - ends[0], 2 * math.pi, dtype=self._angle.dtype)
         self._threads, self._shape = threads, start.shape
         self._light = np.empty(self._angle.shape, np.result_type(start.dtype, np.complex64))
         self._means: np.ndarray | None = None

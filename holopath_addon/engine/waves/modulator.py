@@ -13,6 +13,7 @@ from ..errors import InvalidInput
 from .propagation import filtered
 
 VARIES = 0.5, 2.0  # times its mean response that a pixel's may be
+MIN_LEVELS = 32  # in a turn, of which the others of a panel of more than a turn are not needed
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,8 @@ class Levels:
     Parameters
     ----------
     phases : array_like
-        Radians, two or more different ones, in any order and of any turn; kept in [0, 2 pi), rising.
+        Radians, two or more different ones, in any order and of any turn; kept in [0, 2 pi), rising. Of more than a
+        turn those of `one_turn` are kept.
     correction : array_like, shape (y, x), optional
         Radians that are added at each pixel before its level is found, as for a panel that is not flat: what a pixel
         shows is one of `phases` less its correction.
@@ -128,20 +130,31 @@ class Levels:
     variation: np.ndarray | None = None
     _first: float = field(init=False, repr=False)
     _steps: np.ndarray = field(init=False, repr=False)  # from the first, rising, of any turn
+    _whole: bool = field(init=False, repr=False)  # levels of all turns are taken
+    _ends: tuple[float, float] = field(init=False, repr=False)
 
     def __post_init__(self):
         given = np.asarray(self.phases, float).ravel()
-        phases = np.unique(np.mod(given, 2 * math.pi))
-        if len(phases) < 2 or not np.isfinite(phases).all():
+        if not np.isfinite(given).all() or len(np.unique(np.mod(given, 2 * math.pi))) < 2:
             raise InvalidInput("Levels of an SLM are two or more different phases in radians.")
-        object.__setattr__(self, "phases", phases)
+        given = unwrapped(given)
+        kept = one_turn(given)
+        object.__setattr__(self, "phases", np.unique(np.mod(given[kept], 2 * math.pi)))
         object.__setattr__(self, "_first", given[0])
         object.__setattr__(self, "_steps", np.unique(given - given[0]))
+        object.__setattr__(self, "_whole", bool(kept.all()))
+        turn = given[kept] if np.ptp(given[kept]) < 2 * math.pi else self.phases
+        object.__setattr__(self, "_ends", (float(turn.min()), float(turn.max())))
         if self.variation is not None:
             object.__setattr__(self, "variation", varying(self.variation))
         if self.correction is not None:
             correction = np.mod(np.asarray(self.correction, float), 2 * math.pi)
             object.__setattr__(self, "correction", correction.astype(np.float32))
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Least and largest phase, radians, of a turn through which the panel goes without a jump."""
+        return self._ends
 
     @classmethod
     def even(cls, bits: int) -> Levels:
@@ -192,12 +205,16 @@ class Levels:
         turn, steps = 2 * math.pi, self._steps
         low, high = np.full(within.shape, -math.inf), np.full(within.shape, math.inf)
         ends = steps[[0, -1]] * share.max() / turn
+        first, last = 0, len(steps)
+        if not self._whole:
+            first, last = np.searchsorted(steps, -turn / share, "right"), np.searchsorted(steps, turn / share)
         for turns in range(math.floor(ends[0]) - 1, math.ceil(ends[1]) + 2):
-            above = np.searchsorted(steps, (within + turns * turn) / share)
-            shown = share * steps[np.maximum(above - 1, 0)] - turns * turn
-            low = np.where(above > 0, np.maximum(low, shown), low)
+            found = np.searchsorted(steps, (within + turns * turn) / share)
+            below, above = np.minimum(found, last), np.maximum(found, first)
+            shown = share * steps[np.maximum(below - 1, 0)] - turns * turn
+            low = np.where(below > first, np.maximum(low, shown), low)
             shown = share * steps[np.minimum(above, len(steps) - 1)] - turns * turn
-            high = np.where(above < len(steps), np.minimum(high, shown), high)
+            high = np.where(above < last, np.minimum(high, shown), high)
         return low, high
 
     def to_dict(self) -> dict:
@@ -216,8 +233,41 @@ class Levels:
     def widest_gap(self) -> float:
         """Radians between those neighbors that are farthest apart, around the circle."""
         shares = (1.0,) if self.variation is None else np.quantile(self.variation, np.linspace(0, 1, 33))
-        rings = (np.unique(np.mod(share * self._steps, 2 * math.pi)) for share in shares)
+        turn = math.inf if self._whole else 2 * math.pi
+        steps = (share * self._steps for share in shares)
+        rings = (np.unique(np.mod(each[np.abs(each) < turn], 2 * math.pi)) for each in steps)
         return float(max(np.diff(ring, append=ring[0] + 2 * math.pi).max() for ring in rings))
+
+
+def unwrapped(phases: np.ndarray) -> np.ndarray:
+    """Phases of levels, without jumps of a turn where a response that rises or falls was written modulo 2 pi.
+
+    It was if 16 or more levels lie within a turn, and all steps are less than a quarter of a turn but those that are
+    more than three quarters.
+    """
+    steps = np.abs(np.diff(phases))
+    jumps = steps > 1.5 * math.pi
+    whole = len(phases) >= 16 and np.ptp(phases) <= 2 * math.pi and jumps.any()
+    return np.unwrap(phases) if whole and (steps[~jumps] < math.pi / 2).all() else phases
+
+
+def one_turn(phases: np.ndarray, min_levels: int = MIN_LEVELS) -> np.ndarray:
+    """Which levels of a panel of more than a turn are used, shape (level,).
+
+    Of two levels that are a turn apart, the same one must always be taken. Else smooth phases become a pattern of
+    both, and where neighbors differ by a turn, what runs from pixel to pixel (crosstalk) shows phases in between. So
+    those are used that lie within a turn from the least phase of a response that rises, from the largest of one that
+    falls. All are used where fewer than `min_levels` would be left, as of a PLM: there rounding costs more.
+
+    Parameters
+    ----------
+    phases : numpy.ndarray, shape (level,)
+        Radians, `unwrapped`.
+    min_levels : int
+    """
+    turn = 2 * math.pi - 1e-9
+    kept = phases < phases.min() + turn if phases[-1] >= phases[0] else phases > phases.max() - turn
+    return kept if np.count_nonzero(kept) >= min_levels else np.ones(len(phases), bool)
 
 
 def varying(variation: np.ndarray) -> np.ndarray:

@@ -58,6 +58,7 @@ class VirtualDriver:
         self._modulator, self._packing, self._order = modulator or Modulator(), packing, order
         if self._modulator.bits is not None or self._modulator.response is not None:
             raise InvalidInput("The bits and the response of a virtual SLM are its calibration's.")
+        self._bare = replace(self._modulator, crosstalk=0.0)
         self._levels = {}  # by frame and wavelength
         self._mapping = DepthMapping.of(hologram.hologram, hologram.camera, hologram.near)
         volume = hologram.hologram
@@ -122,8 +123,10 @@ class VirtualDriver:
         """Intensity at the focus of what one frame's levels make of one light source."""
         wavelength = self._hologram.hologram.wavelengths[k]
         hologram = self._hologram.hologram
-        phases = self._truth.seen(level, wavelength, (hologram.height, hologram.width))
-        light = np.float32(self._hologram.gains[k]) * self._modulator.light(phases)
+        shape = hologram.height, hologram.width
+        # neighbors blur the panel's own phases, of any turn, not what is left of them modulo 2 pi
+        phases = self._truth.seen(level, wavelength, shape, self._modulator.shown)
+        light = np.float32(self._hologram.gains[k]) * self._bare.light(phases)
         alone = replace(self._hologram.hologram, wavelengths=(wavelength,))
         camera, near = self._hologram.camera, self._hologram.near
         field = WaveField(light[None, None], alone, camera, near, modulated=True)

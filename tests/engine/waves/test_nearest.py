@@ -39,17 +39,21 @@ def test_the_nearest_that_a_corrected_pixel_shows():
     assert np.array_equal(flat, found.ravel())
 
 
-@pytest.mark.parametrize("turns", [0.4, 0.9, 1.0, 2.3])
-def test_the_nearest_where_the_response_varies(turns):
-    """Each pixel makes its own share of the steps from the first level, which may be more than a turn."""
+@pytest.mark.parametrize(("turns", "count"), [(0.4, 15), (0.9, 15), (1.0, 15), (2.3, 15), (1.7, 150), (-1.7, 150)])
+def test_the_nearest_where_the_response_varies(turns, count):
+    """Each pixel makes its own share of the steps from the first level; of many, those within a turn from there."""
     rng = np.random.default_rng(2)
-    given = 1.1 + np.append(0, rng.permutation(np.sort(rng.uniform(-0.2, 1, 15)))) * turns * TURN
+    rising = np.append(0, np.sort(rng.uniform(0, 1, count)))
+    given = 1.1 + (rising if count > 15 else np.append(0, rng.permutation(1.2 * rising[1:] - 0.2))) * turns * TURN
     phases, correction = rng.uniform(-20, 20, (6, 7)), rng.uniform(-40, 40, (6, 7)).astype(np.float32)
     variation = rng.uniform(0.7, 1.4, (6, 7)).astype(np.float32)
     levels = Levels(given, correction, variation)
     found, gaps = levels.nearest(phases)
     correction = np.mod(correction.astype(float), TURN)
-    each = given[0] + variation[..., None] * (given - given[0]) - correction[..., None]
+    steps = variation[..., None] * (given - given[0])
+    if count > 15:
+        steps = np.where(np.abs(steps) < TURN, steps, 0)
+    each = given[0] + steps - correction[..., None]
     chords = np.abs(np.exp(1j * phases[..., None]) - np.exp(1j * each))
     best = np.take_along_axis(each, chords.argmin(axis=-1)[..., None], -1)[..., 0]
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * best), atol=1e-5)
