@@ -190,7 +190,7 @@ def hologram():
     yield from encoded("sgd")
     props = scene().holopath
     props.refocused = "PHASE"
-    props.fill_factor, props.unmodulated, props.crosstalk = 0.9, 0.03, 0.4
+    props.pixel_shape, props.fill_factor, props.unmodulated, props.crosstalk = True, 0.9, 0.03, 0.4
     props.focus = 4.0
     editor("IMAGE_EDITOR").spaces.active.image = api.data.images["HoloPath Reconstruction"]
     yield 0.3

@@ -25,7 +25,6 @@ from .command_line.console import Progress, alive, close_line
 from .command_line.options import argument, numbers
 from .engine.progress import stage
 from .farm.processes import INTERRUPTS
-from .slm.calibration import read_response
 
 
 def main(argv=None, store=None):
@@ -186,9 +185,14 @@ def _add_modulator(parser):
     add(
         "--response",
         metavar="FILE",
-        help="text file of the phase in radians that each gray level shows, or the display as it was fitted (.json)",
+        help="levels as measured instead, as in `holopath encode`; with the display as it was fitted, if it was",
     )
-    add("--fill-factor", type=float, default=1.0, metavar="SHARE", help="of a pixel's area (default 1)")
+    add(
+        "--fill-factor",
+        type=float,
+        metavar="FRACTION",
+        help="of a pixel's area, whose shape dims steep light; 1 is a whole square pixel (default: no shape, a point)",
+    )
     add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
     add("--crosstalk", type=float, default=0.0, metavar="PIXELS", help="blur of the phases (default 0)")
 
@@ -231,39 +235,32 @@ def _plan(args):
         print(f"note: {render_command.note_text(note)}")
 
 
-def _shown(args, folder, modulator):
+def _shown(args, folder):
     """Light of the stored phases."""
     phase = output.stored_hologram(folder)
     display = render_command.display_of(args, phase.hologram.wavelengths)
-    if _fitted(args) and display is None:
-        raise engine.InvalidInput(
-            f"{args.response} holds no fitted display: make one by `holopath calibrate`."
-        )
-    return phase.field(modulator, display)
-
-
-def _fitted(args):
-    return args.response is not None and Path(args.response).suffix.lower() == ".json"
+    modulator = _modulator_of(args)
+    if display is not None and modulator != engine.Modulator():
+        raise engine.InvalidInput("A display that was fitted has limits of its own: leave out the others.")
+    if args.response is not None and args.bits is not None:
+        raise engine.InvalidInput("Levels that were measured have a number of their own: leave out --bits.")
+    levels = None if display is not None else render_command.levels_of(args, phase.hologram)
+    return phase.field(modulator, display, levels)
 
 
 def _modulator_of(args):
-    if _fitted(args) and (args.bits, args.fill_factor, args.unmodulated, args.crosstalk) != (
-        None,
-        1.0,
-        0.0,
-        0.0,
-    ):
-        raise engine.InvalidInput("A display that was fitted has limits of its own: leave out the others.")
-    response = None if args.response is None or _fitted(args) else read_response(args.response)
-    return engine.Modulator(args.bits, response, args.fill_factor, args.unmodulated, args.crosstalk)
+    return engine.Modulator(args.bits, args.fill_factor, args.unmodulated, args.crosstalk)
 
 
 def _reconstruct(args):
     progress = Progress(quiet=args.quiet)
-    folder, modulator = Path(args.folder), _modulator_of(args)
-    if (args.response is not None or modulator != engine.Modulator()) and not args.hologram:
+    folder, limited = (
+        Path(args.folder),
+        args.response is not None or _modulator_of(args) != engine.Modulator(),
+    )
+    if limited and not args.hologram:
         raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
-    field = _shown(args, folder, modulator) if args.hologram else output.stored_field(folder)
+    field = _shown(args, folder) if args.hologram else output.stored_field(folder)
     report = output.read_report(folder)
     focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:

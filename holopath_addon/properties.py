@@ -419,9 +419,14 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         ],
         update=_focus_changed,
     )
+    pixel_shape: BoolProperty(
+        name="Pixel Shape",
+        description="Show how the square shape of the pixels dims steep light. Otherwise they are points",
+        update=_focus_changed,
+    )
     fill_factor: FloatProperty(
         name="Fill Factor",
-        description="Share of a pixel's area that modulates light, from 0 to 1; the rest is dark",
+        description="Fraction of a pixel's area that modulates light; the rest is dark. 1 is a whole square pixel",
         default=1.0,
         min=0.01,
         max=1.0,
@@ -603,7 +608,8 @@ def focus_list_of(props):
 
 def modulator_of(props):
     """`engine.Modulator` of the display that the settings describe."""
-    return engine.Modulator(props.bits, None, props.fill_factor, props.unmodulated, props.crosstalk)
+    fill_factor = props.fill_factor if props.pixel_shape else None
+    return engine.Modulator(props.bits, fill_factor, props.unmodulated, props.crosstalk)
 
 
 def seen_of(props):
@@ -682,10 +688,13 @@ def _stamp(*_):
 def _settle(*_):
     """Choices that only a later version of HoloPath knows are at their defaults in this one.
 
-    Scenes of earlier versions keep the depth range that they had by default.
+    Scenes of earlier versions keep the depth range that they had by default, and pixels of a fill factor below 1 their
+    shape.
     """
     for scene in bpy.data.scenes:
         props = of(scene)
+        if scene.library is None and props.fill_factor < 1 and not props.is_property_set("pixel_shape"):
+            props.pixel_shape = True
         if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):
             props.depth_far_mm, props.depth_near_mm = props.depth_far_mm, props.depth_near_mm
         for props in (of(scene), of(scene).device):

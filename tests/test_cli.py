@@ -719,12 +719,12 @@ def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
     assert cli.main(words) == 0
     path = tmp_path / "reconstruction" / "hologram_focus_1m.exr"
     ideal = path.read_bytes()
-    limits = ["--bits", "4", "--fill-factor", "0.8", "--unmodulated", "0.05", "--crosstalk", "0.3"]
-    assert cli.main([*words, *limits, "--response", str(tmp_path / "response.txt")]) == 0
+    limits = ["--fill-factor", "0.8", "--unmodulated", "0.05", "--crosstalk", "0.3"]
+    assert cli.main([*words, *limits, "--bits", "4"]) == 0
     assert path.read_bytes() != ideal
     for more, says in (
         (["--response", str(tmp_path / "none.txt")], "cannot be read"),
-        (["--bits", "3", "--response", str(tmp_path / "response.txt")], "8 in all, not 16"),
+        (["--bits", "4", "--response", str(tmp_path / "response.txt")], "leave out --bits"),
         (["--fill-factor", "2"], "fill factor"),
     ):
         refused(cli.main([*words, *more]), capfd.readouterr().err, 2, says)
@@ -732,6 +732,26 @@ def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
         cli.main(["reconstruct", str(rendered), "--bits", "4"]), capfd.readouterr().err, 2, "add --hologram"
     )
     refused(cli.main(["reconstruct", str(rendered), "--hologram"]), capfd.readouterr().err, 2, "no hologram")
+
+
+def test_a_response_means_the_same_when_encoding_and_when_looking(rendered, tmp_path, capfd):
+    """Phases of a device's levels are shown as they are, by a list of phases or a calibration."""
+    (tmp_path / "list.txt").write_text(" ".join(str(0.09 * n**1.1) for n in range(16)))
+    said = {
+        "format": "HoloPath SLM calibration",
+        "bits": 4,
+        "responses": [{"wavelength_nm": 516.5, "range": 0.8}],
+    }
+    (tmp_path / "device.json").write_text(json.dumps(said))
+    for name in ("list.txt", "device.json"):
+        response, out = ["--response", str(tmp_path / name)], tmp_path / name[:4]
+        words = ["encode", str(rendered), "--method", "dpac", *response, "--out", str(out), "--quiet"]
+        assert cli.main(words) == 0, capfd.readouterr().err
+        path, shown = out / "reconstruction" / "hologram_focus_1m.exr", []
+        for limits in ([], response, ["--bits", "4"]):
+            assert cli.main(["reconstruct", str(out), "--hologram", "--focus", "1m", "--quiet", *limits]) == 0
+            shown.append(path.read_bytes())
+        assert shown[0] == shown[1] != shown[2]
 
 
 def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):

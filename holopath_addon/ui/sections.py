@@ -336,7 +336,9 @@ def hologram(layout: UILayout, context: Context) -> None:
     layout.prop(props, "refocused")
     if props.refocused == "PHASE":
         column = layout.column(align=True)
-        column.prop(props, "fill_factor")
+        column.prop(props, "pixel_shape")
+        if props.pixel_shape:
+            column.prop(props, "fill_factor")
         column.prop(props, "unmodulated")
         column.prop(props, "crosstalk")
     layout.operator("holopath.save_hologram", icon="FILE_TICK")

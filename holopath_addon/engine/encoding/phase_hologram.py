@@ -15,7 +15,7 @@ from ..files import earlier, whole_folder
 from ..hologram import Hologram
 from ..scene import variants
 from ..wavefield import WaveField
-from ..waves.modulator import Modulator, grey_levels
+from ..waves.modulator import Modulator, grey_levels, wrapped
 from .shown_light import ShownLight
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from ..progress import Progress
     from ..waves.display_model import DisplayModel
+    from ..waves.modulator import Levels
 
 FORMAT_VERSION = 1
 
@@ -57,7 +58,10 @@ class PhaseHologram:
     report: dict = field(default_factory=dict, repr=False)
 
     def field(
-        self, modulator: Modulator | None = None, display: Sequence[DisplayModel] | None = None
+        self,
+        modulator: Modulator | None = None,
+        display: Sequence[DisplayModel] | None = None,
+        levels: Sequence[Levels] | None = None,
     ) -> WaveField:
         """`WaveField` of the light that leaves the SLM, to be refocused.
 
@@ -67,10 +71,18 @@ class PhaseHologram:
             The display's limits. Default: none.
         display : sequence of DisplayModel, optional
             Instead, what it does to light at each wavelength, of the middle of its source.
+        levels : sequence of Levels, optional
+            Phases that its pixels can have at each wavelength, as `encode` takes them: the nearest are shown. Default:
+            any phase, or even steps with `Modulator.bits`.
+
+        Raises
+        ------
+        InvalidInput
+            If a map of the levels does not fit.
         """
         gains = np.asarray(self.gains, np.float32)[:, None, None]
         if display is None:
-            light = (modulator or Modulator()).light(self.data)
+            light = (modulator or Modulator()).light(self._nearest(levels))
         else:
             light = np.empty(self.data.shape, np.complex64)
             for colour, model in enumerate(display):
@@ -78,6 +90,15 @@ class PhaseHologram:
                 for frame, phases in enumerate(self.data[:, colour]):
                     light[frame, colour] = shown.light(phases)
         return WaveField(gains * light, self.hologram, self.camera, self.near, modulated=True)
+
+    def _nearest(self, levels):
+        if levels is None:
+            return self.data
+        shown = np.empty_like(self.data)
+        for color, each in enumerate(levels):
+            for frame, phases in enumerate(self.data[:, color]):
+                shown[frame, color] = wrapped(each.nearest(phases)[0])
+        return shown
 
     def save(self, folder: Path | str, progress: Progress | None = None) -> None:
         """Write ``phase.npy``, a picture of 8 bits for each frame and wavelength, and ``meta.json``.

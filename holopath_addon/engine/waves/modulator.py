@@ -24,12 +24,11 @@ class Modulator:
     ----------
     bits : int, optional
         Of phase that a pixel takes, 1 to 16. Default: any phase.
-    response : tuple of float, optional
-        Phase in radians that each grey level shows, measured or from a data sheet; 2^bits of them. Default: even steps
-        of a whole turn.
-    fill_factor : float
-        Share of a pixel's area that modulates, over 0 to 1. A square pixel of side a emits within an envelope sinc(a
-        fx) sinc(a fy); what is between pixels is dark (Goodman, Introduction to Fourier Optics, 3rd ed., section 2.2).
+        Their steps are even, and a whole turn.
+    fill_factor : float, optional
+        Fraction of a pixel's area that modulates, over 0 to 1. A square pixel of side a emits within an envelope sinc(a
+        fx) sinc(a fy), the whole pixel too; what is between pixels is dark (Goodman, Introduction to Fourier Optics,
+        3rd ed., section 2.2). Default: no envelope, as of pixels that are points of the same power.
     unmodulated : float
         Share of the light, 0 to 1, that leaves as it came: the DC term, which focuses to a spot in the Fourier plane.
     crosstalk : float
@@ -43,24 +42,15 @@ class Modulator:
     """
 
     bits: int | None = None
-    response: tuple | None = None
-    fill_factor: float = 1.0
+    fill_factor: float | None = None
     unmodulated: float = 0.0
     crosstalk: float = 0.0
 
     def __post_init__(self):
         if self.bits is not None and not 1 <= self.bits <= 16:
             raise InvalidInput(f"An SLM has 1 to 16 bits, not {self.bits}.")
-        if self.response is not None:
-            object.__setattr__(self, "response", tuple(map(float, self.response)))
-            wanted = 2**self.bits if self.bits is not None else 0
-            if len(self.response) != wanted or not all(map(math.isfinite, self.response)):
-                raise InvalidInput(
-                    f"The response of an SLM is a phase for each grey level, {wanted or '2 to the power of its bits'} "
-                    f"in all, not {len(self.response)}: give as many, and the bits."
-                )
-        if not 0 < self.fill_factor <= 1:
-            raise InvalidInput(f"The fill factor is a share of over 0 to 1, not {self.fill_factor:g}.")
+        if self.fill_factor is not None and not 0 < self.fill_factor <= 1:
+            raise InvalidInput(f"The fill factor must be over 0 and at most 1, not {self.fill_factor:g}.")
         if not 0 <= self.unmodulated <= 1:
             raise InvalidInput(f"The unmodulated light is a share of 0 to 1, not {self.unmodulated:g}.")
         if not (0 <= self.crosstalk < 10):
@@ -70,11 +60,7 @@ class Modulator:
         """Phases that the pixels have when sent these, radians, float32, shape (..., y, x)."""
         phases = np.asarray(phases, np.float32)
         if self.bits is not None:
-            levels = grey_levels(phases, self.bits)
-            if self.response is None:
-                phases = (levels * (2 * math.pi / 2**self.bits)).astype(np.float32)
-            else:
-                phases = np.array(self.response, np.float32)[levels]
+            phases = (grey_levels(phases, self.bits) * (2 * math.pi / 2**self.bits)).astype(np.float32)
         if self.crosstalk:
             sigma = (0,) * (phases.ndim - 2) + (self.crosstalk,) * 2
             phases = scipy.ndimage.gaussian_filter(phases, sigma, mode="nearest")
@@ -90,14 +76,12 @@ class Modulator:
         if self.unmodulated:
             light *= np.float32(math.sqrt(1 - self.unmodulated))
             light += np.float32(math.sqrt(self.unmodulated))
-        if self.fill_factor < 1:
-            light = self._pixels(light)
-        return light
+        return light if self.fill_factor is None else self._pixels(light, self.fill_factor)
 
-    def _pixels(self, light):
-        side = math.sqrt(self.fill_factor)
+    def _pixels(self, light, area):
+        side = math.sqrt(area)
         fy, fx = (np.sinc(side * np.fft.fftfreq(n)) for n in light.shape[-2:])
-        envelope = (self.fill_factor * fy[:, None] * fx[None, :]).astype(np.float32)
+        envelope = (area * fy[:, None] * fx[None, :]).astype(np.float32)
         for index in np.ndindex(light.shape[:-2]):
             light[index] = filtered(light[index], envelope)
         return light

@@ -56,8 +56,8 @@ class VirtualDriver:
     ) -> None:
         self._hologram, self._truth = hologram, truth or Calibration()
         self._modulator, self._packing, self._order = modulator or Modulator(), packing, order
-        if self._modulator.bits is not None or self._modulator.response is not None:
-            raise InvalidInput("The bits and the response of a virtual SLM are its calibration's.")
+        if self._modulator.bits is not None:
+            raise InvalidInput("The bits of a virtual SLM are its calibration's.")
         self._bare = replace(self._modulator, crosstalk=0.0)
         self._levels = {}  # by frame and wavelength
         self._mapping = DepthMapping.of(hologram.hologram, hologram.camera, hologram.near)

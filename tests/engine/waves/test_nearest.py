@@ -39,12 +39,16 @@ def test_the_nearest_that_a_corrected_pixel_shows():
     assert np.array_equal(flat, found.ravel())
 
 
-@pytest.mark.parametrize(("turns", "count"), [(0.4, 15), (0.9, 15), (1.0, 15), (2.3, 15), (1.7, 150), (-1.7, 150)])
+@pytest.mark.parametrize(
+    ("turns", "count"), [(0.4, 15), (0.9, 15), (1.0, 15), (2.3, 15), (1.7, 150), (-1.7, 150)]
+)
 def test_the_nearest_where_the_response_varies(turns, count):
     """Each pixel makes its own share of the steps from the first level; of many, those within a turn from there."""
     rng = np.random.default_rng(2)
     rising = np.append(0, np.sort(rng.uniform(0, 1, count)))
-    given = 1.1 + (rising if count > 15 else np.append(0, rng.permutation(1.2 * rising[1:] - 0.2))) * turns * TURN
+    given = (
+        1.1 + (rising if count > 15 else np.append(0, rng.permutation(1.2 * rising[1:] - 0.2))) * turns * TURN
+    )
     phases, correction = rng.uniform(-20, 20, (6, 7)), rng.uniform(-40, 40, (6, 7)).astype(np.float32)
     variation = rng.uniform(0.7, 1.4, (6, 7)).astype(np.float32)
     levels = Levels(given, correction, variation)
