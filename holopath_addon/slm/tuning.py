@@ -26,7 +26,7 @@ from ..engine.encoding.phases import PARTLY, Phases
 from ..engine.encoding.shown_light import ShownLight
 from ..engine.errors import Cancelled, InvalidInput, cancelled
 from ..engine.viewing.reconstruction import reconstruct
-from ..engine.waves.propagation import FreeSpace, padded_shape
+from ..engine.waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
 from ..engine.waves.supervision import Frames, relative
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class _Loop:
         wide = tuple(n + 2 * MARGIN for n in shape)
         self._within = np.s_[:, MARGIN : MARGIN + shape[0], MARGIN : MARGIN + shape[1]]
         farthest = max(map(abs, everywhere))
-        self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest)
+        self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest, TEACHING_GUARD)
         space = FreeSpace(self._padded, hologram.pitch, self._wavelength)
         self._transfers = {z: space(z) for z in everywhere}
         half = (model.half or min(shape) / 2 * hologram.pitch) / hologram.pitch

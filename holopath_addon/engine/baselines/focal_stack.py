@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..progress import parts, stage
-from ..waves.pictures import STRAYS, Pictures, Vantage
+from ..waves.pictures import Pictures, Vantage
+from ..waves.propagation import TEACHING_GUARD
 from .shots import through_pupil
 from .supervised import phases_for
 
@@ -33,7 +34,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
     def pictures(k):
         vantages = [Vantage(float(z)) for z in planes]
-        wanted = Pictures(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, STRAYS)
+        wanted = Pictures(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, TEACHING_GUARD)
         wanted.wanted[:] = [picture[k] for picture in stack]
         return wanted
 

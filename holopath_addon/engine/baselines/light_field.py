@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..progress import parts, stage
-from ..waves.pictures import STRAYS, Pictures, Vantage
+from ..waves.pictures import Pictures, Vantage
+from ..waves.propagation import TEACHING_GUARD
 from .shots import through_pupil
 from .supervised import phases_for
 
@@ -45,7 +46,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     def pictures(k):
         # the edge of the cone is at half a cycle a pixel; rows go down
         vantages = [Vantage(z, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
-        wanted = _Views(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, STRAYS)
+        wanted = _Views(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, TEACHING_GUARD)
         for number, view in enumerate(views[k]):
             wanted.wanted[number] = wanted.share(number) * view
         return wanted

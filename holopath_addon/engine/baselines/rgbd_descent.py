@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.pictures import STRAYS, Pictures, Vantage
+from ..waves.pictures import Pictures, Vantage
+from ..waves.propagation import TEACHING_GUARD
 from ..waves.supervision import relative
 from .layers import sliced
 from .shots import picture_with_depth
@@ -29,7 +30,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
 
     def pictures(k):
         vantages = [Vantage(float(z)) for z in depths]
-        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, STRAYS)
+        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, TEACHING_GUARD)
         for layer, picture in enumerate(wanted.wanted):
             picture[:] = np.where(number == layer, radiance[k], 0)
         wanted.radiance = radiance[k]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..waves.propagation import FreeSpace, circular_band, padded_shape
+from ..waves.propagation import JUDGING_GUARD, FreeSpace, circular_band, padded_shape
 from ..waves.supervision import blocks
 
 if TYPE_CHECKING:
@@ -110,7 +110,9 @@ class AmplitudeTarget:
         self, fields: np.ndarray, pitch: float, wavelength: float, distances: Sequence[float], threads: Frames
     ) -> None:
         self._shape, self._threads = fields.shape[-2:], threads
-        self._padded = padded_shape(self._shape, pitch, wavelength, max(map(abs, distances)))
+        farthest = max(map(abs, distances))
+        # its own loss is the PSNR that is told
+        self._padded = padded_shape(self._shape, pitch, wavelength, farthest, JUDGING_GUARD)
         space = FreeSpace(self._padded, pitch, wavelength)
         self._transfers = [space(z).astype(fields.dtype) for z in distances]
         rows, columns = self._shape

@@ -10,8 +10,8 @@ import numpy as np
 import scipy.fft
 
 from ..scene.variants import threads
-from ..waves.pictures import STRAYS, Vantage
-from ..waves.propagation import FreeSpace, padded_shape
+from ..waves.pictures import Vantage
+from ..waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
 from ..waves.supervision import relative
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class Views:
     ) -> None:
         self.shape = shape
         farthest = max(abs(low), abs(high))
-        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, STRAYS)))
+        self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
         self.kinds: list[list[int]] = [[] for _ in KINDS]
         self.wanted = []
         self._space = FreeSpace(self.padded, pitch, wavelength)

@@ -17,8 +17,7 @@ from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
 from ..waves.phase_fields import SETS
-from ..waves.pictures import STRAYS
-from ..waves.propagation import grid_bytes, moving_bytes, padded_shape
+from ..waves.propagation import TEACHING_GUARD, grid_bytes, moving_bytes, padded_shape
 from .noise import likely
 from .planes import columns_of, mean_rays
 from .probe import LEAST_SHARE
@@ -251,7 +250,7 @@ def _grids(survey):
     size, volume, grids = (hologram.height, hologram.width), survey.z_high - survey.z_low, []
     for wavelength in hologram.wavelengths:
         depths = 1 + math.ceil(volume * hologram.max_slope(wavelength) ** 2 / wavelength)
-        padded = padded_shape(size, hologram.pitch, wavelength, farthest, STRAYS)
+        padded = padded_shape(size, hologram.pitch, wavelength, farthest, TEACHING_GUARD)
         grids.append((math.prod(padded), min(MOST_DEPTHS, max(2, depths))))
     return grids
 

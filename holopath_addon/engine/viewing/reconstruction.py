@@ -11,7 +11,15 @@ import numpy as np
 from ..errors import InvalidInput
 from ..hologram import channel
 from ..memory import shortage
-from ..waves.propagation import field_of, grid_bytes, padded_shape, spectral_u, spectrum, transfer_function
+from ..waves.propagation import (
+    JUDGING_GUARD,
+    field_of,
+    grid_bytes,
+    padded_shape,
+    spectral_u,
+    spectrum,
+    transfer_function,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,10 +32,6 @@ if TYPE_CHECKING:
 MOST_BYTES = (
     1 << 29
 )  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
-
-# Pixels that light of a modulator is given to stray into. With none, pictures of 28 dB are measured a decibel wrong at
-# 256 x 256; with 256, within 0.1 dB of torchoptics on such a grid (docs/measurements.md, Phases for an SLM).
-STRAYS = 256
 
 
 def pupil_mask(
@@ -61,7 +65,7 @@ class Refocuser:
 
     def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES) -> None:
         self.field = field
-        self._most_bytes, self._strays = most_bytes, STRAYS if field.modulated else 0
+        self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
         self._spectra = {}  # by wavelength, frame and shape
         self._lock = threading.Lock()
 
@@ -79,7 +83,7 @@ class Refocuser:
         frames, colours, *shape = field.data.shape
         farthest = float(np.abs(distances).max())
         for wavelength in hologram.wavelengths:
-            needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._strays)
+            needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from the SLM")
         images, done = np.empty((len(distances), *shape, colours), np.float32), 0
@@ -114,7 +118,7 @@ class Refocuser:
 
     def _shape(self, k, distance):
         hologram, shape = self.field.hologram, self.field.data.shape[-2:]
-        return padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance, self._strays)
+        return padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance, self._guard)
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))

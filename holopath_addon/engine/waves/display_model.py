@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 GRID = 2  # samples of a picture in a pixel's side: an intensity has twice the band of its field
 FINE = 4  # of the light that leaves a pixel, whose phase is blurred within it
-STRAYS = 24  # pixels around the SLM for the stop's diffraction, see `padded_shape`
+GUARD = 24  # pixels around the SLM for the stop's diffraction, see `padded_shape`
 NODES = math.sqrt(3) / 2 * np.array([-1.0, 0.0, 1.0])  # of the field, Chebyshev's: aberrations are a parabola
 ALONG = 3  # of the aberrations, the first, change over the field
 FLAT = 0.7  # of half a padded side: as far the light of the stop's edge is exact, see `_stop`
@@ -166,7 +166,7 @@ class DisplayLight:
     ) -> None:
         self.model, self.shape, self.pitch = model, tuple(shape), pitch
         self._half = model.half / pitch or min(shape) / 2  # pixels
-        padded = padded_shape(shape, pitch, model.wavelength, reach, STRAYS)
+        padded = padded_shape(shape, pitch, model.wavelength, reach, GUARD)
         if reach:  # a window is looked at: all that the stop spreads within it
             padded = [
                 scipy.fft.next_fast_len(max(n, 2 * size)) for n, size in zip(padded, shape, strict=True)

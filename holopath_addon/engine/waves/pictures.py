@@ -11,7 +11,6 @@ import scipy.fft
 from .propagation import FreeSpace, padded_shape
 from .supervision import Frames, TargetPicture, relative
 
-STRAYS = 32  # pixels more around fields, so that light of phases that strays does not come back
 PARTS = 2  # of the pupil looked through at each depth, besides the whole
 PART = 0.5  # radius of a part, of the pupil's
 MOST_DEPTHS = 20
@@ -82,8 +81,8 @@ class Pictures:
     pitch, wavelength : float
         Metres.
     vantages : list of Vantage
-    strays : int
-        Pixels more around the fields, `STRAYS` for phases that are to show the pictures.
+    guard : int
+        Pixels more around the fields, `TEACHING_GUARD` for phases that are to show the pictures.
 
     Attributes
     ----------
@@ -99,11 +98,11 @@ class Pictures:
         pitch: float,
         wavelength: float,
         vantages: list[Vantage],
-        strays: int = 0,
+        guard: int = 0,
     ) -> None:
         self.shape, self.vantages = shape, list(vantages)
         farthest = max(abs(vantage.distance) for vantage in vantages)
-        self.padded = padded_shape(shape, pitch, wavelength, farthest, strays)
+        self.padded = padded_shape(shape, pitch, wavelength, farthest, guard)
         self.space = FreeSpace(self.padded, pitch, wavelength)
         self.wanted = np.zeros((len(self.vantages), *shape), np.float32)
         self.energy, self._frames = 0.0, 0

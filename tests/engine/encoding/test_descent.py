@@ -16,7 +16,7 @@ from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
 from holopath_addon.engine.encoding.views import Views
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
-from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, transfer_function
+from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
 
 GREEN, PITCH = 516.5e-9, 8e-6
@@ -66,6 +66,31 @@ def targets_of(kind, fields, threads):
     if kind == "amplitude":
         return AmplitudeTarget(fields, PITCH, GREEN, [1e-3, 2e-3, 3e-3], threads)
     return ComplexTarget(fields, kind == "aperture", threads)
+
+
+def test_amplitude_supervision_tells_what_is_true():
+    """Light of the phases by an angular spectrum on a grid of a thousand pixels, which the descent does not have."""
+    side, distance, told = 64, 1.5e-3, []
+    rows, columns = np.indices((side, side))
+    picture = 0.5 + 0.3 * np.sin(rows / 5) * np.cos(columns / 7)
+    field = wave_field(propagate(picture, -distance, PITCH, GREEN)[None, None])
+    phase = engine.encode(
+        field, "sgd", supervision="amplitude", planes=1, progress=lambda _, text: told.append(text)
+    )
+    u = (GREEN / PITCH * np.hypot.outer(*[np.fft.fftfreq(1024)] * 2)) ** 2
+    kernel = np.exp(-2j * math.pi * distance / GREEN * u / (1 + np.sqrt(1 - u)))
+    kernel *= u <= (GREEN / PITCH / 2) ** 2
+
+    def seen(light):
+        return np.abs(np.fft.ifft2(np.fft.fft2(light, (1024, 1024)) * kernel)[:side, :side])
+
+    wanted, shown = seen(field.data[0, 0]), seen(np.exp(1j * phase.data[0, 0].astype(float)))
+    gain = (shown * wanted).sum() / (shown**2).sum()
+    amplitude = np.abs(field.data)
+    white = np.quantile(amplitude, 0.95) / np.sqrt((amplitude**2).mean())
+    true = 10 * math.log10(white**2 * (wanted**2).mean() / ((gain * shown - wanted) ** 2).mean())
+    last = [float(text.split()[-2]) for text in told if text.endswith("dB")][-1]
+    assert true > 38 and last == pytest.approx(true, abs=1.5)  # 44.6 for 33 on a grid without a guard band
 
 
 @pytest.mark.parametrize("kind", ["aperture", "no aperture", "amplitude", "frame mean", "views"])
@@ -477,17 +502,17 @@ def test_frames_that_are_not_there_in_time_are_done_without(clock):
         yield
 
     field, begun = wave_field(smooth(4)), clock.perf_counter()
-    phase = engine.encode(field, "refine", many=endless, seconds=1)
-    assert clock.perf_counter() - begun < 1.2
+    phase = engine.encode(field, "refine", many=endless, seconds=2)
+    assert clock.perf_counter() - begun < 2.4
     sgd, traced, refined = phase.report["stages"]
-    assert traced["frames"] == 0 and 0.2 < traced["seconds"] < 0.7 and refined["steps"] >= encoder.LEAST_STEPS
+    assert traced["frames"] == 0 and 0.4 < traced["seconds"] < 1.4 and refined["steps"] >= encoder.LEAST_STEPS
     assert refined["psnr_db"] > sgd["psnr_db"] + 2
 
 
 @pytest.mark.parametrize("bits", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_time_that_is_too_short_for_all_views_is_each_frame_s(clock, monkeypatch, bits):
     """Which otherwise has a tenth of it; nothing of what is given is left."""
-    field, seconds = wave_field(np.concatenate([smooth(2, n, (128, 128)) for n in (0, 5)], axis=1)), 0.6
+    field, seconds = wave_field(np.concatenate([smooth(2, n, (128, 128)) for n in (0, 5)], axis=1)), 1.2
     enough = engine.encode(field, "joint", seconds=seconds, bits=bits)
     assert sum(each["seconds"] for each in enough.report["stages"] if each["stage"] == "sgd") < 0.2 * seconds
     monkeypatch.setattr(encoder, "LEAST_STEPS", 10**9)
@@ -587,7 +612,9 @@ def test_refinement_for_few_bits(bits):
 
 def test_views_are_those_of_a_field(monkeypatch):
     """Whole ones as `reconstruct` shows them, parts as `Pictures` at every second or fourth pixel."""
-    monkeypatch.setattr(views_module, "STRAYS", 0)  # the grid of a field that has not been through an SLM
+    monkeypatch.setattr(
+        views_module, "TEACHING_GUARD", 0
+    )  # the grid of a field that has not been through an SLM
     shape = 47, 63  # whose padded ones are alike
     field = wave_field(band_limited(shape, frames=3))
     views = Views(shape, PITCH, GREEN, 1e-3, 2e-3, frames=3, seed=3)

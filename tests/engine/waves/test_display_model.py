@@ -81,7 +81,7 @@ def test_light_of_the_stop_comes_round_from_no_side(monkeypatch):
         return np.fft.ifft2(light.relayed(light.spectra(phases)[GREEN]))[: 64 * GRID, : 64 * GRID]
 
     seen = field()
-    monkeypatch.setattr("holopath_addon.engine.waves.display_model.STRAYS", 300)
+    monkeypatch.setattr("holopath_addon.engine.waves.display_model.GUARD", 300)
     assert np.linalg.norm(seen - field()) < 0.004 * np.linalg.norm(seen)
 
 
