@@ -736,7 +736,7 @@ def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
 
 def test_a_response_means_the_same_when_encoding_and_when_looking(rendered, tmp_path, capfd):
     """Phases of a device's levels are shown as they are, by a list of phases or a calibration."""
-    (tmp_path / "list.txt").write_text(" ".join(str(0.09 * n**1.1) for n in range(16)))
+    (tmp_path / "list.txt").write_text(" ".join(str(0.29 * n**1.1) for n in range(16)))
     said = {
         "format": "HoloPath SLM calibration",
         "bits": 4,

@@ -17,6 +17,7 @@ from ..engine.scene import variants
 from ..engine.waves.display_model import DisplayModel
 from ..engine.waves.modulator import MIN_LEVELS, Levels, grey_levels, one_turn, unwrapped, varying
 from .sensor import Sensor
+from .tables import MAX_TURNS, read_response
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +30,6 @@ STEPS = 1 << 16  # of a turn, in the table from phase to level
 SHARES, COARSE_STEPS = 256, 1 << 12
 LARGEST = 1 << 15  # pixels of a side
 FITTED = 3e-9  # metres from the wavelength at which a model was fitted, within which it holds
-MOST_TURNS = 20  # of a response
 MOST_CORRECTION = float(1 << 20)  # radians, that float32 holds to a hundredth of a turn
 SAME = 0.5e-9  # metres within which a wavelength is the one that was measured
 
@@ -72,7 +72,7 @@ class Response:
 
     def __post_init__(self):
         _check_wavelength(self.wavelength)
-        if not 0.05 <= self.range <= MOST_TURNS:
+        if not 0.05 <= self.range <= MAX_TURNS:
             raise InvalidInput(f"A range of {self.range:g} turns is no SLM's: give a number near 1.")
         if self.curve is not None:
             try:
@@ -85,9 +85,9 @@ class Response:
                 )
             if (np.diff(curve[:, 0]) <= 0).any():
                 raise InvalidInput("The levels of a measured curve must rise.")
-            if np.abs(curve[:, 1]).max() > MOST_TURNS * 2 * math.pi:
+            if np.abs(curve[:, 1]).max() > MAX_TURNS * 2 * math.pi:
                 raise InvalidInput(
-                    f"A measured curve of more than {MOST_TURNS} turns is no SLM's: give its phases in radians."
+                    f"A measured curve of more than {MAX_TURNS} turns is no SLM's: give its phases in radians."
                 )
             object.__setattr__(self, "curve", tuple(map(tuple, curve.tolist())))
 
@@ -539,7 +539,8 @@ def measured_levels(path: Path | str, hologram: Hologram) -> list[Levels]:
     Parameters
     ----------
     path : path
-        A `Calibration`, ending on .json, or a text file of the phases in radians, which are those of every wavelength.
+        A `Calibration`, ending on .json, or a text file as `read_response` takes it, whose phases are those of every
+        wavelength.
     hologram : engine.Hologram
 
     Returns
@@ -556,7 +557,7 @@ def measured_levels(path: Path | str, hologram: Hologram) -> list[Levels]:
     try:
         if isinstance(given, Calibration):
             return given.levels_of(hologram)
-        return [Levels(np.array(given))] * len(hologram.wavelengths)
+        return [Levels(given)] * len(hologram.wavelengths)
     except InvalidInput as error:
         raise InvalidInput(f"The file {path}: {error}") from None
 
@@ -605,26 +606,6 @@ def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[Displ
     if Path(path).suffix.lower() != ".json":
         return None
     return Calibration.load(path).display(wavelengths)
-
-
-def read_response(path: Path | str) -> tuple[float, ...]:
-    """Phases in radians of the levels of a device, of a text file of numbers.
-
-    Raises
-    ------
-    InvalidInput
-    """
-    try:
-        phases = [float(word) for word in Path(path).read_text(encoding="utf-8-sig").split()]
-    except (OSError, ValueError) as error:
-        raise InvalidInput(
-            f"The response {path} cannot be read ({_reason(error)}): give a text file of numbers."
-        ) from error
-    if len(phases) < 2 or not all(abs(phase) <= MOST_TURNS * 2 * math.pi for phase in phases):
-        raise InvalidInput(
-            f"The response {path} holds no phases of levels: give two or more in radians, of up to {MOST_TURNS} turns."
-        )
-    return tuple(phases)
 
 
 def _truth(value):

@@ -81,9 +81,9 @@ def test_by_command_line(field, tmp_path, capsys):
     assert len(np.unique(ours.data)) == 16 and ours.report["measured_levels"]
     assert cli.main([*words, "--response", str(text), "--out", str(tmp_path / "other")]) == 0
     assert np.array_equal(engine.PhaseHologram.load(tmp_path / "other").data, ours.data)
-    text.write_text("0 pi")
+    text.write_text("0 3.1 pi")
     assert cli.main([*words, "--response", str(text)]) == 2
-    assert "cannot be read" in capsys.readouterr().err
+    assert "no phases" in capsys.readouterr().err
     assert cli.main([*words, "--response", str(tmp_path / "plm.json"), "--bits", "4"]) == 2
     assert "leave out the bits" in capsys.readouterr().err
 
@@ -191,7 +191,8 @@ def test_a_response_that_varies_over_the_panel(name, gain, loss, field):
     if name == "plm":  # 16 levels of which none is missed: the device shows exactly what was encoded
         levels = slm.Sequence([known], device).picture(0).pixels
         seen = device.seen(levels, GREEN, (height, width))
-        assert np.abs(np.exp(1j * seen) - np.exp(1j * known.data[0, 0])).max() < 1e-4
+        # two levels a turn apart may be as near: to what the device's table resolves
+        assert np.abs(np.exp(1j * seen) - np.exp(1j * known.data[0, 0])).max() < 0.01
 
 
 def test_files_of_a_response_that_varies(field, tmp_path, capsys):
