@@ -82,6 +82,10 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         description="JSON file of the device: phase of its levels, correction, flips and shift. Empty: 8 bits, even",
         subtype="FILE_PATH",
     )
+    falling: BoolProperty(
+        name="Phase Falls",
+        description="The phase of the light falls as the level rises, as it does on some SLMs. A calibration says it itself",
+    )
     packing: EnumProperty(
         name="Packing", description="Holograms that one picture holds", items=menu(slm.PACKINGS)
     )
@@ -142,7 +146,9 @@ def calibration_of(device):
 
 def sequence_of(device, phase):
     """`slm.Sequence` of a hologram for the device."""
-    return slm.Sequence([phase], calibration_of(device), device.packing, device.order)
+    calibration = calibration_of(device)
+    falling = calibration is None and device.falling
+    return slm.Sequence([phase], calibration, device.packing, device.order, falling=falling)
 
 
 def driver_of(device, sequence):

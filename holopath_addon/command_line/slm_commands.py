@@ -54,6 +54,11 @@ def add(command):
     option("--order", default="RGB", metavar="RGB", help="in which packed channels are shown (default RGB)")
     option("--calibration", metavar="FILE", help="of the device: docs/slm.md")
     option(
+        "--falling",
+        action="store_true",
+        help="the phase falls as the level rises (a calibration says it itself)",
+    )
+    option(
         "--bits",
         type=int,
         metavar="N",
@@ -237,9 +242,12 @@ def _stream(args):
         )
     holograms = output.stored_holograms(args.folder)
     calibration = slm.Calibration.load(args.calibration) if args.calibration else None
+    falling = args.falling
     if args.bits is not None:
-        calibration = replace(calibration or slm.Calibration(), bits=args.bits)
-    sequence = slm.Sequence(holograms, calibration, args.packing, args.order, args.repeats)
+        if calibration is None:
+            calibration, falling = slm.Calibration(falling=falling), False
+        calibration = replace(calibration, bits=args.bits)
+    sequence = slm.Sequence(holograms, calibration, args.packing, args.order, args.repeats, falling)
     driver = _driver(args, sequence)
     controller = _controller(args, driver)
     ends = args.driver in ("files", "virtual") or args.captures

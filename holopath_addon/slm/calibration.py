@@ -145,6 +145,9 @@ class Calibration:
         The camera of each of them.
     variation : numpy.ndarray, float32, shape (y, x), optional
         How many times the response each of the device's pixels shows, counted from level 0; see `engine.Levels`.
+    falling : bool
+        Whether the phase of the light falls as the level rises, by as much as the responses say that it rises. A
+        measured curve says it itself.
 
     Raises
     ------
@@ -163,6 +166,7 @@ class Calibration:
     models: tuple = ()
     sensors: tuple = ()
     variation: np.ndarray | None = field(default=None, repr=False)
+    falling: bool = False
 
     def __post_init__(self):
         if not 1 <= self.bits <= 16:
@@ -174,7 +178,11 @@ class Calibration:
         if max(map(abs, self.shift)) > LARGEST:
             raise InvalidInput(f"A shift has {LARGEST} pixels at most: give one that stays on the device.")
         for response in self.responses:
-            response.phases(self.bits)  # its curve spans the levels
+            shown = response.phases(self.bits)  # its curve spans the levels
+            if self.falling and shown[-1] < shown[0]:
+                raise InvalidInput(
+                    f"The curve at {response.wavelength * 1e9:g} nm falls already: leave out that phases fall."
+                )
         if self.correction is not None:
             correction = np.asarray(self.correction)
             if correction.ndim != 2 or not correction.size or correction.dtype.kind not in "fiu":
@@ -207,8 +215,8 @@ class Calibration:
 
     @property
     def plain(self) -> bool:
-        """Whether levels are shown where and as they are found: not mirrored, moved, corrected or varying."""
-        moved = self.flip_x or self.flip_y or any(self.shift)
+        """Whether levels are shown where and as they are found: not mirrored, moved, corrected, varying or falling."""
+        moved = self.flip_x or self.flip_y or any(self.shift) or self.falling
         return not moved and self.correction is None and self.variation is None
 
     def response(self, wavelength: float) -> Response:
@@ -216,6 +224,11 @@ class Calibration:
         if not self.responses:
             return Response(wavelength)
         return min(self.responses, key=lambda r: abs(r.wavelength - wavelength))
+
+    def phases(self, wavelength: float) -> np.ndarray:
+        """Phase of each level at a wavelength, radians, shape (level,)."""
+        shown = self.response(wavelength).phases(self.bits, wavelength)
+        return -shown if self.falling else shown
 
     def levels_of(self, hologram: Hologram) -> list[Levels]:
         """What the device can show of a hologram at each wavelength, for `engine.encode`.
@@ -234,7 +247,7 @@ class Calibration:
             correction = self._scaled_correction(wavelength, device)
             if correction is not None:
                 correction = self._under(correction, shape)
-            phases = self.response(wavelength).phases(self.bits, wavelength)
+            phases = self.phases(wavelength)
             if self.models:
                 phases = phases[self._used(phases)]
             found.append(Levels(phases, correction, variation))
@@ -277,7 +290,7 @@ class Calibration:
         With a variation a table for each of `SHARES` between the least and the largest, shape (`SHARES`,
         `COARSE_STEPS`): phases are right to 0.01 rad where it is within a tenth of 1, of a response of a turn.
         """
-        phases = self.response(wavelength).phases(self.bits, wavelength)
+        phases = self.phases(wavelength)
         if self.variation is not None:
             shares = np.linspace(self.variation.min(), self.variation.max(), SHARES)
             return np.stack(
@@ -327,7 +340,7 @@ class Calibration:
         if correction is not None:
             phases = np.mod(phases + correction, np.float32(2 * math.pi))
         variation = self._shown_variation(phases.shape)
-        if variation is None and self.response(wavelength).linear(wavelength):
+        if variation is None and not self.falling and self.response(wavelength).linear(wavelength):
             return grey_levels(phases, self.bits).astype(np.uint8 if self.bits <= 8 else np.uint16)
         table = self.table(wavelength) if table is None else table
         steps = table.shape[-1]
@@ -414,7 +427,7 @@ class Calibration:
         numpy.ndarray, float32, shape (y, x)
             Phases in [0, 2 pi) at the hologram's pixels; 0 where they lie beside the device.
         """
-        response = self.response(wavelength).phases(self.bits, wavelength).astype(np.float32)
+        response = self.phases(wavelength).astype(np.float32)
         phases = response[levels]
         variation = self._shown_variation(phases.shape)
         if variation is not None:
@@ -462,6 +475,7 @@ class Calibration:
                 {"wavelength_nm": r.wavelength * 1e9, "range": r.range, "curve": r.curve}
                 for r in self.responses
             ],
+            "falling": self.falling,
             "correction": correction,
             "variation": variation,
             "displays": [
@@ -502,7 +516,11 @@ class Calibration:
                 _truth(said.get("flip_y", False)),
                 _pair(said.get("shift", (0, 0))),
                 tuple(
-                    Response(float(r["wavelength_nm"]) * 1e-9, float(r.get("range", 1.0)), r.get("curve"))
+                    Response(
+                        float(r["wavelength_nm"]) * 1e-9,
+                        float(r.get("range", 1.0)),
+                        _curve(path.with_name(str(r["file"]))) if r.get("file") else r.get("curve"),
+                    )
                     for r in said.get("responses", ())
                 ),
                 correction,
@@ -510,6 +528,7 @@ class Calibration:
                 tuple(DisplayModel.from_dict(each) for each in said.get("displays", ())),
                 tuple(Sensor.from_dict(each["camera"]) for each in said.get("displays", ())),
                 variation,
+                _truth(said.get("falling", False)),
             )
         return found
 
@@ -606,6 +625,11 @@ def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[Displ
     if Path(path).suffix.lower() != ".json":
         return None
     return Calibration.load(path).display(wavelengths)
+
+
+def _curve(path):
+    """Level and phase of a table's file."""
+    return tuple((level, float(phase)) for level, phase in enumerate(read_response(path)))
 
 
 def _truth(value):

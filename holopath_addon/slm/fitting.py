@@ -37,6 +37,7 @@ STAGES = (
     (8, 0.0, 8, 1e-4),
     (0, 0.0, 8, 0.0),
 )
+SIGN_STAGES = 2  # of them tell whether the phase rises or falls with the level: both are tried
 NOISE = 0.2  # of one parameter's noise, in the loss: a step that gains less is the last
 KNOTS = 8  # of the response, beside that of level 0
 FLOOR = 0.02  # of values: noise that does not grow with light
@@ -155,11 +156,12 @@ def parameters(start: Setup) -> list[Parameter]:
         rows += [
             Parameter(f"Zernike {j} {way}", "rad per half side", -0.25, 0.25, "relay", 3) for j in range(4, 7)
         ]
+    falling = start.knots[-1] < 0
     for k in range(1, KNOTS + 1):
         full = 2 * math.pi * k / KNOTS
-        rows.append(
-            Parameter(f"response {k}/{KNOTS}", "rad", 0.75 * full - 0.5, 1.15 * full + 0.5, "pixels", 2)
-        )
+        ends = 0.75 * full - 0.5, 1.15 * full + 0.5
+        low, high = (-ends[1], -ends[0]) if falling else ends
+        rows.append(Parameter(f"response {k}/{KNOTS}", "rad", low, high, "pixels", 2))
     rows += [
         Parameter("gain", "", 0.2, 0.5, "sensor", 0, 0.0),
         Parameter("black", "", 0.0, 0.06, "sensor", 0, 0.0),
@@ -413,7 +415,7 @@ def fit(
     captures : sequence of Capture
         Of `patterns.patterns`, in their order.
     start : Setup
-        What they are meant to be.
+        What they are meant to be; the phase may as well fall.
     shape : (int, int)
         Rows and columns of the SLM.
     pitch : float
@@ -424,29 +426,44 @@ def fit(
         ``progress(done, message)``, may raise `Cancelled`.
     """
     progress = progress or (lambda done, message: None)
-    foci, values = len(start.sensor.homographies), vector(start)
-    found = parameters(start)
-    extent = [number for number, p in enumerate(found) if p.part == "source"]
     prediction = Prediction(captures, start, shape, pitch, bits, source=SEVENTH)
-    deviations = np.full(len(values), np.inf)
-    for stage, (turns, blur, steps, tolerance) in enumerate(STAGES):
-        chosen = [number for number, p in enumerate(found) if p.since <= stage]
-        coherent = [number for number in extent if number not in chosen]
-        tried = values.copy()
-        tried[coherent] = 0  # faster
-        some = prediction
-        if turns or blur:
-            some = Prediction(captures[: turns * foci or None], start, shape, pitch, bits, blur)
+    first, others = range(len(STAGES))[:SIGN_STAGES], range(len(STAGES))[SIGN_STAGES:]
+    passed, count = 0, 2 * len(first) + len(others)
 
-        def told(done, error, stage=stage):
-            progress((stage + done) / len(STAGES), f"Fitting the display, {100 * error:.1f} % off")
+    def stages(numbers, start, values):
+        """The parameters after some stages, their deviations, and the mean square of the last residuals."""
+        nonlocal passed
+        found, foci = parameters(start), len(start.sensor.homographies)
+        extent = [number for number, p in enumerate(found) if p.part == "source"]
+        deviations, square = np.full(len(values), np.inf), math.inf
+        for stage in numbers:
+            turns, blur, steps, tolerance = STAGES[stage]
+            chosen = [number for number, p in enumerate(found) if p.since <= stage]
+            coherent = [number for number in extent if number not in chosen]
+            tried = values.copy()
+            tried[coherent] = 0  # faster
+            source = SEVENTH if not (turns or blur) else FIFTH
+            some = Prediction(captures[: turns * foci or None], start, shape, pitch, bits, blur, source)
 
-        tolerance = tolerance or NOISE / some.size
-        tried, deviations = descend(some, tried, chosen, steps, tolerance, told)
-        values[chosen] = tried[chosen]
+            def told(done, error):
+                progress((passed + done) / count, f"Fitting the display, {100 * error:.1f} % off")
+
+            tolerance = tolerance or NOISE / some.size
+            tried, deviations = descend(some, tried, chosen, steps, tolerance, told)
+            values = values.copy()
+            values[chosen] = tried[chosen]
+            square, passed = float(np.mean(some.residuals(tried) ** 2)), passed + 1
+        return values, deviations, square
+
+    starts = start, replace(start, knots=tuple(-knot for knot in start.knots))
+    tries = [(each, *stages(first, each, vector(each))) for each in starts]
+    start, values, deviations, _ = min(tries, key=lambda each: each[-1])
+    if others:
+        values, deviations, _ = stages(others, start, values)
     errors = prediction.residuals(values)
     square = float(np.mean(errors**2))
     explained = 1 - square / prediction.variance
+    found = parameters(start)
     return Fitted(setup_of(values, start), found, values, deviations, math.sqrt(square), explained)
 
 

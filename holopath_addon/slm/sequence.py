@@ -173,6 +173,8 @@ class Sequence:
         See `pack`.
     repeats : int
         Times that each hologram is shown before the next.
+    falling : bool
+        Whether the phase falls as the level rises; a calibration says it itself.
 
     Raises
     ------
@@ -187,6 +189,7 @@ class Sequence:
         packing: str = "time",
         order: str = "RGB",
         repeats: int = 1,
+        falling: bool = False,
     ) -> None:
         self.holograms = list(holograms)
         if not self.holograms:
@@ -213,7 +216,11 @@ class Sequence:
                 f"The levels of a device for the packing {packing} are not even: give its calibration, see docs/slm.md."
             )
         self._any_bits = calibration is None and not self._packing.memory
-        self.calibration = calibration or Calibration(bits=min(most, 8))
+        if falling and calibration is not None:
+            raise InvalidInput(
+                'A calibration says itself whether phases fall: write "falling": true into it, and leave out the switch.'
+            )
+        self.calibration = calibration or Calibration(bits=min(most, 8), falling=falling)
         self._free = self.calibration.size is None
         if self.calibration.bits > most:
             raise InvalidInput(

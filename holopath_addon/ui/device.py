@@ -18,6 +18,8 @@ def device(layout: UILayout, context: Context) -> None:
     column = layout.column()
     column.active = not devices.streaming()
     column.prop(props, "calibration")
+    if not props.calibration:
+        column.prop(props, "falling")
     column.prop(props, "packing")
     if props.packing != "time":
         column.prop(props, "order")
