@@ -19,6 +19,8 @@ COMPLEX = (
     ("real", "imaginary"),
 )  # names of a compound's two numbers
 
+PER_ARRAY = ("units", "bits")  # attributes that tell nothing of other arrays
+
 
 def main(file, folder):
     """Read it all."""
@@ -38,7 +40,8 @@ def main(file, folder):
         own["/"] = known(stored)
         stored.visititems(visit)
     attributes, several = {}, set()
-    for said in own.values():
+    for name, said in own.items():
+        said = said if name == "/" else {key: said[key] for key in said if key not in PER_ARRAY}
         several |= {key for key in said if key in attributes and said[key] != attributes[key]}
         attributes.update(said)
     attributes = {key: value for key, value in attributes.items() if key not in several} | own.pop("/")

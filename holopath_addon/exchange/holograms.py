@@ -142,9 +142,10 @@ def hologram_of(container: Container, given: Given | None = None) -> WaveField |
     layers = _laid_out(chosen, convention, given, wavelengths)
     data = layers[main]
     if len(wavelengths) != data.shape[1]:
+        said = "is 1 wavelength" if len(wavelengths) == 1 else f"are {len(wavelengths)} wavelengths"
         raise InvalidInput(
-            f"There are {len(wavelengths)} wavelengths for {data.shape[1]} in the array, which has "
-            f"{_shape(chosen.arrays[main])}: name its axes by --axes, or other --wavelengths."
+            f"There {said} for {data.shape[1]} in the array, which has {_shape(chosen.arrays[main])}: name its axes by "
+            "--axes, or other --wavelengths."
         )
     ends = given.depth_range or (
         _number(attributes, "depth_far_m"),
@@ -335,7 +336,10 @@ def _convention(attributes):
 def _layers(array, convention, stored):
     """An array as a view of shape (frame, wavelength, y, x)."""
     if array.ndim > len(AXES):
-        raise InvalidInput(f"The array has {array.ndim} axes, and at most {len(AXES)} have a meaning.")
+        raise InvalidInput(
+            f"The array has {array.ndim} axes, and at most {len(AXES)} have a meaning: write {', '.join(AXES)} alone, "
+            "and amplitude and phase, or real and imaginary, as two arrays."
+        )
     if stored and convention.axes is not None:  # MATLAB leaves out the last axes where they have one place
         array = array.reshape(*array.shape, *(1,) * (len(convention.axes) - array.ndim))
     data = convention.laid_out(array)

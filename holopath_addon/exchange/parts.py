@@ -66,6 +66,11 @@ def read_parts(files: Mapping[str, Path | str], arrays: Mapping[str, str] | None
                 )
             name = names[0]
         array, colored = _taken(container, name, path)
+        if np.iscomplexobj(array) != (role == FIELD):
+            kind, other = ("real", PHASE) if role == FIELD else ("complex", FIELD)
+            raise InvalidInput(
+                f"{path} holds {kind} numbers, which are no {role}: give {other}={path} if they are a {other}."
+            )
         whole.arrays[role] = array
         whole.colored |= {role} if colored else set()
         attributes = {**container.attributes, **container.own.get(name, {})}
@@ -95,6 +100,12 @@ def choose(container: Container, named: str | Mapping[str, str] | None) -> Conta
     arrays = _planes(container)
     if named is None:
         named = _only_reading(arrays, container)
+        name = named.get(FIELD, "")
+        if _named_role(name) not in (None, FIELD, AMPLITUDE):
+            raise InvalidInput(
+                f"{name} holds complex numbers, and its name says otherwise: say --array field={name} if they are a "
+                "field, or write real numbers."
+            )
     elif isinstance(named, str):
         named = {_role(named, _taken(container, named)[0]) or PHASE: named}
     _require_complete(set(named), "What the file gives is")
@@ -131,9 +142,12 @@ def _taken(container, name, where="the file"):
 
 
 def _role(name, array):
-    """What an array is by its type and the last part of its name; None if that does not say it."""
-    if np.iscomplexobj(array):
-        return FIELD
+    """What an array is by its type, else by its name; None if that does not say it."""
+    return FIELD if np.iscomplexobj(array) else _named_role(name)
+
+
+def _named_role(name):
+    """What an array is by the last part of its name; None if that does not say it."""
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name.rpartition("/")[2])
     roles = {_ROLE_OF[word.lower()] for word in words if word.lower() in _ROLE_OF}
     if len(roles) > 1:
@@ -179,7 +193,7 @@ def _only_reading(arrays, container) -> Parts:
         )
     raise InvalidInput(
         f"Which of the arrays is it: {_listed(arrays)}? Name one by --array, or say what they are, as --array "
-        "amplitude=NAME,phase=NAME."
+        "amplitude=NAME,phase=NAME or real=NAME,imaginary=NAME."
     )
 
 

@@ -72,7 +72,7 @@ def test_compounds_that_are_no_complex_numbers_are_left_out(tmp_path):
     ("name", "says"),
     [
         ("a.pt", "pickled, which can run any code when it is read"),
-        ("a.tif", "is of no kind that is known: end its name on .h5"),
+        ("a.tga", "is of no kind that is known: end its name on .h5.*, .png, .bmp, .exr, .tif, .tiff"),
         ("none.npz", "There is no file"),
         ("pickle.npy", "cannot be read"),
         ("empty.npz", "holds no array of numbers"),
