@@ -244,10 +244,9 @@ def _of_channels(chosen, given, wavelengths):
                 f"{each} holograms are no whole frames of {count} wavelengths: give other --wavelengths."
             )
         return {PHASE: array.reshape(*array.shape[:2], each // count, count)}, ("frame", "wavelength")
-    if chosen.colored == set(arrays) and all(
-        (array == array[..., :1]).all() for array in arrays.values()
-    ):  # gray that is stored as colors
-        return {role: array[..., 0] for role, array in arrays.items()}, ()
+    colored = [arrays[role] for role in chosen.colored]
+    if all((array == array[..., :1]).all() for array in colored):  # gray that is stored as colors
+        return {role: a[..., 0] if role in chosen.colored else a for role, a in arrays.items()}, ()
     ways = "say --packing colour or bits for phases that share it, --array red, green or blue for one channel"
     if count != 3:
         raise InvalidInput(

@@ -65,4 +65,3 @@ def test_what_is_meant_comes_in_or_is_refused():
 def test_what_2000_people_mean():
     seen = run(2000, True)
     assert 600 < seen.count(None) < 1700
-    print(len(seen), seen.count(None))

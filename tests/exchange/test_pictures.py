@@ -104,6 +104,11 @@ def test_layers_of_an_exr_are_arrays(tmp_path):
     found = exchange.hologram_of(exchange.read(tmp_path / "a.exr"), given)
     assert isinstance(found, engine.WaveField)
     np.testing.assert_allclose(found.data[0, 0], amplitude * np.exp(1j * phase), atol=1e-6)
+    foreign.exr(
+        tmp_path / "a.exr", {"amplitude": np.dstack([amplitude] * 3), "phase": phase}
+    )  # one is gray in RGB
+    again = exchange.hologram_of(exchange.read(tmp_path / "a.exr"), given)
+    assert np.array_equal(again.data, found.data)
     foreign.exr(tmp_path / "a.exr", {"": rng.random((16, 9))})
     with pytest.raises(InvalidInput, match="--units turns"):
         exchange.hologram_of(exchange.read(tmp_path / "a.exr"), given)
