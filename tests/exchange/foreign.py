@@ -92,7 +92,7 @@ def levels(draw, rng, shape, types=(np.uint8, np.uint16, np.int32, np.int64, np.
     return values.astype(dtype), truth, said
 
 
-def parts(draw, rng, shape, layout, exact):
+def parts(draw, rng, shape, layout):
     """Arrays by their roles, what they mean, and what may be said of them."""
     if layout == "phase":
         stored, truth, said = phases(draw, rng, shape, ["radians", "turns", "pi", "degrees", "levels"])
@@ -220,7 +220,7 @@ def meant(draw, folder: Path, processes: bool = True):
     layout = draw(st.sampled_from(["complex", "phase", "amplitude", "intensity", "real", "stacked"]))
     stacked = layout == "stacked"
     layout = draw(st.sampled_from(["amplitude", "real"])) if stacked else layout
-    arrays, truth, said = parts(draw, rng, shape, layout, True)
+    arrays, truth, said = parts(draw, rng, shape, layout)
     arrays, truth = in_order(draw, arrays, truth, said)
     said = {name: value for name, value in said.items() if name == "convention" or draw(st.booleans())}
     said["wavelengths"] = WAVELENGTHS[k]
