@@ -92,7 +92,7 @@ def _value(action):
     if action.nargs == 0:
         return ""
     value = action.metavar or ("NAME" if action.choices else action.dest.upper())
-    return f"[{value}]" if action.nargs == "?" else str(value)
+    return {"?": f"[{value}]", "+": f"{value} [{value}]"}.get(action.nargs, str(value))
 
 
 def _upper(text):

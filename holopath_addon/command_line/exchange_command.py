@@ -6,6 +6,9 @@ from pathlib import Path
 
 from .. import engine, exchange, output
 from ..exchange.conventions import ROWS, SIGNS
+from ..exchange.holograms import PACKINGS, TRANSFERS
+from ..exchange.parts import FIELD, ROLES
+from ..exchange.phases import CHOICES
 from .console import Progress
 from .options import argument, numbers
 
@@ -25,9 +28,22 @@ def add(command):
     take = command(
         "import", _import, "Take a field or phases of another program, to refocus, encode and stream."
     )
-    take.add_argument("file", metavar="FILE", help=f"{_KINDS}; levels also .png, .bmp")
+    take.add_argument(
+        "files",
+        metavar="FILE",
+        nargs="+",
+        type=argument(_file),
+        help=f"{', '.join(exchange.READABLE)}; two files of one field as amplitude=FILE phase=FILE, "
+        "intensity=FILE phase=FILE, or real=FILE imaginary=FILE",
+    )
     take.add_argument("--out", required=True, metavar="DIR", help="output folder, which is to be new")
-    take.add_argument("--array", metavar="NAME", help="which of the file's arrays (default: the only one)")
+    take.add_argument(
+        "--array",
+        type=argument(_array),
+        metavar="NAME|ROLE=NAME,..",
+        help="which of the file's arrays, or which for each role, as amplitude=A,phase=P; of a color picture red, "
+        "green or blue (default: as their names say, if they say it in one way)",
+    )
     _add_convention(take, "how the program has it (default: as the file says, else holopath)")
     add = take.add_argument_group("what the file does not say").add_argument
     add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers")
@@ -43,7 +59,29 @@ def add(command):
         metavar="MM",
         help="distance of the field's plane from the SLM, to which it is brought (default 0)",
     )
-    add("--bits", type=int, metavar="N", help="2^N levels are a turn (default: as many as the type holds)")
+    add(
+        "--units",
+        choices=CHOICES,
+        help="of phases (default: as the file says, else levels for whole numbers, and radians for others that fill a "
+        "turn)",
+    )
+    add(
+        "--bits",
+        type=int,
+        metavar="N",
+        help="2^N levels are a turn (default: as many as the type holds, if they fill it)",
+    )
+    add(
+        "--transfer",
+        choices=TRANSFERS,
+        help="how whole numbers hold amplitudes or intensities: in proportion, or encoded for screens",
+    )
+    add(
+        "--packing",
+        choices=tuple(PACKINGS),
+        help="how a color picture holds phases: 3 holograms in red, green and blue, or 24 in their bits (default: one "
+        "hologram of three wavelengths)",
+    )
     add(
         "--depth-range",
         type=numbers(2, "FAR,NEAR", "millimeters"),
@@ -73,6 +111,41 @@ def _axes(text):
     return axes
 
 
+def _file(text):
+    """A role, or None, and a file."""
+    role, equals, path = text.partition("=")
+    return (role, path) if equals and role in (FIELD, *ROLES) else (None, text)
+
+
+def _array(text):
+    """A name, or a name for each role."""
+    pairs = [_file(part) for part in text.split(",")]
+    if not all(role for role, _ in pairs):
+        return text
+    if len({role for role, _ in pairs}) < len(pairs):
+        raise engine.InvalidInput(f"'{text}' names a role twice")
+    return dict(pairs)
+
+
+def _container(files, array):
+    """What is in one file, or in a file for each role, and which of its arrays are named."""
+    roles = [role for role, _ in files]
+    if len(files) == 1 and roles[0] is None:
+        return exchange.read(files[0][1]), array
+    if None in roles or len(set(roles)) < len(roles):
+        raise engine.InvalidInput(
+            "Two files are one field: say what each is, as amplitude=FILE phase=FILE, intensity=FILE phase=FILE, or "
+            "real=FILE imaginary=FILE."
+        )
+    if isinstance(array, str):
+        if len(files) > 1:
+            raise engine.InvalidInput(
+                f"Each file has a role: say --array {roles[0]}={array}, as in amplitude=A,phase=P."
+            )
+        array = {roles[0]: array}
+    return exchange.read_parts(dict(files), array), None
+
+
 def _convention(args, default=None):
     """What the words say; None if they say nothing."""
     said = {"axes": args.axes, "time": args.time, "rows": args.row_0}
@@ -97,8 +170,10 @@ def _import(args):
     out = Path(args.out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise engine.InvalidInput(f"{out} is there already: choose a new folder, for nothing is replaced.")
+    progress(0.0, "Reading")
+    container, array = _container(args.files, args.array)
     given = exchange.Given(
-        args.array,
+        array,
         _convention(args),
         args.pitch and args.pitch * 1e-6,
         args.wavelengths and [nm * 1e-9 for nm in args.wavelengths],
@@ -107,12 +182,19 @@ def _import(args):
         args.fov and math.radians(args.fov),
         args.at and args.at * 1e-3,
         args.bits,
+        args.units,
+        args.transfer,
+        args.packing,
     )
-    progress(0.0, "Reading")
-    thing = exchange.hologram_of(exchange.read(args.file), given)
+    thing = exchange.hologram_of(container, given)
     field = isinstance(thing, engine.WaveField)
     with output.output_folder(out) as part:
         thing.save(part / ("wavefield" if field else "hologram"))
-        report = {"format": output.FORMAT, "format_version": output.FORMAT_VERSION, "imported": args.file}
+        names = [path if role is None else f"{role}={path}" for role, path in args.files]
+        report = {
+            "format": output.FORMAT,
+            "format_version": output.FORMAT_VERSION,
+            "imported": names[0] if len(names) == 1 else names,
+        }
         output.write_report(part, report)
     progress(1.0, f"Done: {out}{'' if field else ' (phases: refocus them with --hologram)'}")

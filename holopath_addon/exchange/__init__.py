@@ -1,15 +1,18 @@
 """Fields and phases in files that other programs read and write, see docs/files.md. Imports no bpy.
 
-`containers` are kinds of files: named arrays, and words and numbers beside them. `conventions` are the ways in which
-programs lay out a complex field. `holograms` brings both to `WaveField` and `PhaseHologram`, and back.
+`containers` are kinds of files: named arrays, and words and numbers beside them; `pictures` reads some of them. `parts`
+says which arrays make a field, `phases` what their numbers mean, `conventions` how programs lay out a complex field.
+`holograms` brings all to `WaveField` and `PhaseHologram`, and back.
 """
 
-from .containers import SUFFIXES, Container, read, write
+from .containers import READABLE, SUFFIXES, Container, read, write
 from .conventions import CONVENTIONS, Convention
 from .holograms import Given, container_of, hologram_of
+from .parts import read_parts
 
 __all__ = [
     "CONVENTIONS",
+    "READABLE",
     "SUFFIXES",
     "Container",
     "Convention",
@@ -17,5 +20,6 @@ __all__ = [
     "container_of",
     "hologram_of",
     "read",
+    "read_parts",
     "write",
 ]

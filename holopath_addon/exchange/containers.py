@@ -20,13 +20,15 @@ import numpy as np
 
 from ..engine import BackendUnavailable, Cancelled, InvalidInput
 from ..engine.files import whole_file
-from ..engine.scene import variants
+from . import pictures
+from .optional import needed
 
 Attributes = dict[str, Any]
 NOTES = "attributes"  # name of what holds them where a kind of file has arrays alone
 PATIENCE, SLOWEST = 30.0, 1e6  # seconds, and bytes a second, after which HDF5's library goes round in circles
 USER_BLOCK = 512  # bytes before the HDF5 of a MATLAB file
 _MATLAB = {"f4": "single", "f8": "double", "c8": "single", "u1": "uint8", "u2": "uint16"}
+NUMBERS = "fiucb"  # kinds of NumPy's types
 PICKLED = (".pt", ".pth", ".pkl", ".pickle")
 
 
@@ -38,10 +40,17 @@ class Container:
     ----------
     arrays : dict of str to numpy.ndarray
     attributes : dict of str to str, float or list of float
+        Of the file, and of its arrays if it has several that say the same.
+    own : dict of str to dict
+        Attributes of arrays, by their names.
+    colored : frozenset of str
+        Names of arrays whose last of three axes is red, green and blue.
     """
 
     arrays: dict[str, np.ndarray]
     attributes: Attributes = field(default_factory=dict)
+    own: dict[str, Attributes] = field(default_factory=dict)
+    colored: frozenset[str] = frozenset()
 
 
 def read(path: Path | str) -> Container:
@@ -50,7 +59,7 @@ def read(path: Path | str) -> Container:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, or its name does not end on one of `SUFFIXES`.
+        If the file cannot be read, or its name does not end on one of `READABLE`.
     BackendUnavailable
         If the library for it is not installed.
     """
@@ -58,7 +67,7 @@ def read(path: Path | str) -> Container:
     reader, _ = _kind(path)
     try:
         if not path.is_file():
-            raise InvalidInput(f"There is no file {path}: give one that ends on {', '.join(SUFFIXES)}.")
+            raise InvalidInput(f"There is no file {path}: give one that ends on {', '.join(READABLE)}.")
         container = reader(path)
     except (InvalidInput, BackendUnavailable, Cancelled):
         raise
@@ -98,28 +107,19 @@ def _kind(path):
             "safetensors.torch.save_file, or numpy.save."
         )
     if suffix not in _KINDS:
-        raise InvalidInput(f"{path} is of no kind that is known: end its name on {', '.join(SUFFIXES)}.")
+        raise InvalidInput(f"{path} is of no kind that is known: end its name on {', '.join(READABLE)}.")
     return _KINDS[suffix]
-
-
-def _needed(module):
-    try:
-        return __import__(module, fromlist=["numpy"])
-    except ImportError as error:
-        raise BackendUnavailable(
-            f"Such files need {module.partition('.')[0]}: install it with `pip install {module.partition('.')[0]}`."
-        ) from error
 
 
 def _read_hdf5(path):
     """Data sets of all groups, by their path, and attributes of the file and of them."""
-    arrays, _, attributes = _hdf5(path)
-    return Container(arrays, attributes)
+    arrays, _, attributes, own = _hdf5(path)
+    return Container(arrays, attributes, own)
 
 
 def _hdf5(path):
-    """Arrays, the MATLAB class of those that have one, and attributes, as `hdf5_reader` finds them."""
-    _needed("h5py")
+    """Arrays, the MATLAB class of those that have one, attributes, and those of each, as `hdf5_reader` finds them."""
+    needed("h5py")
     reader = Path(__file__).with_name("hdf5_reader.py")
     with tempfile.TemporaryDirectory(prefix="holopath-") as folder:
         try:
@@ -140,11 +140,11 @@ def _hdf5(path):
             raise ValueError(*said or ("it is damaged",))
         found = json.loads((Path(folder) / "contents.json").read_text())
         arrays = {name: np.load(Path(folder) / f"{n}.npy") for n, name in enumerate(found["names"])}
-    return arrays, found["matlab"], found["attributes"]
+    return arrays, found["matlab"], found["attributes"], found["own"]
 
 
 def _write_hdf5(path, container):
-    h5py = _needed("h5py")
+    h5py = needed("h5py")
     with h5py.File(path, "w") as file:
         for name, array in container.arrays.items():
             stored = file.create_dataset(name, data=array)
@@ -157,7 +157,7 @@ def _read_mat(path):
     with open(path, "rb") as file:
         newer = file.read(10) == b"MATLAB 7.3"
     if newer:
-        arrays, classes, _ = _hdf5(path)
+        arrays, classes, _, _ = _hdf5(path)
         values = {name: _from_matlab(array, classes.get(name)) for name, array in arrays.items()}
     else:
         from scipy.io import loadmat
@@ -174,19 +174,21 @@ def _read_mat(path):
         elif value.dtype.kind in "fiub" and (value.ndim < 2 or min(value.shape) == 1):
             listed = value.ravel().tolist()
             container.attributes[name] = listed[0] if len(listed) == 1 else listed
-        elif value.dtype.kind in "fiuc":
+        elif value.dtype.kind in NUMBERS:
             container.arrays[name] = value
     return container
 
 
 def _from_matlab(array, kind):
     """A text, or an array as MATLAB shows it: HDF5 has its axes in reverse."""
-    return array.astype(np.uint16).tobytes().decode("utf-16-le") if kind == "char" else array.T
+    if kind == "char":
+        return array.astype(np.uint16).tobytes().decode("utf-16-le")
+    return (array.astype(bool) if kind == "logical" else array).T
 
 
 def _write_mat(path, container):
     """Version 7.3: HDF5 behind a block of text; MATLAB's axes run the other way, and numbers are 1 x 1."""
-    h5py = _needed("h5py")
+    h5py = needed("h5py")
     with h5py.File(path, "w", userblock_size=USER_BLOCK) as file:
         for name, array in container.arrays.items():
             _matlab(file, name, array)
@@ -224,7 +226,7 @@ def _read_npz(path):
                 container.attributes.update(_object(array.item()))
             elif array.dtype.kind in "fiub" and array.size < 2:
                 container.attributes[name] = array.item() if array.size else []
-            elif array.dtype.kind in "fiuc":
+            elif array.dtype.kind in NUMBERS:
                 container.arrays[name] = array
             elif array.dtype.kind == "U" and array.size == 1:
                 container.attributes[name] = str(array.item())
@@ -248,7 +250,7 @@ def _write_npz(path, container):
 
 def _read_npy(path):
     array = np.load(path, allow_pickle=False)
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiuc":
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in NUMBERS:
         raise ValueError("it is no array of numbers")
     return Container({"array": array})
 
@@ -261,12 +263,12 @@ def _write_npy(path, container):
 
 
 def _read_safetensors(path):
-    safetensors = _needed("safetensors")
+    safetensors = needed("safetensors")
     with safetensors.safe_open(path, framework="numpy") as file:
         words = file.metadata() or {}
         arrays = {name: file.get_tensor(name) for name in file.keys()}  # it is no dict
     return Container(
-        {name: array for name, array in arrays.items() if array.dtype.kind in "fiuc" and array.ndim > 1},
+        {name: array for name, array in arrays.items() if array.dtype.kind in NUMBERS and array.ndim > 1},
         {name: _value(text) for name, text in words.items()}
         | {name: array.tolist() for name, array in arrays.items() if array.ndim < 2},
     )
@@ -280,19 +282,22 @@ def _value(text):
 
 
 def _write_safetensors(path, container):
-    numpy = _needed("safetensors.numpy")
+    numpy = needed("safetensors.numpy")
     words = {name: json.dumps(value) for name, value in container.attributes.items()}
     arrays = {name: np.ascontiguousarray(array) for name, array in container.arrays.items()}
     numpy.save_file(arrays, str(path), metadata=words)
 
 
-def _read_picture(path):
-    """Levels of a phase modulator, of the first channel."""
-    pixels = np.array(variants.bitmaps().Bitmap(str(path)), copy=False)
-    pixels = pixels if pixels.ndim == 2 else pixels[..., 0]
-    if pixels.dtype not in (np.uint8, np.uint16):
-        raise ValueError("it has neither 8 nor 16 bits")
-    return Container({"levels": pixels.copy()})
+def _reader_of(read_picture):
+    """Reader of a kind of pictures, see `pictures`."""
+
+    def reader(path):
+        arrays, bits = read_picture(path)
+        own = {name: {"bits": bits} for name in arrays} if bits else {}
+        colored = frozenset(name for name, a in arrays.items() if a.ndim == 3 and name != pictures.PAGES)
+        return Container(arrays, own=own, colored=colored)
+
+    return reader
 
 
 def _write_picture(path, container):
@@ -308,7 +313,11 @@ _KINDS: dict[str, tuple[Callable[[Path], Container], Callable[[Path, Container],
     ".npz": (_read_npz, _write_npz),
     ".npy": (_read_npy, _write_npy),
     ".safetensors": (_read_safetensors, _write_safetensors),
-    ".png": (_read_picture, _write_picture),
-    ".bmp": (_read_picture, _write_picture),
+    ".png": (_reader_of(pictures.read_png), _write_picture),
+    ".bmp": (_reader_of(pictures.read_bmp), _write_picture),
+    ".exr": (_reader_of(pictures.read_exr), _write_picture),
+    ".tif": (_reader_of(pictures.read_tiff), _write_picture),
+    ".tiff": (_reader_of(pictures.read_tiff), _write_picture),
 }
+READABLE = tuple(_KINDS)
 SUFFIXES = tuple(name for name, (_, writer) in _KINDS.items() if writer is not _write_picture)

@@ -60,11 +60,27 @@ class Convention:
         InvalidInput
             If the array has another number of axes.
         """
+        return self.signed(self.laid_out(array))
+
+    def laid_out(self, array: np.ndarray) -> np.ndarray:
+        """The array in our order of axes and rows, as a view; the sign of time is still its own.
+
+        Raises
+        ------
+        InvalidInput
+            If the array has another number of axes.
+        """
         axes = self._axes(array.ndim)
         missing = [name for name in AXES if name not in axes]
         array = array[(np.newaxis,) * len(missing)]
         array = array.transpose([(*missing, *axes).index(name) for name in AXES])
-        return self._turned(array)
+        return array[..., ::-1, :] if self.rows == "bottom" else array
+
+    def signed(self, array: np.ndarray) -> np.ndarray:
+        """A field, or phases with a fraction, from this sign of time to ours, and back."""
+        if self.time == "+":  # phases are the arguments of such fields
+            array = np.conj(array) if np.iscomplexobj(array) else -array
+        return array
 
     def theirs(self, array: np.ndarray) -> np.ndarray:
         """The reverse of `ours`.
@@ -75,7 +91,7 @@ class Convention:
             If there are several frames or wavelengths, and the convention has no axis for them.
         """
         axes = self.axes or AXES
-        array = self._turned(array)
+        array = self.signed(array[..., ::-1, :] if self.rows == "bottom" else array)
         for place, name in enumerate(AXES):
             if name not in axes and array.shape[place] > 1:
                 raise InvalidInput(f"There are {array.shape[place]} {name}s: name an axis for them.")
@@ -92,13 +108,6 @@ class Convention:
                 f"{','.join(AXES)}."
             )
         return axes
-
-    def _turned(self, array):
-        if self.rows == "bottom":
-            array = array[..., ::-1, :]
-        if self.time == "+":  # phases are the arguments of such fields
-            array = np.conj(array) if np.iscomplexobj(array) else -array
-        return array
 
 
 # Read in their source, and tested against them where the tests name them (docs/files.md).

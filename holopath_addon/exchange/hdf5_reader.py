@@ -1,7 +1,8 @@
 """A process of its own that reads an HDF5 file: damaged ones bring HDF5's library down, and whoever has it loaded.
 
 ``python hdf5_reader.py FILE FOLDER`` writes each data set of numbers as ``N.npy``, and ``contents.json`` with their
-names, and the attributes of all that is in the file. It knows nothing of HoloPath, whose modules take their time.
+names and their attributes, and the attributes on which all that is in the file agrees. It knows nothing of HoloPath,
+whose modules take their time.
 """
 
 import json
@@ -11,26 +12,47 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+COMPLEX = (
+    ("r", "i"),
+    ("re", "im"),
+    ("real", "imag"),
+    ("real", "imaginary"),
+)  # names of a compound's two numbers
+
+PER_ARRAY = ("units", "bits")  # attributes that tell nothing of other arrays
+
 
 def main(file, folder):
     """Read it all."""
-    names, matlab, attributes = [], {}, {}
+    names, matlab, own = [], {}, {}
 
     def visit(name, item):
-        if isinstance(item, h5py.Dataset) and item.size and item.dtype.kind in "fiucV":
+        if isinstance(item, h5py.Dataset) and item.size and item.dtype.kind in "fiucbV":
             array = numbers(item[()])
             if array is not None:
                 if "MATLAB_class" in item.attrs:
                     matlab[name] = plain(item.attrs["MATLAB_class"])
                 np.save(folder / f"{len(names)}.npy", array)
                 names.append(name)
-        attributes.update({key: plain(value) for key, value in item.attrs.items()})
+        own[name] = known(item)
 
     with h5py.File(file) as stored:
-        attributes.update({key: plain(value) for key, value in stored.attrs.items()})
+        own["/"] = known(stored)
         stored.visititems(visit)
-    known = {key: value for key, value in attributes.items() if value is not None}
-    (folder / "contents.json").write_text(json.dumps({"names": names, "matlab": matlab, "attributes": known}))
+    attributes, several = {}, set()
+    for name, said in own.items():
+        said = said if name == "/" else {key: said[key] for key in said if key not in PER_ARRAY}
+        several |= {key for key in said if key in attributes and said[key] != attributes[key]}
+        attributes.update(said)
+    attributes = {key: value for key, value in attributes.items() if key not in several} | own.pop("/")
+    found = {"names": names, "matlab": matlab, "attributes": attributes, "own": own}
+    (folder / "contents.json").write_text(json.dumps(found))
+
+
+def known(item):
+    """Attributes of a file, a group or a data set that are words, numbers or lists of numbers."""
+    values = {key: plain(value) for key, value in item.attrs.items()}
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def numbers(array):
@@ -38,7 +60,9 @@ def numbers(array):
     if array.dtype.kind != "V":
         return array
     names = array.dtype.names or ()
-    if len(names) != 2 or any(array.dtype[name].kind != "f" for name in names):
+    if tuple(name.lower() for name in names) not in COMPLEX or any(
+        array.dtype[name].kind != "f" for name in names
+    ):
         return None
     whole = np.empty(array.shape, np.result_type(array.dtype[names[0]], np.complex64))
     whole.real, whole.imag = (array[name] for name in names)

@@ -12,18 +12,25 @@ import numpy as np
 from ..engine import Camera, Hologram, InvalidInput, PhaseHologram, WaveField
 from ..engine.memory import shortage
 from ..engine.waves.propagation import propagate
+from . import parts
 from .containers import Container
 from .conventions import AXES, SIGNS, Convention
+from .parts import AMPLITUDE, FIELD, IMAGINARY, INTENSITY, PHASE, REAL
+from .phases import CHOICES, LEVELS, TURN, known_units, radians_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 FORMAT_VERSION = 1
-FIELD, PHASE = "field", "phase"  # names of the arrays
 FOCAL = 50e-3  # metres, of the eyepiece that a field is seen through where nothing says so
 NEAR = 1.0  # metres, of what is seen at the near end then
 MOST_LAYERS = 1 << 12  # frames times wavelengths
 IMPORTED = "imported"  # method of phases that nothing says more of
+TRANSFERS = ("linear", "srgb")  # from light to the numbers of a picture of amplitudes or intensities
+PACKINGS = {
+    "colour": 3,
+    "bits": 24,
+}  # holograms in a color picture: of slm.sequence, those without a device's levels
 
 
 @dataclass(frozen=True)
@@ -32,8 +39,8 @@ class Given:
 
     Attributes
     ----------
-    array : str
-        Its name. Default: `FIELD` or `PHASE`, or the only one.
+    array : str or mapping of str to str
+        Name of the only array, or of that of each role of `parts.ROLES`. Default: as the names say, in one way.
     convention : Convention
         Default: what the file says, else ours.
     pitch : float
@@ -49,10 +56,16 @@ class Given:
     distance : float
         Of the plane that a field is given on from the SLM, metres. Default: 0.
     bits : int
-        Of levels: 2^bits of them are a turn. Default: those of the array's type.
+        Of levels: 2^bits of them are a turn. Default: those of the array's type, if the levels fill it.
+    units : str
+        Of phases, of `phases.CHOICES`. Default: what the file says, else what the numbers alone can be.
+    transfer : str
+        Of amplitudes or intensities in whole numbers, of `TRANSFERS`.
+    packing : str
+        How a color picture holds phases, of `PACKINGS`. Default: three wavelengths.
     """
 
-    array: str | None = None
+    array: str | Mapping[str, str] | None = None
     convention: Convention | None = None
     pitch: float | None = None
     wavelengths: Sequence[float] | None = None
@@ -61,6 +74,9 @@ class Given:
     fov: float | None = None
     distance: float | None = None
     bits: int | None = None
+    units: str | None = None
+    transfer: str | None = None
+    packing: str | None = None
 
 
 def container_of(thing: WaveField | PhaseHologram, convention: Convention | None = None) -> Container:
@@ -103,28 +119,33 @@ def container_of(thing: WaveField | PhaseHologram, convention: Convention | None
 
 
 def hologram_of(container: Container, given: Given | None = None) -> WaveField | PhaseHologram:
-    """A field of complex numbers, or phases: of real numbers, radians, or of whole ones, levels.
+    """A field or phases of a file's arrays: complex numbers, two real arrays, or phases alone.
 
     Parameters
     ----------
     container : Container
-        Of a file; attributes as `container_of` names them count, and none is needed.
+        Of a file, or of several by `read_parts`; attributes as `container_of` names them count, and none is needed.
     given : Given, optional
         What is said goes before what the file says.
 
     Raises
     ------
     InvalidInput
-        If something is missing, does not fit, or no display can have it.
+        If something is missing, does not fit, can be read in two ways, or no display can have it.
     """
-    given, attributes = given or Given(), container.attributes
-    array = _array(container, given.array)
-    data = _layers(array, given.convention or _convention(attributes), given.convention is None)
+    given = given or Given()
+    chosen = parts.choose(container, given.array)
+    main = next(role for role in (FIELD, PHASE, REAL) if role in chosen.arrays)
+    attributes = chosen.attributes | chosen.own[main]
     pitch, wavelengths = _grid(given, attributes)
+    convention = given.convention or _convention(attributes)
+    layers = _laid_out(chosen, convention, given, wavelengths)
+    data = layers[main]
     if len(wavelengths) != data.shape[1]:
+        said = "is 1 wavelength" if len(wavelengths) == 1 else f"are {len(wavelengths)} wavelengths"
         raise InvalidInput(
-            f"There are {len(wavelengths)} wavelengths for {data.shape[1]} in the array, which has "
-            f"{_shape(array)}: name its axes by --axes, or other --wavelengths."
+            f"There {said} for {data.shape[1]} in the array, which has {_shape(chosen.arrays[main])}: name its axes by "
+            "--axes, or other --wavelengths."
         )
     ends = given.depth_range or (
         _number(attributes, "depth_far_m"),
@@ -138,29 +159,166 @@ def hologram_of(container: Container, given: Given | None = None) -> WaveField |
     if not 0 < near < math.inf:
         raise InvalidInput(f"The near end of the scene must be a positive distance, not {near:g} m.")
     camera = _camera(attributes, given.fov, hologram)
-    if np.iscomplexobj(array):
-        field = _at_slm(np.ascontiguousarray(data, np.complex64), given.distance or 0.0, hologram)
-        return WaveField(field, hologram, camera, near, _plan(attributes))
-    if given.distance:
+    _refuse_unused(given, chosen)
+    if given.distance and set(layers) == {PHASE}:
         raise InvalidInput("Phases are those of the SLM itself: leave out their distance from it.")
+    angle = radians_of(layers[PHASE], *_units(attributes, given, layers[PHASE])) if PHASE in layers else None
+    if set(layers) != {PHASE}:
+        field = _at_slm(_field(layers, angle, chosen, given, convention), given.distance or 0.0, hologram)
+        return WaveField(field, hologram, camera, near, _plan(attributes))
     gains = _numbers(attributes, "gains") or (1.0,) * len(wavelengths)
     if len(gains) != len(wavelengths):
         raise InvalidInput(f"There are {len(gains)} gains for {len(wavelengths)} wavelengths.")
     method = str(attributes.get("method", IMPORTED))
-    return PhaseHologram(_phases(data, array.dtype, given.bits), hologram, camera, near, method, gains)
+    return PhaseHologram(_phases(data, angle, convention), hologram, camera, near, method, gains)
 
 
-def _array(container, name):
-    arrays = {key: value for key, value in container.arrays.items() if value.ndim > 1}
-    if name is None:
-        named = [key for key in (FIELD, PHASE) if key in arrays] or list(arrays)
-        if len(named) != 1:
-            names = ", ".join(list(container.arrays)[:20])
-            raise InvalidInput(f"Which of the arrays is it: {names}? Name one by --array.")
-        name = named[0]
-    if name not in arrays:
-        raise InvalidInput(f"There is no array {name} of two or more axes: choose among {', '.join(arrays)}.")
-    return arrays[name]
+def _refuse_unused(given, chosen):
+    """What is said of an array that is not there is a mistake."""
+    arrays = chosen.arrays
+    if PHASE not in arrays and (given.units or given.bits):
+        raise InvalidInput(
+            "Units and bits are those of phases, and there are none: leave out --units and --bits."
+        )
+    counted = [role for role in (AMPLITUDE, INTENSITY) if role in arrays and arrays[role].dtype.kind in "iu"]
+    if given.transfer and not counted:
+        raise InvalidInput(
+            "--transfer is of amplitudes or intensities in whole numbers, and there are none: leave it out."
+        )
+    if given.transfer not in (None, *TRANSFERS):
+        raise InvalidInput(
+            f"There is no transfer function {given.transfer}: choose {' or '.join(TRANSFERS)}."
+        )
+
+
+def _units(attributes, given, array):
+    """Units and bits of phases; what the file says of them counts where nothing else is said."""
+    units, bits = given.units, given.bits
+    if units is None and "units" in attributes:
+        units = known_units(attributes["units"])
+        if units is None:
+            raise InvalidInput(
+                f"The file's units are {str(attributes['units'])[:40]!r}: say by --units which of "
+                f"{', '.join(CHOICES)} the phases are in."
+            )
+    said = _number(attributes, "bits")
+    if said is not None and (units == LEVELS or (units is None and array.dtype.kind in "iub")):
+        if bits not in (None, said):
+            raise InvalidInput(f"The file's levels have {said:g} bits, not {bits}: leave out --bits.")
+        units, bits = LEVELS, int(said)
+    return units, bits
+
+
+def _laid_out(chosen, convention, given, wavelengths):
+    """Each role's numbers as shape (frame, wavelength, y, x), with the sign of time that the file has."""
+    arrays, axes = dict(chosen.arrays), convention.axes
+    if given.packing and (set(arrays) != {PHASE} or not chosen.colored):
+        raise InvalidInput("--packing is of phases in a color picture, and there is none: leave it out.")
+    if chosen.colored:
+        of_frames = axes is not None and set(axes) == {"frame", "y", "x"}
+        arrays, last = (arrays, ("frame",)) if of_frames else _of_channels(chosen, given, wavelengths)
+        axes = tuple(name for name in axes or AXES if name in ("y", "x")) + last
+    if len({array.shape for array in arrays.values()}) > 1:
+        sizes = " and ".join(f"{role} has {_shape(array)}" for role, array in arrays.items())
+        raise InvalidInput(f"The arrays differ: {sizes}: write both in one shape.")
+    convention = replace(convention, axes=axes)
+    stored = given.convention is None and not chosen.colored
+    return {role: _layers(array, convention, stored) for role, array in arrays.items()}
+
+
+def _of_channels(chosen, given, wavelengths):
+    """Arrays of color pictures as phases and amplitudes, and the names of their axes after y and x."""
+    arrays, count = chosen.arrays, len(wavelengths)
+    if given.packing:
+        if given.packing not in PACKINGS:
+            raise InvalidInput(f"There is no packing {given.packing}: choose {' or '.join(PACKINGS)}.")
+        array, each = arrays[PHASE], PACKINGS[given.packing]
+        if given.packing == "bits":
+            if array.dtype != np.uint8:
+                raise InvalidInput(
+                    f"24 holograms lie in the bits of 8-bit channels, not of {array.dtype}: leave out --packing."
+                )
+            array = np.unpackbits(array, axis=-1, bitorder="little").view(bool)
+        if each % count:
+            raise InvalidInput(
+                f"{each} holograms are no whole frames of {count} wavelengths: give other --wavelengths."
+            )
+        return {PHASE: array.reshape(*array.shape[:2], each // count, count)}, ("frame", "wavelength")
+    colored = [arrays[role] for role in chosen.colored]
+    if all((array == array[..., :1]).all() for array in colored):  # gray that is stored as colors
+        return {role: a[..., 0] if role in chosen.colored else a for role, a in arrays.items()}, ()
+    ways = "say --packing colour or bits for phases that share it, --array red, green or blue for one channel"
+    if count != 3:
+        raise InvalidInput(
+            f"The picture has three channels for {count} wavelength{'s' if count > 1 else ''}: give three "
+            f"--wavelengths if they are its colors, or {ways}."
+        )
+    if not wavelengths[0] > wavelengths[1] > wavelengths[2]:
+        raise InvalidInput(
+            "The channels are red, green and blue, and the wavelengths have another order: give --wavelengths from the "
+            "longest to the shortest, or say --packing colour to take them as they are."
+        )
+    return arrays, ("wavelength",)
+
+
+def _field(layers, angle, chosen, given, convention):
+    """Complex amplitude, complex64, of one complex array or of two real ones."""
+    first = next(iter(layers.values()))
+    field = np.empty(first.shape, np.complex64)
+    scales = {role: _scale(chosen, role, given.transfer) for role in (AMPLITUDE, INTENSITY) if role in layers}
+    for number in range(len(first)):
+        frame = {role: data[number] for role, data in layers.items()}
+        with np.errstate(over="ignore", invalid="ignore"):
+            if FIELD in frame:
+                light = frame[FIELD]
+            elif REAL in frame:
+                light = frame[REAL] + 1j * frame[IMAGINARY]
+            else:
+                (role,) = scales
+                size = scales[role](frame[role])
+                if (size < 0).any():
+                    raise InvalidInput(
+                        f"The {role} goes below 0: give it as real and imaginary, or write it without the sign."
+                    )
+                light = (np.sqrt(size) if role == INTENSITY else size) * np.exp(1j * angle(frame[PHASE]))
+            field[number] = convention.signed(light)
+        if not np.isfinite(field[number]).all():
+            raise InvalidInput("The field has values that single precision does not hold: scale it down.")
+    return field
+
+
+def _scale(chosen, role, transfer):
+    """The function from the numbers of an amplitude or intensity to values, with 1 for the largest whole number."""
+    array = chosen.arrays[role]
+    if array.dtype.kind in "fb":
+        return lambda part: np.asarray(part, np.float64)
+    if array.dtype.kind != "u" or array.dtype.itemsize > 2:
+        raise InvalidInput(
+            f"The {role} is of {array.dtype}, which has no largest value: write numbers with a fraction."
+        )
+    if transfer is None:
+        raise InvalidInput(
+            f"The {role} is in whole numbers, which can be proportional to it (--transfer linear) or encoded for "
+            "screens (--transfer srgb): say which."
+        )
+    full = 2 ** int(chosen.own[role].get("bits", 8 * array.dtype.itemsize)) - 1
+
+    def values(part):
+        part = np.asarray(part, np.float64) / full
+        if transfer == "linear":
+            return part
+        return np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
+
+    return values
+
+
+def _phases(data, angle, convention):
+    """Radians in [0, 2 pi), float32."""
+    phases = np.empty(data.shape, np.float32)
+    for number, frame in enumerate(data):
+        phases[number] = np.mod(convention.signed(angle(frame)), TURN)
+    phases[phases >= np.float32(TURN)] = 0
+    return phases
 
 
 def _convention(attributes):
@@ -175,12 +333,15 @@ def _convention(attributes):
 
 
 def _layers(array, convention, stored):
-    """Of shape (frame, wavelength, y, x)."""
+    """An array as a view of shape (frame, wavelength, y, x)."""
     if array.ndim > len(AXES):
-        raise InvalidInput(f"The array has {array.ndim} axes, and at most {len(AXES)} have a meaning.")
+        raise InvalidInput(
+            f"The array has {array.ndim} axes, and at most {len(AXES)} have a meaning: write {', '.join(AXES)} alone, "
+            "and amplitude and phase, or real and imaginary, as two arrays."
+        )
     if stored and convention.axes is not None:  # MATLAB leaves out the last axes where they have one place
         array = array.reshape(*array.shape, *(1,) * (len(convention.axes) - array.ndim))
-    data = convention.ours(array)
+    data = convention.laid_out(array)
     if 0 in data.shape or math.prod(data.shape[:2]) > MOST_LAYERS:
         raise InvalidInput(f"An array of {_shape(array)} is no hologram's: see its axes.")
     shortage(4 * array.nbytes, "Reading the array")
@@ -251,20 +412,6 @@ def _at_slm(field, distance, hologram):
         for frame in field:
             frame[colour] = propagate(frame[colour], -distance, hologram.pitch, wavelength)
     return field
-
-
-def _phases(data, dtype, bits):
-    if dtype.kind in "iu":
-        bits = bits or 8 * dtype.itemsize
-        if not 1 <= bits <= 16:
-            raise InvalidInput(f"An SLM has 1 to 16 bits, not {bits}: give those of the levels by --bits.")
-        data = data.astype(np.float64) * (2 * math.pi / 2**bits)
-    elif bits:
-        raise InvalidInput("Phases in radians have no bits: leave them out, or give whole numbers.")
-    turn = np.float32(2 * math.pi)
-    phases = np.mod(np.asarray(data, np.float64), 2 * math.pi).astype(np.float32)
-    phases[phases >= turn] = 0
-    return phases
 
 
 def _shape(array):

@@ -10,7 +10,7 @@ import pytest
 from holopath_addon import cli, engine, exchange, output
 from holopath_addon.engine.viewing import assessment
 from holopath_addon.exchange import containers
-from tests.exchange import fields
+from tests.exchange import fields, foreign
 
 
 @pytest.fixture
@@ -66,7 +66,15 @@ def test_an_array_of_its_own_convention(tmp_path):
         (["import", "u.npy", "--out", "full"], "full is there already: choose a new folder"),
         (["import", "u.npy", "--out", "new", "--axes", "y,y"], "in any order, each once"),
         (["export", "none", "a.h5"], "The folder none does not exist"),
-        (["export", "rendered", "a.tif"], "is of no kind that is known"),
+        (["export", "rendered", "a.tga"], "is of no kind that is known"),
+        (["export", "rendered", "a.tif"], "Fields and phases are no pictures"),
+        (["import", "a.npy", "b.npy", "--out", "new"], "say what each is, as amplitude=FILE phase=FILE"),
+        (["import", "phase=u.npy", "--out", "new", "--pitch", "8"], "give field=u.npy if they are a field"),
+        (
+            ["import", "phase=u.npy", "real=u.npy", "--out", "new", "--array", "u"],
+            "say --array phase=u, as in",
+        ),
+        (["import", "u.npy", "--out", "new", "--array", "phase=a,phase=b"], "names a role twice"),
         (["export", "rendered", "a.h5", "--convention", "odak"], "There are 3 frames: name an axis for them"),
     ],
 )
@@ -144,3 +152,29 @@ def test_an_archive_that_is_interrupted_says_no_more(rendered, tmp_path, capsys,
     monkeypatch.setattr(np.lib.format, "write_array", ctrl_c)
     interrupted(["export", str(rendered), str(folder / "a.npz"), "--quiet"], folder, [], capsys)
     gc.collect()
+
+
+def test_a_field_of_two_pictures(tmp_path, monkeypatch):
+    """Amplitude as a screen's picture, phases as levels of 10 bits at the top of 16."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(5)
+    amplitude, levels = rng.integers(0, 256, (8, 9), np.uint8), rng.integers(0, 1024, (8, 9))
+    foreign.png(tmp_path / "a.png", amplitude, 8)
+    foreign.png(tmp_path / "p.png", (levels << 6).astype(np.uint16), 16)
+    words = ["import", "amplitude=a.png", "phase=p.png", "--transfer", "linear", "--bits", "10"]
+    assert cli.main([*words, "--pitch", "8", "--wavelengths", "516.5", "--out", "out", "--quiet"]) == 0
+    ours = engine.WaveField.load(tmp_path / "out" / "wavefield")
+    truth = amplitude / 255 * np.exp(2j * np.pi * levels / 1024)
+    np.testing.assert_allclose(ours.data[0, 0], truth, atol=1e-6)
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["imported"] == ["amplitude=a.png", "phase=p.png"]
+
+
+def test_arrays_of_one_file_by_their_roles(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    a, p = np.full((6, 7), 0.5), np.linspace(0, 0.9, 42).reshape(6, 7)
+    np.savez("a.npz", A=a, P=p, Q=p)
+    words = ["import", "a.npz", "--array", "amplitude=A,phase=P", "--units", "turns", "--pitch", "8"]
+    assert cli.main([*words, "--wavelengths", "516.5", "--out", "out", "--quiet"]) == 0
+    ours = engine.WaveField.load(tmp_path / "out" / "wavefield")
+    np.testing.assert_allclose(ours.data[0, 0], a * np.exp(2j * np.pi * p), atol=1e-6)

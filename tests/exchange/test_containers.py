@@ -64,6 +64,7 @@ def test_older_matlab_files_are_read(tmp_path):
 def test_compounds_that_are_no_complex_numbers_are_left_out(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["table"] = np.zeros((3, 3), [("name", "i4"), ("value", "f8")])
+        file["polar"] = np.zeros((3, 3), [("amplitude", "f4"), ("phase", "f4")])
         file["group/u"] = np.ones((4, 5), np.complex128)
     assert list(exchange.read(tmp_path / "a.h5").arrays) == ["group/u"]
 
@@ -72,7 +73,7 @@ def test_compounds_that_are_no_complex_numbers_are_left_out(tmp_path):
     ("name", "says"),
     [
         ("a.pt", "pickled, which can run any code when it is read"),
-        ("a.tif", "is of no kind that is known: end its name on .h5"),
+        ("a.tga", "is of no kind that is known: end its name on .h5.*, .png, .bmp, .exr, .tif, .tiff"),
         ("none.npz", "There is no file"),
         ("pickle.npy", "cannot be read"),
         ("empty.npz", "holds no array of numbers"),

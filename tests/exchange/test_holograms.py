@@ -65,7 +65,7 @@ def test_a_field_on_another_plane_is_brought_to_the_slm(plane):
     assert middle.argmax() == 4
 
 
-@pytest.mark.parametrize(("dtype", "bits", "turn"), [("u1", None, 256), ("u2", None, 65536), ("u1", 4, 16)])
+@pytest.mark.parametrize(("dtype", "bits", "turn"), [("u1", 8, 256), ("u2", 16, 65536), ("u1", 4, 16)])
 def test_levels_are_phases(dtype, bits, turn):
     levels = np.arange(16).reshape(4, 4).astype(dtype)
     given = exchange.Given(pitch=PITCH, wavelengths=[WAVELENGTH], bits=bits)
@@ -87,15 +87,16 @@ GIVEN = {"pitch": PITCH, "wavelengths": [WAVELENGTH]}
             FIELD,
             {},
             {**GIVEN, "wavelengths": [5e-7, 6e-7]},
-            "2 wavelengths for 1 in the array, which has 4 x 5",
+            "are 2 wavelengths for 1 in the array, which has 4 x 5",
         ),
         (FIELD[None, None, None], {}, GIVEN, "has 5 axes, and at most 4"),
         (FIELD, {}, {**GIVEN, "convention": exchange.Convention(("frame", "y", "x"))}, "has 2 axes, not 3"),
         (FIELD * np.nan, {}, GIVEN, "not finite"),
         (FIELD[:0], {}, GIVEN, "no hologram's"),
         (FIELD.real, {}, {**GIVEN, "distance": 1e-3}, "leave out their distance"),
-        (FIELD.real, {}, {**GIVEN, "bits": 8}, "no bits"),
-        (FIELD, {}, {**GIVEN, "array": "v"}, "no array v of two or more axes: choose among u"),
+        (FIELD.real, {}, {**GIVEN, "bits": 8, "units": "pi"}, "no bits"),
+        (FIELD.real, {"units": "mm"}, GIVEN, "units are 'mm': say by --units"),
+        (FIELD, {}, {**GIVEN, "array": "v"}, "no array v of two or more axes in the file: choose among u"),
         (
             FIELD,
             {"pitch_m": "wide"},
@@ -118,7 +119,7 @@ def test_what_does_not_fit(array, attributes, given, says):
 
 def test_one_of_several_arrays_is_to_be_named():
     container = exchange.Container({"left": FIELD, "right": 2 * FIELD})
-    with pytest.raises(InvalidInput, match="left, right. Name one by --array"):
+    with pytest.raises(InvalidInput, match="as left or right: choose by --array"):
         exchange.hologram_of(container, exchange.Given(**GIVEN))
     assert exchange.hologram_of(container, exchange.Given("right", **GIVEN)).data.max() == 2
 
