@@ -9,6 +9,7 @@ from typing import Any
 
 from .. import engine, failures, stills
 from ..engine.progress import stage
+from ..exchange.captures import SUFFIXES
 from ..farm import study as studies
 from ..farm.errors import FarmFailed
 from ..farm.job import SharedJob, digests
@@ -101,6 +102,10 @@ def _asked(args):
         folder = run.folder(out)
         try:
             sources.check(study.scene(run))
+            if isinstance(run.scene, str) and Path(run.scene).suffix.lower() in SUFFIXES:
+                raise engine.InvalidInput(
+                    f"{run.scene} is a picture or a point cloud, which studies do not take: render it by itself."
+                )
             asked = words.parse_args([*words_of(study, run), f"--out={folder}"])
             options.asked(asked, engine.Settings())
             render_command.hologram_of(asked, engine.Hologram(512, 512, 8e-6))
