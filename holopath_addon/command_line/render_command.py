@@ -190,7 +190,7 @@ def add_scene(parser, store):
 
 def _add_capture(parser):
     add = parser.add_argument_group("of a picture with depth, or a .ply of points").add_argument
-    add("--depth", metavar="FILE", help="depth of each pixel: an .exr, or a .png of 8 or 16 bits")
+    add("--depth", metavar="FILE", help="depth of each pixel: an .exr, a .png of 8 or 16 bits, or an .npy")
     add("--depth-unit", choices=captures.UNITS, help=f"what its numbers are: {captures.UNIT_WORDS}")
     add(
         "--depth-ends",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import mitsuba as mi
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".exr", ".hdr")
-DEPTHS = (".exr", ".png")
+DEPTHS = (".exr", ".png", ".npy")
 POINTS = (".ply",)
 SUFFIXES = (*PICTURES, *POINTS)
 UNITS = ("m", "mm", "diopters", "inverse")  # of the numbers of a depth file
@@ -146,10 +146,10 @@ class PictureFile:
                 "views cannot be read."
             )
         self.depth_path = Path(options.depth)
-        if not self.depth_path.is_file() or self.depth_path.suffix.lower() not in DEPTHS:
-            raise InvalidInput(
-                f"The depth {options.depth} is not a file that ends on {' or '.join(DEPTHS)}: give one with --depth."
-            )
+        if not self.depth_path.is_file():
+            raise InvalidInput(f"The depth {options.depth} does not exist: give a file that does.")
+        if self.depth_path.suffix.lower() not in DEPTHS:
+            raise InvalidInput(f"The depth {options.depth} must end on one of {', '.join(DEPTHS)}.")
         if options.depth_unit not in UNITS:
             raise InvalidInput(
                 f"{options.depth} does not say what its numbers are: add --depth-unit with {UNIT_WORDS}."
@@ -181,22 +181,39 @@ class PictureFile:
         """Linear radiance, float32, shape (y, x, 3)."""
         return read_picture(self.path)
 
-    def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
-        """Make the scene, for a hologram of `size` pixels.
+    def depth(self, fov: float) -> np.ndarray:
+        """Distance of each pixel along the camera's axis, meters, float64, shape (y, x).
+
+        Parameters
+        ----------
+        fov : float
+            Full horizontal field of view, radians, by which distances along the line of sight are converted.
 
         Raises
         ------
         InvalidInput
-            If a file cannot be read, the sizes differ or a depth is none, or a `camera` is named.
+            If the files cannot be read, their sizes differ or a depth is not positive and finite.
         """
-        if camera is not None:
-            raise InvalidInput(f"{self.path} has no camera '{camera}': leave out --camera.")
         depth = read_depth(self.depth_path, self._options.depth_unit or "", self._options.depth_ends)
         if depth.shape != self.image.shape[:2]:
             raise InvalidInput(
                 f"{self.path} has {self.size[0]} x {self.size[1]} pixels and {self.depth_path} has {depth.shape[1]} x "
                 f"{depth.shape[0]}: give a depth for each pixel."
             )
+        return depth / _lengths(self.size, fov) if self._options.depth_along == "ray" else depth
+
+    def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
+        """Make the scene, for a hologram of `size` pixels.
+
+        Raises
+        ------
+        InvalidInput
+            As of `depth`, or if a `camera` is named.
+        """
+        if camera is not None:
+            raise InvalidInput(f"{self.path} has no camera '{camera}': leave out --camera.")
+        fov = _fov(self._options)
+        depth = self.depth(fov)
         notes = [_fov_note(self.path, self._options)] if self._options.fov is None else []
         if abs(size[0] * self.size[1] / (size[1] * self.size[0]) - 1) > ANOTHER_SHAPE:
             effect = (
@@ -204,10 +221,7 @@ class PictureFile:
                 "--resolution and --display to see all"
             )
             notes.append(_note(self.path, f"{self.size[0]} x {self.size[1]} pixels", effect))
-        fov = _fov(self._options)
-        if self._options.depth_along == "ray":
-            depth = depth / _lengths(self.size, fov)
-        image, depth, kept = reduced(self.image, depth, size)
+        image, depth, (kept, _) = reduced(self.image, depth, size)
         try:
             scene, viewer = picture_scene(image, depth, 2 * math.atan(kept * math.tan(fov / 2)))
         except InvalidInput as error:
@@ -340,8 +354,8 @@ def read_depth(path: Path, unit: str, ends: tuple | None = None) -> np.ndarray:
     Parameters
     ----------
     path : Path
-        An EXR file of any floating-point numbers, or a PNG file of 8 or 16 bits. A PNG's levels are its numbers; of
-        inverse depth the highest level is 1.
+        An EXR file of any floating-point numbers, a PNG file of 8 or 16 bits, or a NumPy array of either. Levels of
+        whole numbers are taken as they are; of inverse depth the highest level is 1.
     unit : str
         One of `UNITS`.
     ends : (float, float), optional
@@ -378,7 +392,7 @@ def _between(path, share, ends):
     """Depths of shares of the way from the inverse depth of one end to that of the other."""
     if ends is None or not (math.isfinite(ends[0]) and ends[0] > ends[1] > 0):
         raise InvalidInput(
-            "--depth-ends must be two depths in meters, the farther one first, both positive and finite."
+            "The ends of inverse depths (--depth-ends FAR,NEAR) must be positive and finite, and the far one larger."
         )
     if not ((share >= 0) & (share <= 1)).all():
         raise InvalidInput(
@@ -406,25 +420,34 @@ def _depth_channel(path, pixels, names):
 def _pixels(path):
     """Pixels [y, x, channel] of an image file, of unsigned or floating-point numbers, and the channels' names."""
     try:
-        bitmap = variants.bitmaps().Bitmap(str(path))
-        if bitmap.pixel_count() > MAX_PIXELS:
-            raise ValueError(f"it has over {MAX_PIXELS >> 20} megapixels")
-        pixels = np.array(bitmap)
-        names = [field.name for field in bitmap.struct_()]
+        pixels, names = _array(path) if path.suffix.lower() == ".npy" else _bitmap(path)
     except Exception as error:  # there is no end to what a file may hold
         reason = " ".join(str(error).split())[:200]
-        raise InvalidInput(f"{path} cannot be read as an image ({reason}): give another file.") from None
-    pixels = pixels.reshape(*pixels.shape[:2], -1)
+        raise InvalidInput(f"{path} cannot be read as a picture ({reason}): give another file.") from None
     if pixels.dtype.kind not in "uf":
         raise InvalidInput(
             f"{path} has pixels of {pixels.dtype}: give 8 or 16 bits, or floating-point numbers."
         )
-    return pixels, names
+    return pixels.reshape(*pixels.shape[:2], -1), names
+
+
+def _bitmap(path):
+    bitmap = variants.bitmaps().Bitmap(str(path))
+    if bitmap.pixel_count() > MAX_PIXELS:
+        raise ValueError(f"it has over {MAX_PIXELS >> 20} megapixels")
+    return np.array(bitmap), [field.name for field in bitmap.struct_()]
+
+
+def _array(path):
+    pixels = np.load(path, allow_pickle=False)
+    if pixels.ndim != 2:
+        raise ValueError(f"it has the shape {pixels.shape} instead of rows and columns")
+    return pixels, ["Y"]
 
 
 def reduced(
     image: np.ndarray, depth: np.ndarray, size: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray, float]:
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
     """Make a picture with depth smaller, if along both sides it has twice the pixels of a hologram of `size`, or more.
 
     Blocks of pixels become one, with the mean of their colors and the median of their depths, the nearer one of two.
@@ -434,12 +457,12 @@ def reduced(
     -------
     image : numpy.ndarray, shape (y, x, 3)
     depth : numpy.ndarray, shape (y, x)
-    kept : float
-        Fraction of the width.
+    kept : (float, float)
+        Fractions of width and height.
     """
     block = min(image.shape[1] // size[0], image.shape[0] // size[1])
     if block < 2:
-        return image, depth, 1.0
+        return image, depth, (1.0, 1.0)
     height, width = depth.shape
     rows, columns = height // block, width // block
     inner = tuple(
@@ -449,7 +472,8 @@ def reduced(
     image = image[inner].reshape(rows, block, columns, block, 3).mean((1, 3))
     blocks = depth[inner].reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows, columns, -1)
     middle = (block**2 - 1) // 2
-    return image, np.partition(blocks, middle, axis=-1)[..., middle], columns * block / width
+    kept = columns * block / width, rows * block / height
+    return image, np.partition(blocks, middle, axis=-1)[..., middle], kept
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:

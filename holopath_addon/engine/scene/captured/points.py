@@ -1,7 +1,8 @@
 """Points with colors as a scene: each is a small disk that faces the viewer and shines.
 
-A disk is a flat hexagonal cone, whose tip at the point is nearest to the viewer: of disks that overlap, the one whose
-point is nearest is seen (Hoff et al., SIGGRAPH 1999, draw Voronoi diagrams so). All disks are one mesh.
+A disk is a hexagonal cone, whose tip at the point is nearest to the viewer: of disks that overlap, the one whose point
+is nearest is seen (Hoff et al., SIGGRAPH 1999, draw Voronoi diagrams so). So they may be large enough to leave no gaps,
+and the colors stay apart. All disks are one mesh.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 MAX_POINTS = 4_000_000  # which take about 2 GB
-SIDES, TILT = 6, 0.2  # of a cone, and its height over its radius
+# Of a cone, and its height over its radius: on surfaces turned by up to 45 degrees no point is hidden by its neighbors.
+SIDES, TILT = 6, 1.0
 NEIGHBORS = 4  # on a square grid they are all at the grid's spacing
-# Radius over the distance to the fourth neighbor. From 0.71 on, disks on a square grid leave no gap; hexagons are
-# narrower than their circles by 0.87.
-COVERING = 0.82
+# Radius over the distance to the fourth neighbor. Of points at random on a surface, disks leave exp(-4 * 1.2^2) = 0.3 %
+# open, of a square grid nothing.
+COVERING = 1.2
 # Bounds of a point's distance to its fourth neighbor, times the median of its neighbors' own: points that stand alone
 # are no larger, and copies of a point do not vanish.
 SPACING = 0.1, 3.0
