@@ -304,7 +304,7 @@ class CaptureSource:
     """
 
     frame = None
-    settings = engine.Settings()
+    settings = engine.Settings(max_depth=1)  # it shines, and reflects nothing
 
     def __init__(self, path, options):
         self._file = captures.capture(path, options)
