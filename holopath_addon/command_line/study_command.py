@@ -101,11 +101,11 @@ def _asked(args):
     for run in study.runs:
         folder = run.folder(out)
         try:
-            sources.check(study.scene(run))
-            if isinstance(run.scene, str) and Path(run.scene).suffix.lower() in SUFFIXES:
+            if Path(run.scene).suffix.lower() in SUFFIXES:
                 raise engine.InvalidInput(
                     f"{run.scene} is a picture or a point cloud, which studies do not take: render it by itself."
                 )
+            sources.check(study.scene(run))
             asked = words.parse_args([*words_of(study, run), f"--out={folder}"])
             options.asked(asked, engine.Settings())
             render_command.hologram_of(asked, engine.Hologram(512, 512, 8e-6))

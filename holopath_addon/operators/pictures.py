@@ -89,6 +89,24 @@ def _material(path):
     return material
 
 
+def draw_options(layout, options):
+    """Draw what is to be said of a depth file.
+
+    Parameters
+    ----------
+    layout : bpy.types.UILayout
+    options : bpy.types.OperatorProperties
+        Of `HOLOPATH_OT_add_picture`.
+    """
+    layout.use_property_split = True
+    layout.prop(options, "unit")
+    if options.unit == "inverse":
+        layout.prop(options, "far")
+        layout.prop(options, "near")
+    layout.prop(options, "along")
+    layout.prop(options, "fov")
+
+
 class HOLOPATH_OT_choose_picture(bpy.types.Operator):
     """Choose a picture, then its depth: they become a mesh in front of the camera that shines with the picture"""
 
@@ -116,7 +134,7 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
     """Add a mesh in front of the camera that shines with a picture, at the depth of each pixel"""
 
     bl_idname = "holopath.add_picture"
-    bl_label = "Add Picture With This Depth"
+    bl_label = "Add Picture"
     bl_options = {"REGISTER", "UNDO"}
 
     picture: StringProperty(
@@ -170,15 +188,7 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context):
         """Settings beside the file browser, and after it."""
-        layout = self.layout
-        assert layout is not None  # Blender gives it before
-        layout.use_property_split = True
-        layout.prop(self, "unit")
-        if self.unit == "inverse":
-            layout.prop(self, "far")
-            layout.prop(self, "near")
-        layout.prop(self, "along")
-        layout.prop(self, "fov")
+        draw_options(self.layout, self)
 
     def execute(self, context: bpy.types.Context):
         scene, layer = context.scene, context.view_layer

@@ -6,6 +6,8 @@ import pytest
 
 from holopath_addon import output
 from holopath_addon.engine.scene import variants
+from holopath_addon.operators.pictures import draw_options
+from tests.addon.layout import Context, Layout
 
 SIDE = 12
 
@@ -73,6 +75,17 @@ def test_what_it_refuses(scene, files, options, text):
         )
     after = {type(b).__name__ + b.name for b in [*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials]}
     assert after == before
+
+
+def test_what_the_file_browser_shows(scene):
+    options = bpy.context.window_manager.operator_properties_last("holopath.add_picture")
+    shown = {}
+    for unit in ("mm", "inverse"):
+        layout = Layout(Context(scene))
+        options.unit = unit
+        draw_options(layout, options)
+        shown[unit] = layout.all("prop", "property")
+    assert shown == {"mm": ["unit", "along", "fov"], "inverse": ["unit", "far", "near", "along", "fov"]}
 
 
 def test_not_without_a_camera(scene):
