@@ -12,6 +12,7 @@ from ..demo import DEMOS
 from ..engine import displays
 from ..engine.progress import stage
 from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
+from ..exchange import captures
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
@@ -42,6 +43,7 @@ _APART = {
     "cluster",
     "words",
     "work",
+    "depth",  # whose contents decide
 }
 
 
@@ -118,7 +120,11 @@ def add(command, store):
 
 def add_scene(parser, store):
     add = parser.add_argument
-    add("scene", metavar="SCENE", help=f"a .blend, a Mitsuba .xml, or {DEMO_SCENES}")
+    add(
+        "scene",
+        metavar="SCENE",
+        help=f"a .blend, a Mitsuba .xml, a picture with --depth, a .ply of points, or {DEMO_SCENES}",
+    )
     add(
         "--display",
         type=argument(displays.display),
@@ -129,7 +135,7 @@ def add_scene(parser, store):
         "--resolution",
         type=argument(_resolution),
         metavar="WxH",
-        help="default: the file's (of an .xml: its film's, or its crop window's), else 512x512",
+        help="default: the file's (of an .xml: its film's, or its crop window's; the picture's), else 512x512",
     )
     add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers (default: the file's, 8)")
     add(
@@ -157,7 +163,11 @@ def add_scene(parser, store):
     )
     add("--near", type=float, metavar="METERS", help="world depth of the near end (default: nearest surface)")
     options.add(parser)
-    add("--camera", metavar="NAME", help="camera object, or an .xml's sensor id (default: active or first)")
+    add(
+        "--camera",
+        metavar="NAME",
+        help="camera object, an .xml's sensor id, or of a .ply front or origin (default: active, first, front)",
+    )
     add(
         "--move",
         type=options.numbers(3, "RIGHT,UP,FORWARD", "meters"),
@@ -175,6 +185,38 @@ def add_scene(parser, store):
     add("--view-layer", metavar="NAME", help="its view layer (default: the first that renders use)")
     add_run_scripts(parser)
     add_define(parser)
+    _add_capture(parser)
+
+
+def _add_capture(parser):
+    add = parser.add_argument_group("of a picture with depth, or a .ply of points").add_argument
+    add("--depth", metavar="FILE", help="depth of each pixel: an .exr, a .png of 8 or 16 bits, or an .npy")
+    add("--depth-unit", choices=captures.UNITS, help=f"what its numbers are: {captures.UNIT_WORDS}")
+    add(
+        "--depth-ends",
+        type=options.numbers(2, "FAR,NEAR", "meters"),
+        metavar="FAR,NEAR",
+        help="depths of 0 and 1 of --depth-unit inverse, meters",
+    )
+    add(
+        "--depth-along",
+        choices=captures.ALONG,
+        help="whether depths are distances along the camera's axis, as cameras and Blender give them, or along each "
+        "pixel's own ray, as Mitsuba does (default: axis)",
+    )
+    add(
+        "--fov",
+        type=float,
+        metavar="DEGREES",
+        help="horizontal field of view (default: 39.6, that of a 50 mm lens on 36 mm of film)",
+    )
+    add("--axes", choices=tuple(captures.AXES), help=f"how those of a .ply lie: {captures.AXES_WORDS}")
+    add(
+        "--point-radius",
+        type=float,
+        metavar="METERS",
+        help="of the disks that points of a .ply become (default: so that those of a surface leave no gaps)",
+    )
 
 
 def add_run_scripts(parser):
@@ -462,6 +504,7 @@ def still_of(args, source, job=None):
             "scene": args.scene_name,
             "view_layer": args.view_layer,
             **({"define": dict(args.define)} if args.define else {}),
+            **({"capture": given} if (given := sources.capture_options(args).to_dict()) else {}),
         },
     )
 
@@ -550,7 +593,7 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
 
 def _frames(args, out, say, saved):
     """A unit a frame, and the light of all."""
-    if Path(args.scene).suffix.lower() == ".xml":
+    if not sources.of_blender(args.scene):
         flag = "--frame-range" if args.frame_range else "--animation"
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
     if args.at_frame is not None:

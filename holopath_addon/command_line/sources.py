@@ -1,4 +1,5 @@
-"""Where a scene comes from: a .blend, a Mitsuba .xml, or a demo; also that of a stored field, opened again.
+"""Where a scene comes from: a .blend, a Mitsuba .xml, a demo, a picture with depth, or a point cloud; also that of a
+stored field, opened again.
 
 bpy is imported only where it is needed.
 """
@@ -14,6 +15,8 @@ from typing import TYPE_CHECKING
 
 from .. import demo, engine, output
 from ..engine.scene import variants
+from ..exchange import captures
+from ..exchange.captures import CaptureOptions
 from ..exchange.mitsuba_file import MitsubaFile
 from ..farm.processes import uninterrupted
 
@@ -291,51 +294,101 @@ class MitsubaSource:
         return self._file
 
 
+class CaptureSource:
+    """A picture with depth or a point cloud.
+
+    Parameters
+    ----------
+    path : Path
+    options : CaptureOptions
+    """
+
+    frame = None
+    settings = engine.Settings(max_depth=1)  # it shines, and reflects nothing
+
+    def __init__(self, path, options):
+        self._file = captures.capture(path, options)
+        self.path, self.files = path, self._file.files
+
+    def hologram_from(self, camera=None):
+        """`engine.Hologram` as large as the picture; of points, of the usual size."""
+        return engine.Hologram(*self._file.size, 8e-6)
+
+    def size_from(self, camera=None):
+        """Where the size of `hologram_from` is from, as words."""
+        return self._file.size_from
+
+    def load(self, width, height, camera=None):
+        """Build the scene for `width` x `height` pixels; `camera` is where points are seen from."""
+        built = self._file.build((width, height), camera)
+        return Loaded(built.scene, built.camera, built.notes)
+
+
 def asked(args):
     """Open the scene that words ask for.
 
     Parameters
     ----------
     args : argparse.Namespace
-        With `scene`, `scene_name`, `view_layer`, `run_scripts` and `define`.
+        With `scene`, `scene_name`, `view_layer`, `run_scripts`, `define` and the options of captures.
 
     Returns
     -------
-    BlenderSource or MitsubaSource
+    BlenderSource, MitsubaSource or CaptureSource
 
     Raises
     ------
     engine.InvalidInput, engine.BackendUnavailable
         As of `open_source`.
     """
-    names, blend = (args.scene_name, args.view_layer), not args.scene.lower().endswith(".xml")
+    names, blend = (args.scene_name, args.view_layer), of_blender(args.scene)
     if not blend and (any(names) or args.run_scripts):
         raise engine.InvalidInput(
             f"{args.scene} is no file of Blender's: leave out --scene-name, --view-layer and --run-scripts."
         )
-    source = open_source(args.scene, args.run_scripts, dict(args.define or ()))
+    source = open_source(args.scene, args.run_scripts, dict(args.define or ()), options=capture_options(args))
     if isinstance(source, BlenderSource):
         source.choose(*names)
     return source
 
 
-def open_source(text, run_scripts=False, define=None, strict=True):
+def of_blender(text):
+    """Whether it is a scene of Blender's, by its name."""
+    return text.startswith("demo:") or Path(text).suffix.lower() not in (".xml", *captures.SUFFIXES)
+
+
+def capture_options(args):
+    """The `CaptureOptions` that words ask for."""
+    return CaptureOptions(
+        args.depth,
+        args.depth_unit,
+        args.depth_ends and tuple(args.depth_ends),
+        args.depth_along,
+        args.fov,
+        args.axes,
+        args.point_radius,
+    )
+
+
+def open_source(text, run_scripts=False, define=None, strict=True, options=None):
     """Open what the command line calls SCENE.
 
     Parameters
     ----------
     text : str
-        Path of a .blend or Mitsuba .xml, or ``demo:NAME``.
+        Path of a .blend, a Mitsuba .xml, a picture or a .ply, or ``demo:NAME``.
     run_scripts : bool
         Whether a .blend may run its Python.
     define : dict of str to str, optional
         Values of a Mitsuba file's `$parameters`.
     strict : bool
         Whether values of parameters that it does not have are refused.
+    options : CaptureOptions, optional
+        Of a picture or a .ply.
 
     Returns
     -------
-    BlenderSource or MitsubaSource
+    BlenderSource, MitsubaSource or CaptureSource
 
     Raises
     ------
@@ -347,12 +400,17 @@ def open_source(text, run_scripts=False, define=None, strict=True):
     check(text)
     if define and not text.lower().endswith(".xml"):
         raise engine.InvalidInput(f"{text} has no parameters to define: leave out --define.")
+    options, path = options or CaptureOptions(), Path(text)
+    if not text.startswith("demo:") and path.suffix.lower() in captures.SUFFIXES:
+        return CaptureSource(path, options)
+    if options.given:
+        flag = options.given[0].replace("_", "-")
+        raise engine.InvalidInput(f"{text} is neither a picture nor a .ply: leave out --{flag}.")
     if text.startswith("demo:"):
         _bpy("A demo scene")
         with native_output_to_stderr():
             demo.build(text.removeprefix("demo:"))
         return BlenderSource()
-    path = Path(text)
     if path.suffix.lower() == ".xml":
         return MitsubaSource(path, define, strict)
     bpy = _bpy("A .blend file")
@@ -380,10 +438,13 @@ def check(text):
     path = Path(text)
     if not path.is_file():
         raise engine.InvalidInput(
-            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml or demo:NAME."
+            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml, a picture, a .ply or demo:NAME."
         )
-    if path.suffix.lower() not in (".blend", ".xml"):
-        raise engine.InvalidInput(f"The scene {text} is neither a .blend nor a Mitsuba .xml.")
+    if path.suffix.lower() not in (".blend", ".xml", *captures.SUFFIXES):
+        raise engine.InvalidInput(
+            f"The scene {text} is neither a .blend nor a Mitsuba .xml, nor a picture "
+            f"({', '.join(captures.PICTURES)}) nor a .ply."
+        )
 
 
 def _bpy(what):
@@ -475,6 +536,9 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
     settings = _settings(folder, report)
     if define:
         source = open_source(name, run_scripts, define)
+    elif not of_blender(name) and not name.lower().endswith(".xml"):
+        options = CaptureOptions.from_dict(opened.get("capture") or {})
+        source = open_source(name, options=captures.with_depth_beside(options, Path(name)))
     else:
         kept = opened.get("define") if name.lower().endswith(".xml") else None
         source = open_source(name, run_scripts, kept, strict=False)

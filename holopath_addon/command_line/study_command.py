@@ -9,6 +9,7 @@ from typing import Any
 
 from .. import engine, failures, stills
 from ..engine.progress import stage
+from ..exchange.captures import SUFFIXES
 from ..farm import study as studies
 from ..farm.errors import FarmFailed
 from ..farm.job import SharedJob, digests
@@ -100,6 +101,10 @@ def _asked(args):
     for run in study.runs:
         folder = run.folder(out)
         try:
+            if Path(run.scene).suffix.lower() in SUFFIXES:
+                raise engine.InvalidInput(
+                    f"{run.scene} is a picture or a point cloud, which studies do not take: render it by itself."
+                )
             sources.check(study.scene(run))
             asked = words.parse_args([*words_of(study, run), f"--out={folder}"])
             options.asked(asked, engine.Settings())

@@ -16,6 +16,8 @@ from .planning.planner import plan
 from .pupil import Pupil
 from .rendering import render
 from .rendering.many import many_frames
+from .scene.captured.picture import picture_scene
+from .scene.captured.points import point_scene
 from .settings import Settings
 from .viewing.depth import depth_map
 from .viewing.metrics import psnr, psnr_deviation, psnr_of_halves, ssim
@@ -54,8 +56,10 @@ __all__ = [
     "frames_along",
     "many_frames",
     "parse_fixed",
+    "picture_scene",
     "plan",
     "plan_encoding",
+    "point_scene",
     "psnr",
     "psnr_deviation",
     "psnr_of_halves",

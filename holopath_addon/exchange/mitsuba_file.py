@@ -227,6 +227,12 @@ class MitsubaFile:
 
     def _refused(self, error):
         reason = re.sub(r"\[\w+\.cpp:\d+\] ", "", " ".join(str(error).split())).rstrip(".")
+        if (
+            "incompatible sizes" in reason and 'type "ply"' in reason
+        ):  # Mitsuba's word for a mesh of no triangles
+            return InvalidInput(
+                f"{self.path} has a .ply without faces: give the .ply itself instead of the .xml to show its points."
+            )
         end = "" if reason.endswith("!") else "."
         return InvalidInput(f"{self.path} cannot be loaded as a Mitsuba scene: {reason}{end}")
 

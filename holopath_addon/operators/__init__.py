@@ -1,6 +1,6 @@
 """Operators: thin, over the plain functions of `session` and `pipeline`."""
 
-from . import animation, baked, demos, field, focus_list, hologram, rendering, streaming
+from . import animation, baked, demos, field, focus_list, hologram, pictures, rendering, streaming
 
 CLASSES = (
     *rendering.CLASSES,
@@ -11,4 +11,5 @@ CLASSES = (
     *streaming.CLASSES,
     *animation.CLASSES,
     *demos.CLASSES,
+    *pictures.CLASSES,
 )

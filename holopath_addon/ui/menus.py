@@ -16,6 +16,7 @@ class HOLOPATH_MT_demos(bpy.types.Menu):
 
 def _add_menu(self, context):
     layout_of(self).menu(HOLOPATH_MT_demos.__name__, icon="SCENE_DATA")
+    layout_of(self).operator("holopath.choose_picture", icon="IMAGE_DATA")
 
 
 def add_to_menus():

@@ -1,0 +1,220 @@
+"""Add > HoloPath Picture With Depth: a mesh that shines with a picture, in front of the camera."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+from mathutils import Matrix
+
+from .. import failures, properties
+from ..engine.scene.captured.picture import PictureMesh, picture_mesh
+from ..exchange.captures import DEPTHS, PICTURES, UNITS, CaptureOptions, PictureFile, reduced
+from ..export import unit_scale
+from ..export.camera import find_camera, view_of
+from ..export.shading.node_graph import tree_of
+from .working import ready, refused
+
+
+def add_picture(scene, path, options):
+    """Add a picture with depth to a scene, as the scene's camera sees it.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        Depths are true in its units.
+    path : Path
+        The picture.
+    options : CaptureOptions
+        Without a field of view the picture is as wide as the camera's view.
+
+    Returns
+    -------
+    bpy.types.Object
+        A mesh where the camera stands, with the material and the image of the picture.
+
+    Raises
+    ------
+    InvalidInput
+        If a file or an option cannot be used, or the scene has no perspective camera.
+    """
+    picture = PictureFile(path, options)
+    scale = unit_scale(scene)
+    view = view_of(find_camera(scene), picture.size, scale)
+    fov = view.fov_x if options.fov is None else np.radians(options.fov)
+    hologram = properties.hologram_of(properties.of(scene))
+    _, depth, kept = reduced(picture.image, picture.depth(fov), (hologram.width, hologram.height))
+    surface = picture_mesh(depth, 2 * np.arctan(kept[0] * np.tan(fov / 2)))
+    uv = 0.5 + (surface.uv - 0.5) * kept
+    material = _material(path)
+    mesh = _mesh(path.stem, PictureMesh(surface.vertices / scale, uv, surface.triangles))
+    mesh.materials.append(material)
+    added = bpy.data.objects.new(path.stem, mesh)
+    scene.collection.objects.link(added)
+    matrix = view.to_world.copy()
+    matrix[:3, 3] /= scale
+    added.matrix_world = Matrix(matrix.tolist())
+    return added
+
+
+def _mesh(name, surface):
+    """Blender's mesh of a `PictureMesh`; its first row of texels is the bottom."""
+    mesh = bpy.data.meshes.new(name)
+    triangles = surface.triangles
+    mesh.vertices.add(len(surface.vertices))
+    mesh.vertices.foreach_set("co", surface.vertices.astype(np.float32).ravel())
+    mesh.loops.add(triangles.size)
+    mesh.loops.foreach_set("vertex_index", triangles.ravel())
+    mesh.polygons.add(len(triangles))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, triangles.size, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    corners = surface.uv[triangles.ravel()] * (1, -1) + (0, 1)
+    mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", corners.astype(np.float32).ravel())
+    mesh.shade_flat()
+    return mesh
+
+
+def _material(path):
+    """A material that shines with a picture; each pixel is a square, and what is beyond its borders is mirrored."""
+    material = bpy.data.materials.new(path.stem)
+    tree = tree_of(material)
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    shader = tree.nodes.new("ShaderNodeEmission")
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.load(str(path.absolute()), check_existing=True)
+    texture.interpolation, texture.extension = "Closest", "MIRROR"
+    tree.links.new(texture.outputs["Color"], shader.inputs["Color"])
+    tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def draw_options(layout, options):
+    """Draw what is to be said of a depth file.
+
+    Parameters
+    ----------
+    layout : bpy.types.UILayout
+    options : bpy.types.OperatorProperties
+        Of `HOLOPATH_OT_add_picture`.
+    """
+    layout.use_property_split = True
+    layout.prop(options, "unit")
+    if options.unit == "inverse":
+        layout.prop(options, "far")
+        layout.prop(options, "near")
+    layout.prop(options, "along")
+    layout.prop(options, "fov")
+
+
+class HOLOPATH_OT_choose_picture(bpy.types.Operator):
+    """Choose a picture, then its depth: they become a mesh in front of the camera that shines with the picture"""
+
+    bl_idname = "holopath.choose_picture"
+    bl_label = "HoloPath Picture With Depth"
+
+    filepath: StringProperty(name="Picture", description="Picture to add", subtype="FILE_PATH")
+    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in PICTURES), options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        return HOLOPATH_OT_add_picture.poll(context)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        """Ask for the picture."""
+        bpy.data.window_managers[0].fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context):
+        # pyrefly: ignore[missing-attribute]  # Blender's stubs know no operators of others
+        return bpy.ops.holopath.add_picture("INVOKE_DEFAULT", picture=self.filepath)
+
+
+class HOLOPATH_OT_add_picture(bpy.types.Operator):
+    """Add a mesh in front of the camera that shines with a picture, at the depth of each pixel"""
+
+    bl_idname = "holopath.add_picture"
+    bl_label = "Add Picture"
+    bl_options = {"REGISTER", "UNDO"}
+
+    picture: StringProperty(
+        name="Picture", description="Picture that the depth is of", subtype="FILE_PATH", options={"HIDDEN"}
+    )
+    filepath: StringProperty(
+        name="Depth", description="File with the depth of each pixel", subtype="FILE_PATH"
+    )
+    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in DEPTHS), options={"HIDDEN"})
+    unit: EnumProperty(
+        name="Unit",
+        description="What the numbers of the depth file are",
+        items=[
+            ("none", "Choose One", "The file does not say it"),
+            ("m", "Meters", "Depths in meters"),
+            ("mm", "Millimeters", "Depths in millimeters"),
+            ("diopters", "Diopters", "Inverse depths in 1/m"),
+            ("inverse", "Inverse, 0 to 1", "Inverse depths from 0 at the far end to 1 at the near one"),
+        ],
+    )
+    far: FloatProperty(
+        name="Far End", description="Depth of the inverse depth 0, in meters", default=10.0, min=1e-3
+    )
+    near: FloatProperty(
+        name="Near End", description="Depth of the inverse depth 1, in meters", default=0.5, min=1e-3
+    )
+    along: EnumProperty(
+        name="Along",
+        description="Along what depths are measured",
+        items=[
+            ("axis", "Camera's Axis", "As cameras and Blender measure it"),
+            ("ray", "Line of Sight", "From the camera to the point, as Mitsuba measures it"),
+        ],
+    )
+    fov: FloatProperty(
+        name="Field of View",
+        description="Of the picture's width, in degrees; 0 is that of the camera",
+        min=0.0,
+        max=179.0,
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context):
+        there = context.scene is not None and context.scene.camera is not None and context.mode == "OBJECT"
+        return ready(cls, there, "Change to Object Mode, and give the scene a camera")
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        """Ask for the depth."""
+        bpy.data.window_managers[0].fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def draw(self, context: bpy.types.Context):
+        """Settings beside the file browser, and after it."""
+        draw_options(self.layout, self)
+
+    def execute(self, context: bpy.types.Context):
+        scene, layer = context.scene, context.view_layer
+        assert scene is not None and layer is not None  # as `poll` has it
+        if self.unit == "none":
+            return refused(
+                self,
+                f"The depth file does not say what its numbers are: choose a Unit of {', '.join(UNITS)}.",
+            )
+        options = CaptureOptions(
+            bpy.path.abspath(self.filepath),
+            self.unit,
+            (self.far, self.near) if self.unit == "inverse" else None,
+            self.along,
+            self.fov or None,
+        )
+        try:
+            added = add_picture(scene, Path(bpy.path.abspath(self.picture)), options)
+        except Exception as error:
+            return refused(self, failures.sentence(error))
+        for each in context.selected_objects:
+            each.select_set(False)
+        if added.name in layer.objects:
+            layer.objects.active = added
+            added.select_set(True)
+        return {"FINISHED"}
+
+
+CLASSES = (HOLOPATH_OT_choose_picture, HOLOPATH_OT_add_picture)

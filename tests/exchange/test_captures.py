@@ -1,0 +1,288 @@
+"""Pictures with depth and point clouds: their files, what they mean, and the way through the command line."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, output
+from holopath_addon.command_line import sources
+from holopath_addon.engine.scene import variants
+from holopath_addon.exchange.captures import CaptureOptions, capture, read_depth, read_picture, read_points
+
+SIDE = 32
+DEPTH = np.where(np.arange(SIDE)[:, None] + np.arange(SIDE) < SIDE, 0.5, 2.0)  # a near half and a far one
+
+
+def bitmap(array):
+    return variants.bitmaps().Bitmap(np.ascontiguousarray(array))
+
+
+def write(path, array):
+    """An image file, or an array's."""
+    if path.suffix == ".npy":
+        np.save(path, array)
+    else:
+        bitmap(array).write(str(path))
+    return path
+
+
+@pytest.fixture
+def photo(tmp_path):
+    """An EXR picture."""
+    image = np.random.default_rng(0).uniform(0.1, 1, (SIDE, SIDE, 3)).astype(np.float32)
+    path = tmp_path / "photo.exr"
+    path.write_bytes(output.encode_exr(image))
+    return path
+
+
+def ray_lengths(fov):
+    tangent = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * 2 * math.tan(fov / 2) / SIDE
+    return np.sqrt(1 + tangent**2 + tangent[:, None] ** 2)
+
+
+# Of one depth, in each way that a file may have it: name, numbers and options.
+INVERSE = (1 / DEPTH - 0.25) / (4 - 0.25)  # between 4 m and 0.25 m
+SAME = [
+    ("d.exr", DEPTH.astype(np.float32), {"depth_unit": "m"}),
+    ("d.exr", np.repeat(DEPTH[..., None], 3, -1).astype(np.float16), {"depth_unit": "m"}),
+    ("d.npy", 1e3 * DEPTH, {"depth_unit": "mm"}),
+    ("d.png", (1e3 * DEPTH).astype(np.uint16), {"depth_unit": "mm"}),
+    ("d.exr", (1 / DEPTH).astype(np.float32), {"depth_unit": "diopters"}),
+    ("d.exr", INVERSE.astype(np.float32), {"depth_unit": "inverse", "depth_ends": (4.0, 0.25)}),
+    ("d.png", np.round(65535 * INVERSE).astype(np.uint16), {"depth_unit": "inverse", "depth_ends": (4.0, 0.25)}),
+    ("d.png", np.round(255 * INVERSE).astype(np.uint8), {"depth_unit": "inverse", "depth_ends": (4.0, 0.25)}),
+    ("d.npy", DEPTH * ray_lengths(0.6), {"depth_unit": "m", "depth_along": "ray", "fov": math.degrees(0.6)}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "numbers", "options"), SAME)
+def test_depths_in_all_units_are_one_scene(backend, photo, name, numbers, options):
+    """What is met at each pixel's center lies at the depth that all of these files say."""
+    path = write(photo.with_name(name), numbers)
+    built = capture(photo, CaptureOptions(str(path), **options)).build((SIDE, SIDE))
+    seen = engine.depth_map(built.scene, built.camera, SIDE, SIDE)
+    np.testing.assert_allclose(seen, DEPTH, rtol=5e-3)  # 8 bits are within 0.4 %
+
+
+def test_the_depth_that_holopath_writes_can_be_read(photo):
+    """A depth.npy of --rgbd."""
+    path = write(photo.with_name("depth.npy"), DEPTH.astype(np.float32))
+    np.testing.assert_array_equal(read_depth(path, "m"), DEPTH)
+
+
+def test_pictures_are_decoded(tmp_path):
+    """8 and 16 bits are sRGB (IEC 61966-2-1), EXR is linear."""
+    levels = np.array([[[0, 64, 128], [188, 255, 10]]], np.uint8)
+    share = levels / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(read_picture(write(tmp_path / "a.png", levels)), linear, atol=1e-6)
+    wide = levels.astype(np.uint16) * 257
+    np.testing.assert_allclose(read_picture(write(tmp_path / "b.png", wide)), linear, atol=1e-6)
+    exr = write(tmp_path / "c.exr", share.astype(np.float32))
+    np.testing.assert_allclose(read_picture(exr), share, rtol=1e-6)
+    gray = read_picture(write(tmp_path / "d.png", levels[..., 0]))
+    np.testing.assert_allclose(gray, linear[..., :1].repeat(3, -1), atol=1e-6)
+
+
+def test_a_larger_picture_is_made_smaller(backend, tmp_path):
+    """For a hologram of 32 pixels, one of 101: as its blocks of three, with the view that is left."""
+    image = np.zeros((101, 101, 3), np.float32)
+    image[:, :50] = 1
+    (tmp_path / "photo.exr").write_bytes(output.encode_exr(image))
+    depth = write(tmp_path / "d.npy", np.where(np.arange(101) < 51, 0.5, 2.0) * np.ones((101, 1)))
+    built = capture(tmp_path / "photo.exr", CaptureOptions(str(depth), "m", fov=40)).build((SIDE, SIDE))
+    assert built.scene.shapes()[0].primitive_count() < 2 * 45**2
+    assert math.tan(built.camera.fov_x / 2) == pytest.approx(99 / 101 * math.tan(math.radians(20)))
+    seen = engine.depth_map(built.scene, built.camera, 33, 33)
+    assert (seen[:, :16] < 0.51).all() and (seen[:, 17:] > 1.99).all()
+
+
+def cloud(count=500):
+    """Points of a sphere of 1 m, colored by where they are."""
+    points = np.random.default_rng(1).normal(size=(count, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    return points.astype(np.float32), (255 * (0.5 + 0.5 * points)).astype(np.uint8)
+
+
+def ply(path, points, colors, form, before="", after=""):
+    """A PLY file of text or binary, with other properties, and elements before and after."""
+    kind = {"u1": "uchar", "f4": "float"}[colors.dtype.str[1:]]
+    names = "".join(f"property float {name}\n" for name in "xyz") + "property double weight\n"
+    names += "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue"))
+    header = f"ply\nformat {form} 1.0\ncomment made by a test\n{before}element vertex {len(points)}\n{names}{after}"
+    rows = np.zeros(
+        len(points), [("p", "f4", 3), ("weight", "f8"), ("c", colors.dtype.str[1:], 3)]
+    )  # unpadded
+    rows["p"], rows["c"] = points, colors
+    data = b"" if not before else np.array([7, 8], ">i4" if "big" in form else "<i4").tobytes()
+    if form == "ascii":
+        data = b"7\n8\n" if before else b""
+        data += "".join(
+            f"{' '.join(map(str, [*p, 0, *c]))}\n" for p, c in zip(points, colors, strict=True)
+        ).encode()
+    else:
+        order = ">" if "big" in form else "<"
+        data += rows.astype(rows.dtype.newbyteorder(order)).tobytes()
+    path.write_bytes(f"{header}end_header\n".encode() + data)
+    return path
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("before", ["", "element camera 2\nproperty int number\n"])
+def test_point_clouds_of_all_forms(tmp_path, form, before):
+    points, colors = cloud()
+    places, linear = read_points(ply(tmp_path / "p.ply", points, colors, form, before))
+    np.testing.assert_array_equal(places, points)
+    share = colors / 255
+    expected = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(linear, expected, atol=1e-6)
+    floats = ply(tmp_path / "f.ply", points, share.astype(np.float32), form, before)
+    np.testing.assert_allclose(read_points(floats)[1], share, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("axes", "axis"), [("y-up", (0, 0, 1)), ("y-down", (0, 0, -1)), ("z-up", (0, -1, 0))]
+)
+def test_the_side_that_faces_the_viewer(backend, tmp_path, axes, axis):
+    """Of a sphere colored by place: what is in its middle, and at its right, by the axes."""
+    from holopath_addon.engine.viewing.preview import Preview
+
+    points, colors = cloud(4000)
+    path = ply(tmp_path / "p.ply", points, (colors / np.float32(255)), "binary_little_endian")
+    built = capture(path, CaptureOptions(axes=axes, fov=30)).build((SIDE, SIDE))
+    shown = Preview(built.scene, built.camera, SIDE, SIDE).refine(16, lambda *_: None)
+    np.testing.assert_allclose(shown[15:17, 15:17].mean((0, 1)), 0.5 + 0.5 * np.array(axis), atol=0.1)
+    assert shown[SIDE // 2, -5, 0] > 0.75 and shown[SIDE // 2, 4, 0] < 0.25
+
+
+@pytest.mark.parametrize("kind", ["picture", "points"])
+def test_the_way_through_the_command_line(backend, photo, tmp_path, capfd, kind):
+    """Plan, render and compare, refocus, and open the scene again by the report."""
+    if kind == "picture":
+        write(photo.with_name("d.png"), (1e3 * DEPTH).astype(np.uint16))
+        words = [str(photo), "--depth", str(photo.with_name("d.png")), "--depth-unit", "mm", "--fov", "35"]
+    else:
+        path = ply(tmp_path / "p.ply", *cloud(2000), "ascii")
+        words = [str(path), "--axes", "z-up", f"--resolution={SIDE}x{SIDE}"]
+    assert cli.main(["plan", *words, "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["hologram"]["width"] == SIDE
+    assert any("field of view" in note["feature"] for note in told["export_notes"]) == (kind == "points")
+    out = tmp_path / "out"
+    assert cli.main(["render", *words, "--out", str(out), "--compare-reference", "--focus=1m"]) == 0
+    report = output.read_report(out)
+    assert all(row["psnr_db"] > 15 for row in report["comparison"])
+    assert cli.main(["reconstruct", str(out), "--focus", "1m"]) == 0
+    assert sources.reopen(out, output.stored_field(out)).same
+
+
+def test_a_picture_that_moved_with_its_depth_is_found_again(backend, photo, tmp_path, monkeypatch):
+    """As on another machine: the folder of both has another name."""
+    first, second = photo.parent / "first", photo.parent / "second"
+    first.mkdir()
+    photo = photo.rename(first / photo.name)
+    depth = write(first / "d.npy", DEPTH)
+    out = tmp_path / "out"
+    words = [str(photo), "--depth", str(depth), "--depth-unit", "m", "--frames=1", "--quality=draft"]
+    assert cli.main(["render", *words, "--out", str(out), "--focus=1m"]) == 0
+    first.rename(second)
+    assert sources.reopen(out, output.stored_field(out), str(second / photo.name)).same
+
+
+FOR_PICTURE = ["--depth-unit", "m"]
+REFUSALS = [
+    ([], [], "add --depth FILE and --depth-unit; quilts"),
+    ("m", ["--depth", "d.npy"], "add --depth-unit with m, mm, diopters (1/m), or inverse"),
+    ("m", ["--depth", "none.png", *FOR_PICTURE], "does not exist"),
+    ("m", ["--depth", "photo.hdr", *FOR_PICTURE], "does not exist"),
+    ("m", ["--depth", "d.npy", "--depth-unit", "inverse"], "needs --depth-ends FAR,NEAR"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--depth-ends", "4,1"], "needs --depth-ends FAR,NEAR"),
+    ("m", ["--depth", "d.npy", "--depth-unit", "inverse", "--depth-ends", "1,4"], "the far one larger"),
+    ("m", ["--depth", "d.npy", "--depth-unit", "inverse", "--depth-ends", "4,1"], "numbers from 0.5 to 2"),
+    ("small", ["--depth", "d.npy", *FOR_PICTURE], "32 x 32 pixels and"),
+    ("zero", ["--depth", "d.npy", *FOR_PICTURE], "32 pixels without a positive, finite depth, the first of them 0"),
+    ("infinite", ["--depth", "d.npy", *FOR_PICTURE], "the first of them inf in column 0, row 5"),
+    ("colors", ["--depth", "d.npy", *FOR_PICTURE], "instead of rows and columns"),
+    ("m", ["--depth", "photo.exr", *FOR_PICTURE], "several channels that differ"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--axes", "y-up"], "is a picture, not a .ply: leave out --axes"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--fov", "180"], "between 0 and 180 degrees, not 180"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--camera", "A"], "has no camera 'A'"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--at-frame", "2"], "has no frames"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--define", "a=1"], "leave out --define"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--scene-name", "A"], "leave out --scene-name"),
+]  # fmt: skip
+DEPTHS = {
+    "m": DEPTH,
+    "small": DEPTH[:-1],
+    "zero": np.where(np.arange(SIDE) == 3, 0, DEPTH),
+    "infinite": np.where(np.arange(SIDE)[:, None] == 5, math.inf, DEPTH),
+    "colors": np.ones((SIDE, SIDE, 3)),
+}
+
+
+@pytest.mark.parametrize(("depth", "words", "text"), REFUSALS)
+def test_what_pictures_refuse(photo, monkeypatch, capfd, depth, words, text):
+    monkeypatch.chdir(photo.parent)
+    np.save("d.npy", DEPTHS[depth or "m"])
+    refused(["photo.exr", *words], text, capfd)
+
+
+def refused(words, text, capfd):
+    """In one sentence, with status 2, and nothing is written."""
+    assert cli.main(["render", *words, "--out", "out", "--quiet"]) == 2
+    told = capfd.readouterr().err.strip().splitlines()
+    assert len(told) == 1 and text in told[0], told
+    from pathlib import Path
+
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "text"),
+    [
+        ((b"", b""), [], "add --axes with y-up"),
+        ((b"", b""), ["--axes", "y-up", "--depth", "d.npy"], "not a picture: leave out --depth"),
+        ((b"", b""), ["--axes", "y-up", "--camera", "A"], "--camera front, before all points, or --camera origin"),
+        ((b"", b""), ["--axes", "y-up", "--point-radius", "0"], "must be positive"),
+        ((b"ply", b"plx"), ["--axes", "y-up"], "does not begin with the line ply"),
+        ((b"red", b"rot"), ["--axes", "y-up"], "has no red of its vertices"),
+        ((b"vertex 50", b"vertex 90"), ["--axes", "y-up"], "it has 50 vertices of 90"),
+        ((b"vertex 50", b"vertex 50000000"), ["--axes", "y-up"], "thin them out"),
+        ((b"element v", b"element face 0\nelement v"), ["--axes", "y-up", "--animation"], "has no animation"),
+        ((b"element v", b"element face 1\nproperty int a\nelement v"), ["--axes", "y-up"], "has faces"),
+        ((b"float x", b"floot x"), ["--axes", "y-up"], "cannot be read as a PLY file"),
+        ((b"end_header", b"end"), ["--axes", "y-up"], "cannot be read as a PLY file"),
+    ],
+)  # fmt: skip
+def test_what_point_clouds_refuse(tmp_path, monkeypatch, capfd, change, words, text):
+    monkeypatch.chdir(tmp_path)
+    path = ply(tmp_path / "p.ply", *cloud(50), "binary_little_endian")
+    path.write_bytes(path.read_bytes().replace(*change, 1))
+    refused(["p.ply", *words], text, capfd)
+
+
+def test_points_that_are_not_numbers_are_left_out_with_a_note(backend, tmp_path):
+    points, colors = cloud(50)
+    points[3] = math.nan
+    path = ply(tmp_path / "p.ply", points, colors, "binary_little_endian")
+    built = capture(path, CaptureOptions(axes="y-up", fov=40)).build((SIDE, SIDE))
+    [note] = built.notes
+    assert note["feature"] == "1 points that are not finite numbers" and note["effect"] == "left out"
+
+
+def test_options_of_captures_are_refused_elsewhere(tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refused(["demo:planes", "--fov", "30"], "neither a picture nor a .ply: leave out --fov", capfd)
+
+
+def test_a_ply_without_faces_within_an_xml_is_named(backend, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    ply(tmp_path / "p.ply", *cloud(50), "binary_little_endian")
+    (tmp_path / "s.xml").write_text(
+        '<scene version="3.0.0"><sensor type="perspective"/><shape type="ply"><string name="filename" value="p.ply"/>'
+        "</shape></scene>"
+    )
+    assert cli.main(["plan", "s.xml"]) == 2
+    assert "give the .ply itself" in capfd.readouterr().err
