@@ -50,7 +50,7 @@ LARGE, LARGE_FRAMES = (1080, 1920), 4
 def run(folder, part=None, pixels=SIDE, scenes=None):
     """Tables as text, of one part or of all; the chart goes to ``folder/encoding.png``.
 
-    Below the usual number of pixels all is in little: displays of `cost` and `large`, frames, seconds.
+    Below the usual number of pixels all is in little: displays of `cost` and `large`, frames, seconds, steps.
     """
     variants.activate()
     little = pixels < SIDE
@@ -60,7 +60,7 @@ def run(folder, part=None, pixels=SIDE, scenes=None):
         "refine": lambda: refine(folder, pixels, scenes),
         "seconds": lambda: seconds(pixels, scenes, GIVEN[: 2 if little else None]),
         "cost": lambda: cost(((FRAMES[0], shape),) if little else SIZES),
-        "large": lambda: large(shape if little else LARGE),
+        "large": lambda: large(shape, most_steps=2) if little else large(),
     }
     return joined({name: parts[name] for name in ([part] if part else parts)})
 
@@ -444,9 +444,9 @@ def _medians(*works, most_seconds=12.0):
     return [1e3 * float(np.median(taken)) for taken in times]
 
 
-def large(shape=LARGE, frames=LARGE_FRAMES):
+def large(shape=LARGE, frames=LARGE_FRAMES, most_steps=1000):
     """Seconds and memory of `joint` on a large display in three colours, and what follows for M = 24."""
-    seconds, stages, peak, idle = _alone(shape, frames, 1000)
+    seconds, stages, peak, idle = _alone(shape, frames, most_steps)
     *_, smaller, _ = _alone(shape, frames // 2, 1)
     slope = (peak - smaller) / (frames - frames // 2)
     steps = ", ".join(f"{s['stage']} {s['steps']} steps in {s['seconds']:.0f} s" for s in stages)

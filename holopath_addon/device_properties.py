@@ -84,7 +84,7 @@ class HoloPathDevice(bpy.types.PropertyGroup):
     )
     falling: BoolProperty(
         name="Phase Falls",
-        description="The phase of the light falls as the level rises, as it does on some SLMs. A calibration says it itself",
+        description="The phase of the light falls as the level rises, as on some SLMs. A calibration says it itself",
     )
     packing: EnumProperty(
         name="Packing", description="Holograms that one picture holds", items=menu(slm.PACKINGS)

@@ -1,6 +1,7 @@
 """The documentation agrees with the program, its links lead somewhere, and its sentences are short."""
 
 import ast
+import math
 import re
 import shlex
 import statistics
@@ -283,10 +284,45 @@ ELSEWHERE = {"calibrate", "--monitor", "--port", "--cluster", "--identify", "hol
 SMALL = ["--resolution", "48x48", "--quality", "preview", "--wavelengths", "516.5"]
 IN_PLACE_OF = {
     "512x512": "48x48",
+    "480x270": "48x27",
     "256x256": "48x48",
     "1-50,60,70-100:2": "1-2",
     "/shared/film": "film",
 }
+
+
+ROOM = """
+<scene version="3.0.0">
+    <default name="lamp" value="4"/>
+    <sensor type="perspective"><film type="hdrfilm"/><transform name="to_world">
+        <lookat origin="0,0,2" target="0,0,0" up="0,1,0"/></transform></sensor>
+    <shape type="rectangle"/>
+    <emitter type="point"><point name="position" x="0" y="1" z="1"/><rgb name="intensity" value="$lamp"/></emitter>
+</scene>
+"""
+
+
+def brought(folder):
+    """What users bring: pictures of amplitude, phase, levels and depth, a photo, a lens, a scan."""
+    import mitsuba as mi
+
+    rows, columns = np.mgrid[:24, :32]
+    turn = np.arange(24 * 32).reshape(24, 32)
+    np.save(folder / "lens.npy", 0.01 * ((rows - 12) ** 2 + (columns - 16) ** 2))
+    for name, values in {
+        "a.png": (7 * columns).astype(np.uint8),
+        "p.png": (turn % 256).astype(np.uint8),
+        "levels.png": (64 * (turn % 1024)).astype(np.uint16),
+        "photo.png": np.stack([8 * rows, 7 * columns, 5 * rows], -1).astype(np.uint8),
+        "disparity.png": (10 * rows).astype(np.uint8),
+        "depth.exr": (1 + 0.1 * rows).astype(np.float32),
+    }.items():
+        mi.Bitmap(values).write(str(folder / name))
+    header = ["ply", "format ascii 1.0", "element vertex 40"]
+    header += [f"property float {axis}" for axis in "xyz"]
+    header += [f"property uchar {color}" for color in ("red", "green", "blue")]
+    points = [f"{math.sin(n)} {math.cos(n)} {0.02 * n} {5 * n} 200 90" for n in range(40)]
+    (folder / "scan.ply").write_text("\n".join([*header, "end_header", *points, ""]))
 
 
 @pytest.fixture(scope="module")
@@ -316,6 +352,8 @@ def desk(backend, tmp_path_factory):
         assert cli.main([*words, *SMALL]) == 0
     field = np.load(folder / "out/scene/wavefield/field.npy")
     save_file({"u": np.ascontiguousarray(field[0, 0])}, folder / "u.safetensors")
+    (folder / "room.xml").write_text(ROOM)
+    brought(folder)
     response = '{"wavelength_nm": 516.5, "range": 0.94}'
     (folder / "my-slm.json").write_text(
         f'{{"format": "HoloPath SLM calibration", "responses": [{response}]}}'

@@ -16,6 +16,7 @@ from .planning.planner import plan
 from .pupil import Pupil
 from .rendering import render
 from .rendering.many import many_frames
+from .scene import variants
 from .scene.captured.picture import picture_scene
 from .scene.captured.points import point_scene
 from .settings import Settings
@@ -69,3 +70,5 @@ __all__ = [
     "ssim",
     "to_rgb",
 ]
+
+variants.name_own_llvm()  # before anybody imports Mitsuba

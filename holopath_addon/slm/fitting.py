@@ -445,7 +445,7 @@ def fit(
             source = SEVENTH if not (turns or blur) else FIFTH
             some = Prediction(captures[: turns * foci or None], start, shape, pitch, bits, blur, source)
 
-            def told(done, error):
+            def told(done, error, passed=passed):
                 progress((passed + done) / count, f"Fitting the display, {100 * error:.1f} % off")
 
             tolerance = tolerance or NOISE / some.size

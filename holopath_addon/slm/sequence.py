@@ -218,7 +218,7 @@ class Sequence:
         self._any_bits = calibration is None and not self._packing.memory
         if falling and calibration is not None:
             raise InvalidInput(
-                'A calibration says itself whether phases fall: write "falling": true into it, and leave out the switch.'
+                'A calibration says itself whether phases fall: write "falling": true into it, not the switch.'
             )
         self.calibration = calibration or Calibration(bits=min(most, 8), falling=falling)
         self._free = self.calibration.size is None

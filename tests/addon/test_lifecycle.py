@@ -146,7 +146,7 @@ CYCLES = """
             time.sleep(1e-3)
         if number % 2 and number > 0:
             job.cancel()
-            assert job.wait(NEVER)
+            assert job.wait(600)
         holopath_addon.unregister()  # which cancels what is at work
         assert not job.running and (number >= 0 or job.result is not None)
         return type(job.error).__name__

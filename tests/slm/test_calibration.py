@@ -131,6 +131,43 @@ def test_a_response_that_was_written_modulo_a_turn():
     assert len(table) == pytest.approx(256 / 1.4, abs=1)
 
 
+@pytest.mark.parametrize("what", [0.7, 1.0, 1.6, "1.6 turns"])
+@pytest.mark.parametrize("bits", [1, 4, 8])
+def test_a_panel_whose_phase_falls(what, bits, tmp_path):
+    """Level n of N shows less the more n is; a curve may say the same itself."""
+    curve = curve_of(what, bits) if isinstance(what, str) else None
+    response = Response(GREEN, 1.0 if curve else what, curve)
+    falling, phases = Calibration(bits=bits, responses=(response,), falling=True), some_phases((40, 40))
+    shown = -phases_by_hand(response, bits, BLUE)
+    levels = falling.levels(phases, BLUE)
+    best = np.min([apart(phase, phases) for phase in used(shown)], axis=0)
+    assert (apart(shown[levels], phases) - best).max() <= STEP + 2e-6
+    assert apart(falling.seen(levels, BLUE, (40, 40)), shown[levels]).max() < 1e-5
+    falling.save(tmp_path / "falling.json")
+    again = Calibration.load(tmp_path / "falling.json")
+    assert again.falling and not again.plain
+    np.testing.assert_array_equal(again.levels(phases, BLUE), levels)
+    if curve is not None:
+        down = Response(GREEN, curve=tuple((level, -phase) for level, phase in curve))
+        np.testing.assert_array_equal(Calibration(bits=bits, responses=(down,)).levels(phases, BLUE), levels)
+        with refused("falls already"):
+            Calibration(bits=bits, responses=(down,), falling=True)
+
+
+def test_falling_is_the_conjugate_and_not_the_complement():
+    """0 stays level 0: a driver that shows 255 less the level would be off by one."""
+    quarters = np.array([[0, 0.25, 0.5, 0.75]], np.float32) * TURN
+    np.testing.assert_array_equal(Calibration(falling=True).levels(quarters, GREEN), [[0, 192, 128, 64]])
+
+
+def test_a_response_in_a_table_beside_the_file(tmp_path):
+    (tmp_path / "green.csv").write_text("level;phase (pi)\n0;0\n128;1,1\n255;2,2\n")
+    said = {"format": FORMAT, "responses": [{"wavelength_nm": 516.5, "file": "green.csv"}]}
+    (tmp_path / "mine.json").write_text(json.dumps(said))
+    shown = Calibration.load(tmp_path / "mine.json").phases(516.5e-9)
+    assert shown[128] == pytest.approx(1.1 * math.pi) and shown[255] == pytest.approx(2.2 * math.pi)
+
+
 def test_less_than_a_turn():
     """What cannot be reached becomes the nearer end: of 0.7 turns, 0.84 is the top's and 0.86 is level 0's."""
     calibration = Calibration(bits=8, responses=(Response(GREEN, 0.7),))

@@ -67,7 +67,7 @@ def plan(
     BackendUnavailable
         If Mitsuba cannot compute here.
     """
-    variants.activate()
+    variants.activate_for(scene)
     from . import costs, light, noise
     from .planes import margin_of, recording_planes
     from .survey import look_at

@@ -72,7 +72,7 @@ def render(
     ------
     InvalidInput, BackendUnavailable, Cancelled
     """
-    variants.activate()
+    variants.activate_for(scene)
     settings = planner.resolved(settings or Settings())
     progress = progress or (lambda done, message: None)
     clock = Clock()
@@ -151,7 +151,7 @@ def baked_picture(
     ------
     InvalidInput, BackendUnavailable, Cancelled
     """
-    variants.activate()
+    variants.activate_for(scene)
     from ..light.baking import bake
     from ..scene.specular_chains import optics_of
 

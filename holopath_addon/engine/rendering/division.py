@@ -132,7 +132,7 @@ class DividedRender:
         store: BakeStore | None = None,
         job: str = "",
     ) -> None:
-        variants.activate()
+        variants.activate_for(scene)
         self.job = job
         self.scene, self.camera, self.hologram = scene, camera, hologram
         self.settings, self.folder, self.count = planner.resolved(settings), Path(folder), count

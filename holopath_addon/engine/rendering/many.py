@@ -84,7 +84,7 @@ def many_frames(
         raise InvalidInput(
             f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
         )
-    variants.activate()
+    variants.activate_for(scene)
     settings = replace(planner.resolved(settings), despeckle=0)
     planned = PlannedRender(scene, camera, hologram, settings, plan, Clock())
     planned.bake(store, stage(progress, 0.0, BAKED))

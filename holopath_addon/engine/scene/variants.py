@@ -17,11 +17,14 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import BackendUnavailable, InvalidInput
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 CUDA = "cuda_ad_rgb"
 LLVM = "llvm_ad_rgb"
@@ -92,6 +95,39 @@ def activate(prefer: str | None = None) -> str:
             _extend()
             _extended.add(wanted)
         return wanted
+
+
+def activate_for(scene: mi.Scene) -> str:
+    """Set the Mitsuba variant that a scene was loaded with; see `activate`.
+
+    Raises
+    ------
+    InvalidInput
+        If that is none to compute holograms with: objects of one variant are unknown to another.
+    BackendUnavailable
+    """
+    loaded = scene.variant_name()
+    if loaded not in (CUDA, LLVM):
+        raise InvalidInput(
+            f"The scene was loaded in Mitsuba's variant {loaded}, which computes no holograms: call "
+            f"mitsuba.set_variant('{LLVM}') or ('{CUDA}') first, and load it again."
+        )
+    return activate(loaded)
+
+
+def name_own_llvm() -> None:
+    """Have Dr.Jit take HoloPath's own LLVM, if it is imported later, by whomever.
+
+    Dr.Jit loads an LLVM once for all when Mitsuba is imported, which may be one that crashes it. It is named only if
+    nobody has named another. Nothing is loaded for that.
+    """
+    if "drjit" in sys.modules or "DRJIT_LIBLLVM_PATH" in os.environ:
+        return
+    for folder in _own_folders():
+        for path in _files_in(folder):
+            if _LIBRARY_NAME.fullmatch(path.name) and path.exists():
+                os.environ["DRJIT_LIBLLVM_PATH"] = str(path)
+                return
 
 
 def take_over() -> None:
@@ -296,17 +332,19 @@ def _check_loaded_llvm():
     """Raise unless the LLVM that Dr.Jit has loaded by now is new enough to evaluate anything."""
     import drjit
 
-    if not _initialised("LLVM"):
-        raise BackendUnavailable(
-            "Dr.Jit was imported before HoloPath and found no LLVM that it can use: "
-            f"{_how_to_install()}, set DRJIT_LIBLLVM_PATH to its path, and start again."
-        )
-    version = drjit.detail.llvm_version()
-    if version[0] < MINIMUM_LLVM:
-        raise BackendUnavailable(
-            f"Dr.Jit has loaded LLVM {_dotted(version)}, which crashes it: "
-            f"{_how_to_install()}, set DRJIT_LIBLLVM_PATH to its path, and start again."
-        )
+    loaded = drjit.detail.llvm_version() if _initialised("LLVM") else None
+    if loaded is None or loaded[0] < MINIMUM_LLVM:
+        took = f"took LLVM {_dotted(loaded)}, which crashes it" if loaded else "found no LLVM that it can use"
+        try:
+            path, _ = find_llvm()
+        except BackendUnavailable:
+            cure = f"{_how_to_install()}, set DRJIT_LIBLLVM_PATH to its path, and start Python again"
+        else:
+            cure = (
+                "start Python again (in a notebook, restart the kernel), and import holopath_addon.engine before "
+                f"mitsuba; or set DRJIT_LIBLLVM_PATH to {path} before"
+            )
+        raise BackendUnavailable(f"Mitsuba was imported before HoloPath, and its Dr.Jit {took}: {cure}.")
 
 
 def _limit_threads():

@@ -32,7 +32,7 @@ def depths_along(scene: mi.Scene, camera: Camera, across: np.ndarray, upward: np
     numpy.ndarray, float32, shape (n,)
         World depths in metres; infinite where there is nothing within the camera's clipping range.
     """
-    variants.activate()
+    variants.activate_for(scene)
     # of unit length along the axis, so that distances along the ray are depths
     rays = _rays(*_lines(camera, across, upward))
     depths = np.asarray(scene.ray_intersect_preliminary(rays).t) + np.float32(camera.clip_start)

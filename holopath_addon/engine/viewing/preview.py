@@ -63,7 +63,7 @@ class Preview:
         seed: int = 0,
         centre: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        variants.activate()
+        variants.activate_for(scene)
         self._scene, self._max_depth, self._seed = scene, max_depth, seed
         self._integrators = {}
         self.look(camera, width, height, focus, aperture, centre)

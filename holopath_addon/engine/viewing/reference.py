@@ -83,7 +83,7 @@ def reference(
             for half in range(2)
         ]  # fmt: skip
         return np.stack(pictures, axis=1)
-    variants.activate()
+    variants.activate_for(scene)
     from ..planning.pilot import near_end
     from ..scene.dispersion import tuned, wavelength_groups
 

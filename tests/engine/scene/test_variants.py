@@ -10,6 +10,7 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from holopath_addon import engine
@@ -208,8 +209,44 @@ def test_old_llvm_loaded_before(monkeypatch, backend):
 
     monkeypatch.setattr(drjit.detail, "llvm_version", lambda: (16, 0, 6))
     monkeypatch.setattr(drjit, "has_backend", lambda _: True)
-    with pytest.raises(engine.BackendUnavailable, match=r"has loaded LLVM 16\.0\.6"):
+    with pytest.raises(engine.BackendUnavailable, match=r"took LLVM 16\.0\.6.*restart the kernel"):
         module._check_loaded_llvm()
+
+    def none():
+        raise engine.BackendUnavailable("none")
+
+    monkeypatch.setattr(module, "find_llvm", none)
+    with pytest.raises(engine.BackendUnavailable, match=r"took LLVM 16\.0\.6.*LLVM 19 or newer"):
+        module._check_loaded_llvm()
+
+
+def test_mitsuba_imported_after_the_engine_takes_its_llvm():
+    """As in a notebook; whoever names another one, has that."""
+    pytest.importorskip("holopath_llvm")
+    code = (
+        "from holopath_addon import engine\nimport os, mitsuba, drjit\nmitsuba.set_variant('llvm_ad_rgb')\n"
+    )
+    out = run(code + "print(os.environ['DRJIT_LIBLLVM_PATH'], drjit.detail.llvm_version()[0])")
+    assert "holopath_llvm" in out and int(out.split()[-1]) >= module.MINIMUM_LLVM
+    code = "import os\nos.environ['DRJIT_LIBLLVM_PATH'] = 'mine'\nfrom holopath_addon import engine\n"
+    assert run(code + "print(os.environ['DRJIT_LIBLLVM_PATH'])").strip() == "mine"
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_mono"])
+def test_scenes_of_other_variants(variant, backend):
+    """Refused in a sentence that names the variant, which is left as it is."""
+    import mitsuba as mi
+
+    before = mi.variant()
+    try:
+        mi.set_variant(variant)
+        scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere"}})
+        hologram = engine.Hologram(8, 8, 8e-6, (516.5e-9,))
+        with pytest.raises(engine.InvalidInput, match=f"variant {variant}, .*load it again"):
+            engine.plan(scene, engine.Camera(np.eye(4), 0.4), hologram)
+        assert mi.variant() == variant
+    finally:
+        mi.set_variant(before)
 
 
 @pytest.mark.parametrize(
