@@ -4,6 +4,7 @@ import ast
 import math
 import re
 import shlex
+import shutil
 import statistics
 from pathlib import Path
 
@@ -385,9 +386,9 @@ def small(words):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", dict.fromkeys(page for page, _ in COMMANDS))
-def test_commands_run(page, desk, monkeypatch):
-    """Those of a page one after the other, small."""
-    monkeypatch.chdir(desk)
+def test_commands_run(page, desk, tmp_path, monkeypatch):
+    """Those of a page one after the other, small; each page begins anew."""
+    monkeypatch.chdir(shutil.copytree(desk, tmp_path / "desk"))
     asked = [words for other, words in COMMANDS if other == page and not ELSEWHERE & set(words)]
     if page == "docs/display-model.md":
         asked = [[word.replace("my-slm", "my-fitted-slm") for word in words] for words in asked]
