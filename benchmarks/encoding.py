@@ -34,7 +34,7 @@ ENCODINGS = {
     "dpac": {"method": "dpac"},
     "sgd": {"method": "sgd"},
     "sgd, amplitudes": {"method": "sgd", "supervision": "amplitude"},
-    "sgd, amplitudes on 7 planes": {"method": "sgd", "supervision": "amplitude", "planes": 7},
+    "sgd, amplitudes on 7 planes": {"method": "sgd", "supervision": "amplitude", "compared_planes": 7},
     "joint": {"method": "joint"},
 }
 ROUNDED = ("sgd", "joint")  # to 8 bits as well
@@ -60,7 +60,7 @@ def run(folder, part=None, pixels=SIDE, scenes=None):
         "refine": lambda: refine(folder, pixels, scenes),
         "seconds": lambda: seconds(pixels, scenes, GIVEN[: 2 if little else None]),
         "cost": lambda: cost(((FRAMES[0], shape),) if little else SIZES),
-        "large": lambda: large(shape, most_steps=2) if little else large(),
+        "large": lambda: large(shape, max_steps=2) if little else large(),
     }
     return joined({name: parts[name] for name in ([part] if part else parts)})
 
@@ -224,7 +224,7 @@ def refine(folder, side=SIDE, count=None):
     for name, subject in tuple(subjects.items())[:count]:
         look = _nine_views(subject)
         for start in (OURS, RANDOM):
-            _start(subject, start, most_steps=1)  # compiles
+            _start(subject, start, max_steps=1)  # compiles
         lines.append(f"  {name + ':':37}" + "".join(f"{f'{s} s':>15}" for s in MARKS))
         for start in (OURS, RANDOM):
             curve = curves[name, start] = Curve(look)
@@ -444,9 +444,9 @@ def _medians(*works, most_seconds=12.0):
     return [1e3 * float(np.median(taken)) for taken in times]
 
 
-def large(shape=LARGE, frames=LARGE_FRAMES, most_steps=1000):
+def large(shape=LARGE, frames=LARGE_FRAMES, max_steps=1000):
     """Seconds and memory of `joint` on a large display in three colours, and what follows for M = 24."""
-    seconds, stages, peak, idle = _alone(shape, frames, most_steps)
+    seconds, stages, peak, idle = _alone(shape, frames, max_steps)
     *_, smaller, _ = _alone(shape, frames // 2, 1)
     slope = (peak - smaller) / (frames - frames // 2)
     steps = ", ".join(f"{s['stage']} {s['steps']} steps in {s['seconds']:.0f} s" for s in stages)
@@ -459,13 +459,13 @@ def large(shape=LARGE, frames=LARGE_FRAMES, most_steps=1000):
     )
 
 
-def _alone(shape, frames, most_steps):
+def _alone(shape, frames, max_steps):
     """What `_encode_large` returns in a process of its own."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(_encode_large, shape, frames, most_steps).result()
+        return pool.submit(_encode_large, shape, frames, max_steps).result()
 
 
-def _encode_large(shape, frames, most_steps):
+def _encode_large(shape, frames, max_steps):
     """Seconds, stages, and GiB at most and before the encoding."""
     height, width = shape
     far, near = engine.DISPLAYS["pluto-2"].depth_range
@@ -478,7 +478,7 @@ def _encode_large(shape, frames, most_steps):
         waves[m] = smooth * phasor[np.ix_(rows, columns)]
     field = engine.WaveField(waves, hologram, engine.Camera(np.eye(4), FOV), 0.5)
     idle, start = _peak(), time.perf_counter()
-    phase = engine.encode(field, "joint", most_steps=most_steps)
+    phase = engine.encode(field, "joint", max_steps=max_steps)
     return time.perf_counter() - start, [dict(s) for s in phase.report["stages"]], _peak(), idle
 
 

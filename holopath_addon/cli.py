@@ -271,7 +271,8 @@ def _reconstruct(args):
     alike = output.pupil_of(report) == pupil  # through a smaller part there is less light
     white = (alike and report.get("exposure_white")) or output.exposure(rgb)
     target = Path(args.out) if args.out else folder / "reconstruction"
-    files = output.picture_files(rgb, focus, white, pupil)
+    distances = None if args.focus else args.distances
+    files = output.picture_files(rgb, focus, white, pupil, distances)
     output.write_pictures(target, output.of_phases(files) if args.hologram else files)
     progress(1.0, f"Done: {target}")
 

@@ -176,7 +176,7 @@ def picture_name(focus, pupil=None):
     return f"focus_{format_distance(focus)}m{part}"
 
 
-def picture_files(images, focus, white=None, pupil=None):
+def picture_files(images, focus, white=None, pupil=None, distances=None):
     """Files of focused pictures: linear EXR, and with `white` a viewable PNG.
 
     Parameters
@@ -188,6 +188,8 @@ def picture_files(images, focus, white=None, pupil=None):
         See `exposure`.
     pupil : engine.Pupil, optional
         The part of it that they are seen through.
+    distances : sequence of float, optional
+        Millimeters from the SLM, if these were asked for: files are named by them, not by depths in the scene.
 
     Returns
     -------
@@ -195,8 +197,10 @@ def picture_files(images, focus, white=None, pupil=None):
         File name to bytes.
     """
     files = {}
-    for image, depth in zip(images, focus, strict=True):
+    for number, (image, depth) in enumerate(zip(images, focus, strict=True)):
         name = picture_name(depth, pupil)
+        if distances is not None:
+            name = name.replace(f"focus_{format_distance(depth)}m", f"distance_{distances[number]:g}mm")
         files[name + ".exr"] = encode_exr(image)
         if white is not None:
             files[name + ".png"] = encode_png(image, white)

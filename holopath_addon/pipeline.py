@@ -360,7 +360,7 @@ def encode(field, method, progress, scene=None, settings=None, store=None, secon
     along = 0 if field.more is None else len(field.more)
     chosen = engine.plan_encoding(plan, settings, method, seconds, along)
     if chosen.steps:
-        options.setdefault("most_steps", chosen.steps)
+        options.setdefault("max_steps", chosen.steps)
 
     def many(progress):
         if along:

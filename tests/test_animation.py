@@ -150,7 +150,7 @@ def test_encodes_anew_only_what_has_changed(moving, tmp_path, capfd, monkeypatch
 
     def counted(*words, **options):
         count.append(words[1])
-        return encode(*words, most_steps=3, **options)
+        return encode(*words, max_steps=3, **options)
 
     monkeypatch.setattr(engine, "encode", counted)
     out, blend = tmp_path / "out", moving()

@@ -435,12 +435,12 @@ def test_scenes_view_layers_and_scripts_of_a_file(empty_scene, tmp_path):
 def test_encode(rendered, xml, tmp_path, capfd):
     """Afterwards from the stored field: without its scene, with double phase, and what cannot be."""
     phases = str(tmp_path / "phases")
-    words = ["--out", phases, "--steps", "20", "--quiet", "--scene", "none"]
+    words = ["--out", phases, "--max-steps", "20", "--quiet", "--scene", "none"]
     assert cli.main(["encode", str(rendered), *words]) == 0
     phase = engine.PhaseHologram.load(phases)
     field = engine.WaveField.load(rendered / "wavefield")
     assert phase.method == "joint" and len(field.data) > 1
-    np.testing.assert_array_equal(phase.data, engine.encode(field, "joint", most_steps=20).data)
+    np.testing.assert_array_equal(phase.data, engine.encode(field, "joint", max_steps=20).data)
     refused(cli.main(["encode", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
     refused(cli.main(["encode", str(tmp_path)]), capfd.readouterr().err, 2, "no wave field")
 
@@ -514,11 +514,11 @@ def test_encoding_afterwards_of_a_scene_that_is_another(xml, tmp_path, capfd):
     """The scene that the report names is opened, where it is what it was; else phases go towards the field alone."""
     out, later = tmp_path / "out", tmp_path / "later"
     assert cli.main(["render", str(xml), *SMALL, "--out", str(out), "--quiet"]) == 0
-    assert cli.main(["encode", str(out), "--out", str(later), "--steps", "2", "--quiet"]) == 0
+    assert cli.main(["encode", str(out), "--out", str(later), "--max-steps", "2", "--quiet"]) == 0
     assert capfd.readouterr().err == ""
     assert engine.PhaseHologram.load(later).method == "refine"
     xml.write_text(xml.read_text().replace('value="0.1"', 'value="0.12"'))
-    again = ["encode", str(out), "--out", str(later), "--steps", "2"]
+    again = ["encode", str(out), "--out", str(later), "--max-steps", "2"]
     assert cli.main(again) == 0
     assert "has changed since the field was rendered" in capfd.readouterr().err
     assert engine.PhaseHologram.load(later).method == "joint"
@@ -560,7 +560,7 @@ def test_the_camera_and_the_frame_of_a_render_are_found_again(empty_scene, tmp_p
 
 def test_encode_in_other_ways(rendered, tmp_path, capfd):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
-    words = ["encode", str(rendered), "--method", "sgd", "--quiet", "--steps", "6"]
+    words = ["encode", str(rendered), "--method", "sgd", "--quiet", "--max-steps", "6"]
     assert cli.main([*words, "--bits", "2", "--no-aperture", "--out", first]) == 0
     levels = engine.PhaseHologram.load(first).data / (math.pi / 2)
     np.testing.assert_allclose(levels, np.round(levels), atol=1e-5)
@@ -732,6 +732,20 @@ def test_pictures_of_stored_phases(rendered, tmp_path, capfd):
         cli.main(["reconstruct", str(rendered), "--bits", "4"]), capfd.readouterr().err, 2, "add --hologram"
     )
     refused(cli.main(["reconstruct", str(rendered), "--hologram"]), capfd.readouterr().err, 2, "no hologram")
+
+
+def test_distances_name_their_files_and_the_far_field_is_told(rendered, capfd):
+    """By millimeters from the SLM: such a field may have no world."""
+    field = engine.WaveField.load(rendered / "wavefield")
+    near = 1e3 * field.hologram.depth_near
+    assert cli.main(["reconstruct", str(rendered), "--distances", f"{near:g}", "--quiet"]) == 0
+    assert (rendered / "reconstruction" / f"distance_{near:g}mm.exr").exists()
+    words = ["reconstruct", str(rendered), "--distances", "1e9", "--quiet"]
+    refused(cli.main(words), capfd.readouterr().err, 2, "far field")
+
+
+def test_pixels_that_are_not_square(xml, capfd):
+    refused(cli.main(["plan", str(xml), "--pitch", "8,9"]), capfd.readouterr().err, 2, "Pixels are square")
 
 
 def test_a_response_means_the_same_when_encoding_and_when_looking(rendered, tmp_path, capfd):

@@ -238,7 +238,7 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
     try:
         warm = _rendered(method, *view, warmed(settings), encoding, Stages(task.limit))
         if encoding:
-            _encode(warm, encoding | {"most_steps": 1}, Stages(task.limit), scene, settings)
+            _encode(warm, encoding | {"max_steps": 1}, Stages(task.limit), scene, settings)
         free()
         seconds, field = _timed(method, *view, settings, encoding, clock)
         peak = peak_bytes()

@@ -358,7 +358,7 @@ def target(exponent):
     """The same field, 10^exponent as strong, by all ways to phases."""
     field, scale = encoded()[0], 10.0**exponent
     scaled = replace(field, data=field.data * np.float32(scale))
-    holograms = [engine.encode(scaled, method, most_steps=STEPS) for method in ("dpac", "sgd", "joint")]
+    holograms = [engine.encode(scaled, method, max_steps=STEPS) for method in ("dpac", "sgd", "joint")]
     figures = np.array([own(phase, scale) for phase in holograms])
     figures_of = {"psnr": float(figures[:, 0].mean()), "brightness": float(figures[:, 1].mean())}
     for name, (psnr, brightness) in zip(("dpac", "sgd", "joint"), figures, strict=True):
@@ -369,10 +369,10 @@ def target(exponent):
 def bits(count):
     """Light that stays when phases are rounded, over sinc(1 / levels); and what sgd makes of so few levels."""
     field = encoded()[0]
-    free = engine.encode(field, "sgd", most_steps=STEPS)
+    free = engine.encode(field, "sgd", max_steps=STEPS)
     rounded = engine.Modulator(bits=count).light(free.data)
     kept = abs(np.vdot(rounded, np.exp(1j * free.data))) / free.data.size
-    fitted = engine.encode(field, "sgd", most_steps=STEPS, bits=count)
+    fitted = engine.encode(field, "sgd", max_steps=STEPS, bits=count)
     levels = fitted.data * (2**count / (2 * math.pi))
     psnr, brightness = own(fitted)
     return {

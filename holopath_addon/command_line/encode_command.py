@@ -96,7 +96,13 @@ def add(command, store):
         metavar="SHARE",
         help="least relative gain of a step that is worth it (default %(default)s)",
     )
-    add("--steps", type=int, metavar="N", help="most steps of each stage (default: as many as are worth it)")
+    add(
+        "--max-steps",
+        type=int,
+        metavar="N",
+        help="steps of each stage at most (default: as many as are worth it)",
+    )
+    renamed(encode, "--steps", "--max-steps", type=int)
     add("--out", metavar="DIR", help="where to write (default DIR/hologram)")
 
 
@@ -126,6 +132,8 @@ def _encode(args):
     phase.save(target, stage(progress, 0.9, 0.99))
     if stopped is not None:
         raise engine.Cancelled(f"Cancelled: the phases as they were then are in {target}.") from stopped
+    if phase.report.get("advice"):
+        progress.say(f"note: {phase.report['advice']}")
     progress(1.0, f"Done: {target}")
 
 
@@ -168,7 +176,7 @@ def _scene(args, folder, progress, say):
 
 def _phases(args, folder, start, progress, scene=None, settings=None):
     field = output.stored_field(folder)
-    steps = {} if args.steps is None else {"most_steps": args.steps}
+    steps = {} if args.max_steps is None else {"max_steps": args.max_steps}
     return pipeline.encode(
         field,
         args.method,
@@ -181,7 +189,7 @@ def _phases(args, folder, start, progress, scene=None, settings=None):
         levels=render_command.levels_of(args, field.hologram),
         display=render_command.display_of(args, field.hologram.wavelengths),
         supervision=args.supervision,
-        planes=args.compared_planes,
+        compared_planes=args.compared_planes,
         aperture=args.aperture,
         start=start,
         tolerance=args.tolerance,

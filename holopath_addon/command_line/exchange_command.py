@@ -10,7 +10,7 @@ from ..exchange.holograms import PACKINGS, TRANSFERS
 from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
 from .console import Progress
-from .options import argument, numbers
+from .options import argument, numbers, pitch
 
 _KINDS = ", ".join(exchange.SUFFIXES)
 
@@ -46,7 +46,7 @@ def add(command):
     )
     _add_convention(take, "how the program has it (default: as the file says, else holopath)")
     add = take.add_argument_group("what the file does not say").add_argument
-    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers")
+    add("--pitch", type=argument(pitch), metavar="UM", help="pixel pitch, micrometers")
     add(
         "--wavelengths",
         type=numbers(0, "a list of wavelengths", "nanometers"),

@@ -24,6 +24,18 @@ def argument(parse: Callable) -> Callable:
     return convert
 
 
+def pitch(text: str) -> float:
+    """A pixel pitch in micrometers."""
+    try:
+        return float(text)
+    except ValueError:
+        if len(text.replace("x", ",").split(",")) == 2:
+            raise engine.InvalidInput(
+                f"Pixels are square here: give one pitch in micrometers, not {text}."
+            ) from None
+        raise
+
+
 def numbers(count: int, shape: str, unit: str) -> Callable:
     """Argument type of so many numbers with commas between them; 0 for one or more."""
 

@@ -137,7 +137,12 @@ def add_scene(parser, store):
         metavar="WxH",
         help="default: the file's (of an .xml: its film's, or its crop window's; the picture's), else 512x512",
     )
-    add("--pitch", type=float, metavar="UM", help="pixel pitch, micrometers (default: the file's, 8)")
+    add(
+        "--pitch",
+        type=argument(options.pitch),
+        metavar="UM",
+        help="pixel pitch, micrometers (default: the file's, 8)",
+    )
     add(
         "--wavelengths",
         type=options.numbers(0, "a list of wavelengths", "nanometers"),

@@ -18,7 +18,7 @@ from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
 from .console import Progress
-from .options import listed, numbers, renamed
+from .options import argument, listed, numbers, pitch, renamed
 
 PATIENCE = 30.0  # seconds to wait for a lost device
 
@@ -120,7 +120,9 @@ def add(command):
         "--out", required=True, metavar="FILE", help="calibration (.json) to write, or to add a wavelength to"
     )
     option("--wavelength", required=True, type=float, metavar="NM", help="of the light source, nanometers")
-    option("--pitch", required=True, type=float, metavar="UM", help="of the SLM's pixels, micrometers")
+    option(
+        "--pitch", required=True, type=argument(pitch), metavar="UM", help="of the SLM's pixels, micrometers"
+    )
     _add_bench(calibrate)
     option(
         "--window",

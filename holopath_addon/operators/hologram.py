@@ -70,6 +70,8 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         self.present(context, session.show_phase(props.phase_frame if props else 0))
         if props and props.refocused == "PHASE":
             session.request_refocus(*properties.seen_of(props))
+        if phase.report.get("advice"):
+            self.report({"INFO"}, phase.report["advice"])
         return (
             f"{'Stopped: hologram' if phase.report.get('stopped') else 'Hologram'} encoded{_quality(phase)}"
         )

@@ -448,7 +448,7 @@ def test_phases_of_an_animation(tmp_path):
     for name, more in (("one", ()), ("two", ("--cluster", "local:2"))):
         process = render(tmp_path / name, "--frame-range", "1-3")
         assert process.wait() == 0, process.stderr.read()
-        words = ["encode", tmp_path / name, "--method", "sgd", "--steps", "5", *more]
+        words = ["encode", tmp_path / name, "--method", "sgd", "--max-steps", "5", *more]
         for count in (3, 0):
             done = subprocess.run(
                 [sys.executable, "-m", "holopath_addon", *map(str, words)],

@@ -45,7 +45,7 @@ def encoded(field, calibration):
         "joint",
         levels=calibration.levels_of(field.hologram),
         display=calibration.display([GREEN]),
-        most_steps=40,
+        max_steps=40,
     )
 
 
@@ -142,7 +142,7 @@ def test_a_camera_that_fails_leaves_the_best(bench):
 def test_refusals(says, bench):
     bench, calibration = bench
     field = field_of()
-    phase = engine.encode(field, "sgd", most_steps=1)
+    phase = engine.encode(field, "sgd", max_steps=1)
     calibration, phase = REFUSED[says](calibration, phase)
     with pytest.raises(engine.InvalidInput, match=says):
         slm.tune(phase, field, bench.look, calibration, GREEN, rounds=1)

@@ -206,7 +206,7 @@ def test_files_of_a_response_that_varies(field, tmp_path, capsys):
     levels = again.levels_of(field.hologram)
     assert levels[0].to_dict() == device.levels_of(field.hologram)[0].to_dict()
     field.save(tmp_path / "out" / "wavefield")
-    words = ["encode", str(tmp_path / "out"), "--method", "sgd", "--steps", "2", "--quiet"]
+    words = ["encode", str(tmp_path / "out"), "--method", "sgd", "--max-steps", "2", "--quiet"]
     assert cli.main([*words, "--response", str(path)]) == 0
     np.save(tmp_path / "plm.variation.npy", np.full((height, width), 9.0))
     assert cli.main([*words, "--response", str(path)]) == 2

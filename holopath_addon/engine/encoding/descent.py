@@ -42,14 +42,14 @@ class Effort:
     ----------
     tolerance : float
         Least relative gain of a step.
-    most_steps : int
+    max_steps : int
         Of a stage.
     seed : int
         Of the order of pictures.
     """
 
     tolerance: float
-    most_steps: int
+    max_steps: int
     seed: int
 
 
@@ -87,7 +87,7 @@ def adam(
         stage.update(steps=len(losses), loss=loss)
         stage["psnr_db"] = told(len(losses) / max(TYPICAL, len(losses) + FEW), loss)
 
-    while len(losses) < effort.most_steps and not _flat(losses, WINDOW, effort.tolerance):
+    while len(losses) < effort.max_steps and not _flat(losses, WINDOW, effort.tolerance):
         step(rate)
     if levels is not None:
         for share in np.arange(1, FIXES) / FIXES:
@@ -159,7 +159,7 @@ def together(
             rate = LONGEST * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
             phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)), PARTLY)
             steps += 1
-            done = steps / effort.most_steps
+            done = steps / effort.max_steps
             if seconds is not None:
                 done = max(done, (time.perf_counter() - begun) / seconds)
             if levels is not None and 2 * done - 1 > fixes / FIXES:

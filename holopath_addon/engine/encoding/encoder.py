@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 SUPERVISIONS = ("complex", "amplitude")
 STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
+SMOOTH = 0.8  # correlation of a field's neighbors; of random phases that fill the band it is 0.2
 MARGIN = 12  # pixels around a display's, into which its relay scatters light
 DARK = 1e-6  # of the brightest colour's amplitude
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # of a pixel of a frame
@@ -59,13 +60,13 @@ def encode(
     levels: Sequence[ArrayLike | Levels] | None = None,
     display: Sequence[DisplayModel] | None = None,
     supervision: str = "complex",
-    planes: int = 1,
+    compared_planes: int = 1,
     aperture: bool = True,
     start: str | PhaseHologram = "arg",
     many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None = None,
     seconds: float | None = None,
     tolerance: float = 1e-3,
-    most_steps: int | None = None,
+    max_steps: int | None = None,
     seed: int = 0,
 ) -> PhaseHologram:
     """Phases whose light, within the SLM's recordable cone, is that of a complex field.
@@ -93,7 +94,7 @@ def encode(
         of phases alone.
     supervision : str
         Of `sgd`, one of `SUPERVISIONS`: the complex field, or amplitudes only as in prior work.
-    planes : int
+    compared_planes : int
         On which amplitudes are compared, spread over the volume; a complex field on one has all there is.
     aperture : bool
         Whether the display has a stop in its Fourier plane, beyond which light is free.
@@ -108,7 +109,7 @@ def encode(
         fit. Default: to the end.
     tolerance : float
         `sgd` ends when its loss falls by less than this share a step.
-    most_steps : int, optional
+    max_steps : int, optional
         Of each stage and wavelength, but for those in which `sgd` brings phases to few levels. Default: 1000 of `sgd`;
         of all frames together as the seconds say, or else 100 of `joint` and 400 of `refine`.
     seed : int
@@ -117,7 +118,7 @@ def encode(
     Returns
     -------
     PhaseHologram
-        `report` says steps, seconds and PSNR of each stage.
+        `report` says steps, seconds and PSNR of each stage; `advice`, if there is any, is a sentence.
 
     Raises
     ------
@@ -127,10 +128,21 @@ def encode(
     """
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
-    together = most_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
-    effort = descent.Effort(tolerance, MOST_STEPS if most_steps is None else most_steps, seed)
+    together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
+    effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
     asked = _Asked(
-        method, bits, levels, display, supervision, planes, aperture, start, many, seconds, effort, together
+        method,
+        bits,
+        levels,
+        display,
+        supervision,
+        compared_planes,
+        aperture,
+        start,
+        many,
+        seconds,
+        effort,
+        together,
     )
     asked.check(field)
     with Frames() as threads:
@@ -146,6 +158,8 @@ def encode(
                 work.joint()
             elif method == "refine" and work.colours:
                 work.refine()
+            elif supervision == "complex":
+                work.advise_smooth()
             work.round()
         except (Exception, KeyboardInterrupt) as error:
             if not cancelled(error):
@@ -223,7 +237,7 @@ class _Asked:
             raise InvalidInput(f"Amplitudes are compared on 1 to 64 planes, not {self.planes}.")
         if self.seconds is not None and not 0 < self.seconds < math.inf:
             raise InvalidInput(f"The seconds of an encoding must be more than 0, not {self.seconds}.")
-        if not 0 <= self.effort.tolerance < 1 or self.effort.most_steps < 1:
+        if not 0 <= self.effort.tolerance < 1 or self.effort.max_steps < 1:
             raise InvalidInput(
                 "The tolerance of an encoding is a share from 0 to 1, and it has at least one step."
             )
@@ -303,6 +317,25 @@ class _Work:
         return PhaseHologram(
             self.phases, field.hologram, field.camera, field.near, self._asked.method, gains, self.report
         )
+
+    def advise_smooth(self):
+        """Say which supervision shows a field of smooth phases better.
+
+        A complex field whose phases are flat in its picture leaves phases alone no freedom. Flat ones have a narrow
+        spectrum, so that neighbors are alike: the correlation of neighbors is that of the field on any plane, as
+        propagation keeps the power spectrum (Wiener and Khinchin).
+        """
+        data = self.field.data
+        energy = alike = 0.0
+        for frame in data:
+            energy += float(np.vdot(frame, frame).real)
+            alike += abs(np.vdot(frame[..., :-1, :], frame[..., 1:, :]))
+            alike += abs(np.vdot(frame[..., :-1], frame[..., 1:]))
+        if alike > 2 * SMOOTH * energy > 0:
+            self.report["advice"] = (
+                "The field's phases are smooth, of which phases alone show little: amplitude supervision shows more, "
+                "by `holopath encode DIR --method sgd --supervision amplitude`, or supervision='amplitude' in Python."
+            )
 
     def stopped(self):
         """What there is of it: the phases of each wavelength's last step, or of the start."""
@@ -446,7 +479,7 @@ class _Work:
         method, name, gains = self._asked.method, self._named(colour), []
         if method == "refine":
             views.unvignette()
-        effort = replace(self._asked.effort, most_steps=self._asked.together)
+        effort = replace(self._asked.effort, max_steps=self._asked.together)
         groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["together"])
         left = len(groups) * (len(self.colours) - number)
         for place, group in enumerate(groups):

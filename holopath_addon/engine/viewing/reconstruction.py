@@ -85,7 +85,17 @@ class Refocuser:
         for wavelength in hologram.wavelengths:
             needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
-            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from the SLM")
+            doing = f"Refocusing {farthest * 1e3:.3g} mm from the SLM"
+            try:
+                shortage(needed, doing)
+            except InvalidInput as error:
+                far = (max(shape) * hologram.pitch) ** 2 / wavelength
+                if farthest < far:
+                    raise
+                raise InvalidInput(
+                    f"{doing} is in its far field, beyond {far:.3g} m, to which light is not propagated: choose a "
+                    "nearer distance, or add the phase of a lens and refocus to its focal length."
+                ) from error
         images, done = np.empty((len(distances), *shape, colours), np.float32), 0
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, farthest)
