@@ -139,21 +139,19 @@ def test_a_bench_that_moves_is_refused(bench):
         slm.calibrate(look, SMALL, FOCI, count=64)
 
 
-@pytest.mark.parametrize("sign", [1, pytest.param(-1, id="falling")])
+@pytest.mark.parametrize("sign", [pytest.param(1, marks=pytest.mark.slow), pytest.param(-1, id="falling")])
 def test_the_sign_of_the_panel_is_found(sign, monkeypatch):
-    """Both are tried; of a panel whose phase falls the curve falls, and phases become its levels."""
-    monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:2])
+    """Both are tried; of a panel whose phase falls the curve falls."""
+    monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
     monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
-    window = slm.PatternWindow(24, PITCH, GREEN)
-    rising, _ = slm.mis_set(start_of(window), window, 3)
+    window, foci, told = slm.PatternWindow(16, PITCH, GREEN), FOCI[:2], []
+    rising, _ = slm.mis_set(start_of(window, foci), window, 3)
     bench = replace(rising, phases=sign * rising.phases, source=THIRD)
-    told = []
     found = slm.calibrate(
-        bench.look, window, FOCI, (0.95, 0.95), 30, progress=lambda done, _: told.append(done)
+        bench.look, window, foci, (0.95, 0.95), 20, progress=lambda done, _: told.append(done)
     )
     assert told == sorted(told)
-    phases = slm.calibration_of(found, window).phases(GREEN)
-    assert sign * np.sign(phases[-1]) == 1
+    assert sign * slm.calibration_of(found, window).phases(GREEN)[-1] > 0
 
 
 @pytest.mark.slow
