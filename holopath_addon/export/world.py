@@ -12,6 +12,7 @@ WIDTH, HEIGHT = 2048, 1024
 # Columns up to which an sRGB image is refined, as Mitsuba interpolates between linear values, and how much at most:
 # of the mean of a checker, 1 % is missing with 9 places a texel.
 MAX_REFINED, MAX_FINER = 3072, 33
+MAX_EXCESS = 0.02  # of the brightness halfway between texels, without a note
 
 
 def world_of(depsgraph):
@@ -73,10 +74,11 @@ def export_world(world, frame, textures, notes):
         return None
     if not isinstance(colour, ImageValue):
         return _uniform(np.array(colour) * strength)
-    return _everywhere(_radiance(textures.stored(colour.image)) * np.float32(strength), rotation)
+    kept = textures.stored(colour.image)
+    return _everywhere(_radiance(kept, world.name, notes) * np.float32(strength), rotation)
 
 
-def _radiance(kept):
+def _radiance(kept, owner, notes):
     """Linear values of a stored image [y, x, 3], on a finer grid where Cycles interpolates between encoded ones."""
     pixels = kept.numbers[..., :3]
     if not kept.srgb:
@@ -84,7 +86,25 @@ def _radiance(kept):
     height, width = pixels.shape[:2]
     finer = min(MAX_REFINED // max(width, 2 * height), MAX_FINER)
     finer -= finer % 2 == 0  # an odd number, so that the centers of texels are among the places
-    return decoded(_refined(_refined(pixels, 0, finer), 1, finer) if finer > 1 else pixels)
+    if finer > 1:
+        return decoded(_refined(_refined(pixels, 0, finer), 1, finer))
+    linear = decoded(pixels)
+    excess = _excess(pixels, linear)
+    if excess > MAX_EXCESS:
+        notes.add(
+            owner,
+            f"sRGB image of more than {MAX_REFINED // 3} columns",
+            f"up to {excess:.0%} too bright between texels: save it with linear values, as an .exr",
+        )
+    return linear
+
+
+def _excess(pixels, linear):
+    """How much brighter the mean between neighboring texels is if they are decoded before interpolation, a fraction."""
+    between = decoded((pixels[:, 1:] + pixels[:, :-1]) / 2).mean(dtype=float)
+    return float(
+        (linear[:, 1:].mean(dtype=float) + linear[:, :-1].mean(dtype=float)) / 2 / max(between, 1e-9) - 1
+    )
 
 
 def _refined(pixels, axis, finer):

@@ -287,6 +287,19 @@ def test_worlds_of_few_texels(stage, pixels):
     assert_alike(stage)
 
 
+@pytest.mark.parametrize("noisy", [True, False])
+def test_wide_worlds_that_are_too_bright_between_texels_are_noted(stage, noisy):
+    """Of noise from texel to texel; photographs are smoother."""
+    x = np.linspace(0, 1, 1100)[None, :, None] * np.ones((4, 1, 3))
+    pixels = np.random.default_rng(4).random((4, 1100, 3)) ** 2 if noisy else x
+    tree = stage.world().node_tree
+    node = tree.nodes.new("ShaderNodeTexEnvironment")
+    node.image = stage.image(pixels)
+    tree.links.new(node.outputs["Color"], tree.nodes["Background"].inputs["Color"])
+    stage.plane(0.01)
+    assert features(stage.export()) == ({"sRGB image of more than 1024 columns"} if noisy else set())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["Linear", "Cubic"])
 def test_worlds_are_baked_where_their_texture_is_mapped_or_smoothed(stage, small_worlds, interpolation):
