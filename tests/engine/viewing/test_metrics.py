@@ -146,3 +146,10 @@ def test_speckle_of_so_many_independent_frames_is_known():
         picture = truth * rng.exponential(size=(frames, 128, 128, 3)).mean(0)
         assert metrics.speckle_contrast(picture, truth) == pytest.approx(frames**-0.5, rel=0.05)
     assert metrics.speckle_contrast(picture, 0 * truth) is None
+
+
+def test_speckle_of_pictures_without_a_whole_patch():
+    """None, as of dark ones: nothing can be told."""
+    picture = np.ones((6, 20, 3))
+    assert metrics.speckle_contrast(picture, picture) is None
+    assert metrics.speckle_contrast(np.ones((16, 16, 1)), np.ones((16, 16, 1))) == 0
