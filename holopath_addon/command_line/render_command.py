@@ -194,7 +194,9 @@ def add_scene(parser, store):
 
 
 def _add_capture(parser):
-    add = parser.add_argument_group("of a picture with depth, or a .ply of points").add_argument
+    add = parser.add_argument_group(
+        "of a picture with depth, a .ply of points, or a quilt or another array of views"
+    ).add_argument
     add("--depth", metavar="FILE", help="depth of each pixel: an .exr, a .png of 8 or 16 bits, or an .npy")
     add("--depth-unit", choices=captures.UNITS, help=f"what its numbers are: {captures.UNIT_WORDS}")
     add(
@@ -221,6 +223,24 @@ def _add_capture(parser):
         type=float,
         metavar="METERS",
         help="of the disks that points of a .ply become (default: so that those of a surface leave no gaps)",
+    )
+    add(
+        "--view-span",
+        type=options.numbers(0, "RIGHT or RIGHT,DOWN", "meters"),
+        metavar="RIGHT[,DOWN]",
+        help="meters from the first view to the last: of one row, or to the right and down",
+    )
+    add(
+        "--view-focus",
+        type=argument(lengths.parse_distance),
+        metavar="DISTANCE",
+        help="distance at which all views agree, such as 1m, or inf of parallel cameras; a quilt's display lies there",
+    )
+    add(
+        "--view-panel",
+        type=argument(lengths.parse_distance),
+        metavar="DISTANCE",
+        help="distance at which views are put together, and all is sharpest (default: that of --view-focus)",
     )
 
 

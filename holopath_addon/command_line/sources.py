@@ -1,5 +1,5 @@
-"""Where a scene comes from: a .blend, a Mitsuba .xml, a demo, a picture with depth, or a point cloud; also that of a
-stored field, opened again.
+"""Where a scene comes from: a .blend, a Mitsuba .xml, a demo, a picture with depth, a point cloud, or views; also that
+of a stored field, opened again.
 
 bpy is imported only where it is needed.
 """
@@ -9,12 +9,13 @@ import glob
 import os
 import re
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import demo, engine, output
 from ..engine.scene import variants
+from ..engine.scene.captured.views import METHODS as VIEW_METHODS
 from ..exchange import captures
 from ..exchange.captures import CaptureOptions
 from ..exchange.mitsuba_file import MitsubaFile
@@ -295,7 +296,7 @@ class MitsubaSource:
 
 
 class CaptureSource:
-    """A picture with depth or a point cloud.
+    """A picture with depth, a point cloud, or views.
 
     Parameters
     ----------
@@ -304,14 +305,16 @@ class CaptureSource:
     """
 
     frame = None
-    settings = engine.Settings(max_depth=1)  # it shines, and reflects nothing
 
     def __init__(self, path, options):
         self._file = captures.capture(path, options)
         self.path, self.files = path, self._file.files
+        settings = engine.Settings(max_depth=1)  # it shines, and reflects nothing
+        views = isinstance(self._file, captures.ViewFile)
+        self.settings = replace(settings, method=VIEW_METHODS[0]) if views else settings
 
     def hologram_from(self, camera=None):
-        """`engine.Hologram` as large as the picture; of points, of the usual size."""
+        """`engine.Hologram` as large as the picture, or a view; of points, of the usual size."""
         return engine.Hologram(*self._file.size, 8e-6)
 
     def size_from(self, camera=None):
@@ -367,6 +370,9 @@ def capture_options(args):
         args.fov,
         args.axes,
         args.point_radius,
+        args.view_span and tuple(args.view_span),
+        args.view_focus,
+        args.view_panel,
     )
 
 
@@ -376,7 +382,7 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
     Parameters
     ----------
     text : str
-        Path of a .blend, a Mitsuba .xml, a picture or a .ply, or ``demo:NAME``.
+        Path of a .blend, a Mitsuba .xml, a picture, a .ply, an .npy of views, or ``demo:NAME``.
     run_scripts : bool
         Whether a .blend may run its Python.
     define : dict of str to str, optional
@@ -384,7 +390,7 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
     strict : bool
         Whether values of parameters that it does not have are refused.
     options : CaptureOptions, optional
-        Of a picture or a .ply.
+        Of a picture, a .ply or views.
 
     Returns
     -------
@@ -405,7 +411,9 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
         return CaptureSource(path, options)
     if options.given:
         flag = options.given[0].replace("_", "-")
-        raise engine.InvalidInput(f"{text} is neither a picture nor a .ply: leave out --{flag}.")
+        raise engine.InvalidInput(
+            f"{text} is neither a picture nor a .ply, nor an .npy of views: leave out --{flag}."
+        )
     if text.startswith("demo:"):
         _bpy("A demo scene")
         with native_output_to_stderr():
@@ -438,12 +446,13 @@ def check(text):
     path = Path(text)
     if not path.is_file():
         raise engine.InvalidInput(
-            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml, a picture, a .ply or demo:NAME."
+            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml, a picture, a .ply, an .npy of views or "
+            "demo:NAME."
         )
     if path.suffix.lower() not in (".blend", ".xml", *captures.SUFFIXES):
         raise engine.InvalidInput(
             f"The scene {text} is neither a .blend nor a Mitsuba .xml, nor a picture "
-            f"({', '.join(captures.PICTURES)}) nor a .ply."
+            f"({', '.join(captures.PICTURES)}), a .ply or an .npy of views."
         )
 
 

@@ -103,7 +103,7 @@ def _asked(args):
         try:
             if Path(run.scene).suffix.lower() in SUFFIXES:
                 raise engine.InvalidInput(
-                    f"{run.scene} is a picture or a point cloud, which studies do not take: render it by itself."
+                    f"{run.scene} is a picture, a point cloud or views, which studies do not take: render it by itself."
                 )
             sources.check(study.scene(run))
             asked = words.parse_args([*words_of(study, run), f"--out={folder}"])

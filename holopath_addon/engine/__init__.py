@@ -19,6 +19,7 @@ from .rendering.many import many_frames
 from .scene import variants
 from .scene.captured.picture import picture_scene
 from .scene.captured.points import point_scene
+from .scene.captured.views import view_scene
 from .settings import Settings
 from .viewing.depth import depth_map
 from .viewing.metrics import psnr, psnr_deviation, psnr_of_halves, ssim
@@ -69,6 +70,7 @@ __all__ = [
     "render",
     "ssim",
     "to_rgb",
+    "view_scene",
 ]
 
 variants.name_own_llvm()  # before anybody imports Mitsuba

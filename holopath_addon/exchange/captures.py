@@ -1,8 +1,9 @@
-"""Files of pictures, depths and point clouds, and the scenes that they are."""
+"""Files of pictures, depths, point clouds and views, and the scenes that they are."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +15,7 @@ from ..engine import Camera, InvalidInput
 from ..engine.scene import variants
 from ..engine.scene.captured.picture import FIELD_OF_VIEW, picture_scene
 from ..engine.scene.captured.points import MAX_POINTS, VIEWERS, point_scene
+from ..engine.scene.captured.views import view_scene
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -21,7 +23,10 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".exr", ".hdr")
 DEPTHS = (".exr", ".png", ".npy")
 POINTS = (".ply",)
-SUFFIXES = (*PICTURES, *POINTS)
+VIEWS = (".npy",)  # besides quilts, which are pictures
+SUFFIXES = (*PICTURES, *POINTS, *VIEWS)
+# End of a quilt's name, as Looking Glass displays read it: columns, rows, and the width of a view over its height.
+QUILT = re.compile(r"_qs([1-9]\d*)x([1-9]\d*)a(\d+(?:\.\d+)?)$")
 UNITS = ("m", "mm", "diopters", "inverse")  # of the numbers of a depth file
 UNIT_WORDS = (
     "m, mm, diopters (1/m), or inverse (from 0 at the far one of --depth-ends FAR,NEAR to 1 at the near one)"
@@ -69,6 +74,12 @@ class CaptureOptions:
         One of `AXES`, of a point cloud.
     point_radius : float or None
         Meters.
+    view_span : sequence of float, or None
+        Distance from the first view to the last, to the right, and down where there are several rows, meters.
+    view_focus : float or None
+        Distance of the plane at which all views agree, meters.
+    view_panel : float or None
+        Distance of the panel that shows them, meters. Default: that at which they agree.
     """
 
     depth: str | None = None
@@ -78,6 +89,9 @@ class CaptureOptions:
     fov: float | None = None
     axes: str | None = None
     point_radius: float | None = None
+    view_span: tuple | None = None
+    view_focus: float | None = None
+    view_panel: float | None = None
 
     @property
     def given(self) -> list[str]:
@@ -95,7 +109,10 @@ class CaptureOptions:
     def from_dict(cls, values: dict) -> CaptureOptions:
         """Inverse of `to_dict`."""
         known = {each.name for each in fields(cls)}
-        return cls(**{name: value for name, value in values.items() if name in known})
+        kept = {name: value for name, value in values.items() if name in known}
+        if "view_focus" in kept:
+            kept["view_focus"] = float(kept["view_focus"])  # JSON has no infinity, so it is text there
+        return cls(**kept)
 
 
 @dataclass(frozen=True)
@@ -115,16 +132,20 @@ class CapturedScene:
     notes: list
 
 
-def capture(path: Path, options: CaptureOptions) -> PictureFile | PointFile:
-    """Open a picture with depth or a point cloud; its options are checked, and its files are not read yet.
+def capture(path: Path, options: CaptureOptions) -> PictureFile | PointFile | ViewFile:
+    """Open a picture with depth, a point cloud or views; its options are checked, and its files are not read yet.
 
     Raises
     ------
     InvalidInput
         If an option is missing, or is not for such a file.
     """
-    kind = PointFile if path.suffix.lower() in POINTS else PictureFile
-    return kind(path, options)
+    suffix = path.suffix.lower()
+    if suffix in POINTS:
+        return PointFile(path, options)
+    named = QUILT.search(path.stem) and options.depth is None
+    given = any(name.startswith("view_") for name in options.given)
+    return (ViewFile if suffix in VIEWS or named or given else PictureFile)(path, options)
 
 
 class PictureFile:
@@ -142,8 +163,8 @@ class PictureFile:
         _refuse(options, ("axes", "point_radius"), f"{path} is a picture, not a .ply")
         if options.depth is None:
             raise InvalidInput(
-                f"{path} is a picture without depth: add --depth FILE and --depth-unit; quilts and other arrays of "
-                "views cannot be read."
+                f"{path} is a picture without depth: add --depth FILE and --depth-unit, or end the name of a quilt "
+                "with its layout, as _qs8x6a0.75."
             )
         self.depth_path = Path(options.depth)
         if not self.depth_path.is_file():
@@ -215,17 +236,125 @@ class PictureFile:
         fov = _fov(self._options)
         depth = self.depth(fov)
         notes = [_fov_note(self.path, self._options)] if self._options.fov is None else []
-        if abs(size[0] * self.size[1] / (size[1] * self.size[0]) - 1) > ANOTHER_SHAPE:
-            effect = (
-                f"the hologram's {size[0]} x {size[1]} have another shape: the width of the view is kept; leave out "
-                "--resolution and --display to see all"
-            )
-            notes.append(_note(self.path, f"{self.size[0]} x {self.size[1]} pixels", effect))
+        notes += _shape_notes(self.path, self.size, size)
         image, depth, (kept, _) = reduced(self.image, depth, size)
         try:
             scene, viewer = picture_scene(image, depth, 2 * math.atan(kept * math.tan(fov / 2)))
         except InvalidInput as error:
             raise InvalidInput(f"{self.path}, {self.depth_path}: {error}") from None
+        return CapturedScene(scene, viewer, notes)
+
+
+class ViewFile:
+    """Views from a row or a grid of viewpoints: a quilt, or an array.
+
+    Parameters
+    ----------
+    path : Path
+        A picture whose name ends as `QUILT`; or an .npy of the shape (view, y, x, 3), from the left to the right, or
+        (view row, view column, y, x, 3), from the top left. Whole numbers are sRGB, floating-point numbers are linear.
+    options : CaptureOptions
+    """
+
+    def __init__(self, path: Path, options: CaptureOptions) -> None:
+        self.path, self._options = path, options
+        _refuse(
+            options,
+            ("depth", "depth_unit", "depth_ends", "depth_along", "axes", "point_radius"),
+            f"{path} holds views, without depth",
+        )
+        self._layout = QUILT.search(path.stem)
+        if self._layout is None and path.suffix.lower() not in VIEWS:
+            raise InvalidInput(
+                f"{path} does not say how its views lie: end its name with columns, rows and the width of a view over "
+                "its height, as quilt_qs8x6a0.75.png, or leave out --view-span, --view-focus and --view-panel."
+            )
+        if options.view_span is None or options.view_focus is None:
+            raise InvalidInput(
+                f"{path} does not say where its views were seen from: add --view-span with the meters from the first "
+                "view to the last, and --view-focus with the distance at which all views agree."
+            )
+        if options.view_focus == math.inf and options.view_panel is None:
+            raise InvalidInput(
+                f"{path} has views that agree at infinity: add --view-panel with a distance in the middle of what they "
+                "show, at which it is sharpest."
+            )
+        _check_fov(options)
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Paths by names."""
+        return {"views": self.path}
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of a view in square pixels."""
+        height, width = self.views.shape[2:4]
+        return width, max(1, round(width / self._aspect)) if self._layout else height
+
+    @property
+    def size_from(self) -> str:
+        """Where the size is from, as words."""
+        return f"a view of {self.path.name}"
+
+    @property
+    def _aspect(self):
+        height, width = self.views.shape[2:4]
+        return float(self._layout[3]) if self._layout else width / height
+
+    @cached_property
+    def views(self) -> np.ndarray:
+        """Linear radiance, float32, shape (view row, view column, y, x, 3).
+
+        Raises
+        ------
+        InvalidInput
+            If the file cannot be read, or has another shape.
+        """
+        if self._layout is None:
+            return _view_array(self.path)
+        columns, rows, aspect = int(self._layout[1]), int(self._layout[2]), float(self._layout[3])
+        image = read_picture(self.path)
+        height, width = image.shape[:2]
+        if height % rows or width % columns or aspect == 0:
+            raise InvalidInput(
+                f"{self.path} has {width} x {height} pixels, which are not {columns} x {rows} views of one size: crop "
+                "it, or correct its name."
+            )
+        cut = image.reshape(rows, height // rows, columns, width // columns, 3).swapaxes(1, 2)
+        return cut[::-1].reshape(1, -1, *cut.shape[2:])  # the first view is at the lower left
+
+    def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
+        """Make the scene, for a hologram of `size` pixels.
+
+        Raises
+        ------
+        InvalidInput
+            As of `views`, if the span is not of such views, or if a `camera` is named.
+        """
+        options, views = self._options, self.views
+        if camera is not None:
+            raise InvalidInput(f"{self.path} has no camera '{camera}': leave out --camera.")
+        rows, columns = views.shape[:2]
+        span, needed = tuple(options.view_span or ()), 2 if rows > 1 and columns > 1 else 1
+        if len(span) != needed:
+            raise InvalidInput(
+                f"{self.path} has {columns} x {rows} views: give {needed} number{'s' if needed > 1 else ''} with "
+                f"--view-span, {'RIGHT,DOWN' if needed > 1 else 'from the first view to the last'}, not {len(span)}."
+            )
+        if needed == 1:
+            span = (0.0, *span) if columns == 1 else (*span, 0.0)
+        notes = [_fov_note(self.path, options)] if options.fov is None else []
+        notes += _shape_notes(self.path, self.size, size)
+        if rows == 1 or columns == 1:
+            effect = "no parallax across the row: before and behind the panel lines along it stay focused on the panel"
+            notes.append(_note(self.path, "one row of views", effect))
+        try:
+            scene, viewer = view_scene(
+                views, span, options.view_focus or 0.0, _fov(options), self._aspect, options.view_panel
+            )
+        except InvalidInput as error:
+            raise InvalidInput(f"{self.path}: {error}") from None
         return CapturedScene(scene, viewer, notes)
 
 
@@ -245,7 +374,7 @@ class PointFile:
         self.path, self._options = path, options
         _refuse(
             options,
-            ("depth", "depth_unit", "depth_ends", "depth_along"),
+            ("depth", "depth_unit", "depth_ends", "depth_along", "view_span", "view_focus", "view_panel"),
             f"{path} is a point cloud, not a picture",
         )
         if options.axes not in AXES:
@@ -312,6 +441,17 @@ def _lengths(size, fov):
 def _fov_note(path, options):
     effect = "that of a 50 mm lens on 36 mm of film, for nothing else is said; --fov DEGREES for another one"
     return _note(path, f"field of view of {math.degrees(_fov(options)):.1f} degrees", effect)
+
+
+def _shape_notes(path, own, size):
+    """A note where a hologram of another shape does not show all of a picture of `own` width and height."""
+    if abs(size[0] * own[1] / (size[1] * own[0]) - 1) <= ANOTHER_SHAPE:
+        return []
+    effect = (
+        f"the hologram's {size[0]} x {size[1]} have another shape: the width of the view is kept; leave out "
+        "--resolution and --display to see all"
+    )
+    return [_note(path, f"{own[0]} x {own[1]} pixels", effect)]
 
 
 def _note(path, feature, effect):
@@ -443,6 +583,29 @@ def _array(path):
     if pixels.ndim != 2:
         raise ValueError(f"it has the shape {pixels.shape} instead of rows and columns")
     return pixels, ["Y"]
+
+
+def _view_array(path):
+    """Views of an array's file, as of `ViewFile.views`."""
+    try:
+        array = np.load(path, allow_pickle=False, mmap_mode="r")
+        if array.ndim not in (4, 5) or array.shape[-1] != 3 or not array.size:
+            raise ValueError(
+                f"it has the shape {array.shape} instead of (view, y, x, 3) or (view row, view column, y, x, 3)"
+            )
+        if array.size > 3 * MAX_PIXELS:
+            raise ValueError(f"it has over {MAX_PIXELS >> 20} megapixels")
+        if array.dtype not in (np.uint8, np.uint16) and array.dtype.kind != "f":
+            raise ValueError(
+                f"it has numbers of {array.dtype} instead of 8 or 16 bits, or floating-point ones"
+            )
+        views = np.array(array, np.float32)
+    except Exception as error:  # there is no end to what a file may hold
+        reason = " ".join(str(error).split())[:200]
+        raise InvalidInput(f"{path} cannot be read as views ({reason}): give another file.") from None
+    if array.dtype.kind == "u":
+        views = linear(views / np.float32(np.iinfo(array.dtype).max)).astype(np.float32)
+    return views.reshape(-1, *views.shape[-4:])
 
 
 def reduced(

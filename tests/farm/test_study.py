@@ -280,7 +280,7 @@ def test_refuses_before_anything_is_rendered(text, says, study, renders, tmp_pat
     [
         ('scenes = ["ball.xml", "none.blend"]', "none.blend does not exist"),
         ('scenes = ["demo:none"]', "There is no demo 'none'"),
-        ('scenes = ["ball.ply"]', "ball.ply is a picture or a point cloud, which studies do not take"),
+        ('scenes = ["ball.ply"]', "ball.ply is a picture, a point cloud or views, which studies do not take"),
         ("", "scenes is not a list of at least one"),
         ("scenes = [1]", "scenes holds something other than names"),
         ('scenes = ["ball.xml"]\nseeds = [-1]', "Seed must be 0 or more, not -1"),

@@ -68,19 +68,26 @@ def plan(
         If Mitsuba cannot compute here.
     """
     variants.activate_for(scene)
-    from . import costs, light, noise
-    from .planes import margin_of, recording_planes
-    from .survey import look_at
-    from .unmodelled import unmodelled
+    from .unmodelled import refuse_method, unmodelled
 
     settings = settings or Settings()
     check_fixed(settings.fixed)
     settings = resolved(settings)
     warnings = unmodelled(scene)
+    refuse_method(scene, settings.method)
     if settings.method in BASELINES:
         # the least that tells the depths in view
         least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
-        return _of_baseline(plan(scene, camera, hologram, least), settings, warnings)
+        return _of_baseline(_planned(scene, camera, hologram, resolved(least), None, []), settings, warnings)
+    return _planned(scene, camera, hologram, settings, store, warnings)
+
+
+def _planned(scene, camera, hologram, settings, store, warnings):
+    """The plan of HoloPath's own methods, of resolved settings; see `plan`."""
+    from . import costs, light, noise
+    from .planes import margin_of, recording_planes
+    from .survey import look_at
+
     survey = look_at(scene, camera, hologram, settings, store and store.speed)
     planes = recording_planes(survey)
     margin = margin_of(planes.value, survey)

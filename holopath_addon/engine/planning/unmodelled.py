@@ -5,6 +5,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..scene import variants
+from ..scene.captured.views import METHODS
 from ..scene.lobes import REFLECTION, REFRACTION, nested_in, parts_of
 
 MOST_NAMES = 3
@@ -81,6 +82,26 @@ def unmodelled(scene):
             f"Scattering media are not modelled: what is in or around {_named(around)} is shown as clear."
         )
     return warnings
+
+
+def refuse_method(scene, method):
+    """Refuse a method that would show a scene otherwise than it is.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    method : str
+
+    Raises
+    ------
+    InvalidInput
+        If the scene is a panel of views, and the method is not for these.
+    """
+    if method not in METHODS and any(type(part).__name__ == "ViewTexture" for part in parts_of(scene)):
+        raise InvalidInput(
+            f"The method {method} would show views as a flat picture, for they tell no depth: choose "
+            f"{' or '.join(METHODS)}."
+        )
 
 
 def _kind(part):

@@ -361,7 +361,7 @@ def _limit_threads():
 
 def _extend():
     """Import the modules that register plugins, whose classes derive from those of the variant now set."""
-    for name in ("closures", "dispersion", "images", "lamps", "mixture"):
+    for name in ("closures", "dispersion", "images", "lamps", "mixture", "captured.view_texture"):
         sys.modules.pop(f"{__package__}.{name}", None)  # it may be another variant's
         importlib.import_module(f".{name}", __package__)
 
