@@ -1,4 +1,4 @@
-"""Pictures with depth and point clouds: their files, what they mean, and the way through the command line."""
+"""Pictures with depth, point clouds and views: their files, what they mean, and the way through the command line."""
 
 import json
 import math
@@ -193,7 +193,9 @@ def test_a_picture_that_moved_with_its_depth_is_found_again(backend, photo, tmp_
 
 FOR_PICTURE = ["--depth-unit", "m"]
 REFUSALS = [
-    ([], [], "add --depth FILE and --depth-unit; quilts"),
+    ([], [], "add --depth FILE and --depth-unit, or end the name of a quilt with its layout"),
+    ([], ["--view-span", "0.1", "--view-focus", "1m"], "end its name with columns, rows and the width of a view"),
+    ("m", ["--depth", "d.npy", *FOR_PICTURE, "--view-span", "0.1"], "leave out --depth"),
     ("m", ["--depth", "d.npy"], "add --depth-unit with m, mm, diopters (1/m), or inverse"),
     ("m", ["--depth", "none.png", *FOR_PICTURE], "does not exist"),
     ("m", ["--depth", "photo.hdr", *FOR_PICTURE], "does not exist"),
@@ -274,7 +276,106 @@ def test_points_that_are_not_numbers_are_left_out_with_a_note(backend, tmp_path)
 
 def test_options_of_captures_are_refused_elsewhere(tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refused(["demo:planes", "--fov", "30"], "neither a picture nor a .ply: leave out --fov", capfd)
+    refused(["demo:planes", "--fov", "30"], "nor an .npy of views: leave out --fov", capfd)
+
+
+def quilted(path, columns, rows, numbers):
+    """A quilt whose views, from the lower left to the right and up, are gray of some levels, darker at their top."""
+    views = np.repeat(np.asarray(numbers, np.uint8)[:, None, None], 12, 1) * np.ones((1, 1, 16), np.uint8)
+    views[:, :2] //= 2
+    quilt = np.vstack(
+        [np.hstack(views[columns * row : columns * (row + 1)]) for row in reversed(range(rows))]
+    )
+    return write(path, np.repeat(quilt[..., None], 3, -1))
+
+
+def test_a_quilt_begins_at_the_lower_left(tmp_path):
+    path = quilted(tmp_path / "a_qs3x2a1.6.png", 3, 2, [10, 40, 80, 120, 160, 200])
+    views = capture(path, CaptureOptions(view_span=(0.1,), view_focus=1.0))
+    assert views.size == (16, 10)  # as wide as the name says
+    assert views.views.shape == (1, 6, 12, 16, 3)
+    encoded = np.array([10, 40, 80, 120, 160, 200]) / 255
+    decoded = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(views.views[0, :, -1, 0, 1], decoded, rtol=1e-5)
+    assert (views.views[0, :, 0] < views.views[0, :, -1]).all()
+
+
+def test_arrays_of_views(tmp_path):
+    """One row or several, linear or sRGB."""
+    numbers = np.random.default_rng(0).integers(1, 65536, (2, 3, 12, 16, 3)).astype(np.uint16)
+    options = CaptureOptions(view_span=(0.1, 0.05), view_focus=1.0)
+    for array, shape in ((numbers, (2, 3)), (numbers[0], (1, 3)), ((numbers / 65535)[:, :1], (2, 1))):
+        path = write(tmp_path / "v.npy", array)
+        views = capture(path, options)
+        assert views.views.shape == (*shape, 12, 16, 3) and views.size == (16, 12)
+        if array.dtype == np.uint16:
+            share = array.reshape(*shape, 12, 16, 3) / 65535
+            expected = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+            np.testing.assert_allclose(views.views, expected, rtol=1e-4)
+        else:
+            np.testing.assert_allclose(views.views, array, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["quilt", "array"])
+def test_views_go_the_way_through_the_command_line(backend, tmp_path, capfd, kind):
+    """The method is theirs without a word, the notes say what is missing, and the report opens them again."""
+    if kind == "quilt":
+        path = quilted(tmp_path / "q_qs3x1a1.33333.png", 3, 1, [80, 120, 160])
+        words = [str(path), "--view-span", "0.02", "--view-focus", "1m"]
+    else:
+        path = write(tmp_path / "v.npy", np.random.default_rng(0).random((2, 3, 12, 16, 3)))
+        words = [
+            str(path),
+            "--view-span",
+            "0.02,0.01",
+            "--view-focus",
+            "inf",
+            "--view-panel",
+            "1m",
+            "--fov",
+            "30",
+        ]
+    assert cli.main(["plan", *words, "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert (told["hologram"]["width"], told["hologram"]["height"]) == (16, 12)
+    features = [note["feature"] for note in told["export_notes"]]
+    assert ("one row of views" in features) == (kind == "quilt")
+    out = tmp_path / "out"
+    more = ["--out", str(out), "--frames=1", "--quality=draft", "--wavelengths=516.5", "--focus=1m"]
+    assert cli.main(["render", *words, *more, "--quiet"]) == 0
+    assert output.read_report(out)["settings"]["method"] == "light-field"
+    assert sources.reopen(out, output.stored_field(out)).same
+
+
+WHERE = ["--view-span", "0.1", "--view-focus", "1m"]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "words", "text"),
+    [
+        ("v.npy", (3, 8, 8, 3), [], "add --view-span with the meters from the first view to the last"),
+        ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1"], "and --view-focus with the distance"),
+        ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1", "--view-focus", "inf"], "add --view-panel"),
+        ("v.npy", (3, 8, 8, 3), ["--view-span", "0", "--view-focus", "1m"], "positive and finite, for 3 of them"),
+        ("v.npy", (3, 8, 8, 3), ["--view-span", "0.1,0.1", "--view-focus", "1m"], "3 x 1 views: give 1 number with"),
+        ("v.npy", (2, 3, 8, 8, 3), WHERE, "has 3 x 2 views: give 2 numbers with --view-span, RIGHT,DOWN, not 1"),
+        ("v.npy", (1, 8, 8, 3), WHERE, "There is one view: give at least two"),
+        ("v.npy", (8, 8), WHERE, "instead of (view, y, x, 3)"),
+        ("v.npy", (3, 8, 8, 3), [*WHERE, "--depth", "d.npy"], "holds views, without depth: leave out --depth"),
+        ("v.npy", (3, 8, 8, 3), [*WHERE, "--camera", "A"], "has no camera 'A'"),
+        ("v.npy", (3, 8, 8, 3), [*WHERE, "--method", "full"], "The method full would show views as a flat picture"),
+        ("q_qs3x1a1.png", (8, 25, 3), WHERE, "25 x 8 pixels, which are not 3 x 1 views of one size"),
+        ("q_qs3x1a1.png", (8, 24, 3), [], "add --view-span"),
+        ("q_qs3x1a1.npz", (8, 24, 3), WHERE, "a .ply or an .npy of views"),
+    ],
+)  # fmt: skip
+def test_what_views_refuse(backend, tmp_path, monkeypatch, capfd, name, shape, words, text):
+    monkeypatch.chdir(tmp_path)
+    if name.endswith(".npz"):
+        np.savez(name, np.ones(shape))
+    else:
+        write(tmp_path / name, np.ones(shape, np.uint8))
+    refused([name, *words], text, capfd)
 
 
 def test_a_ply_without_faces_within_an_xml_is_named(backend, tmp_path, monkeypatch, capfd):
