@@ -90,6 +90,29 @@ def test_a_hologram_of_views_focuses_where_parallax_says(backend):
         assert here > 0.3 and opposite < -0.15
 
 
+def test_a_lens_sees_through_views_what_it_sees_in_the_scene(build, camera):
+    """Of parallel pinholes all over the pupil, put together between a card and a wall: by Mitsuba's thin lens."""
+    from holopath_addon.engine.viewing.light_field import pinhole_pictures, pupil_points
+
+    scene = build.scene(
+        wall=build.plane(2.0, build.emissive(build.texture(32, 1, contrast=4))),
+        card=build.plane(0.5, build.emissive(build.grey(0.9)), 0.25 * math.tan(camera.fov_x / 2)),
+    )
+    hologram = engine.Hologram(32, 32, 8e-6, (GREEN,), 1e-3, 3e-3, near=PANEL)
+    points = pupil_points(9, hologram, DepthMapping.of(hologram, camera))
+    views = pinhole_pictures(scene, camera, hologram, points.reshape(-1, 2), 16, 1).reshape(9, 9, 32, 32, 1)
+    width = points[0, -1, 0] - points[0, 0, 0]
+    shown, viewer = view_scene(views.repeat(3, -1), (width, width), math.inf, camera.fov_x, panel=0.8)
+    depths, pupil = [0.5, 2.0], engine.Pupil(0, 0, width)  # the views are in a square around it
+
+    def lens(scene, camera):
+        return engine.reference(scene, camera, hologram, depths, pupil, 64, PANEL, 1)
+
+    found, true = lens(shown, viewer), lens(scene, camera)
+    for k in (0, 1):
+        assert engine.psnr(found[k], true[k], 3) > max(26, engine.psnr(found[k], true[1 - k], 3) + 6)
+
+
 @pytest.mark.parametrize("method", ["auto", "focal-stack"])
 def test_methods_that_need_depth_are_refused(backend, method):
     scene, camera = view_scene(VIEWS, SPAN, PANEL, FOV)
