@@ -56,7 +56,7 @@ def phase(scene):
 def hologram(scene):
     as_a_demo(scene)
     encoded(scene, "sgd")
-    scene.holopath.refocused = "PHASE"
+    scene.holopath.refocused, scene.holopath.pixel_shape = "PHASE", True
     yield
 
 

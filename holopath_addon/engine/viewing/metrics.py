@@ -180,7 +180,9 @@ def speckle_contrast(picture: np.ndarray, truth: np.ndarray, border: int = 0) ->
     rows, columns = (n // PATCH * PATCH for n in truth.shape[:2])
 
     def patches(values):
-        parts = values[:rows, :columns].reshape(rows // PATCH, PATCH, columns // PATCH, PATCH, values.shape[-1])
+        parts = values[:rows, :columns].reshape(
+            rows // PATCH, PATCH, columns // PATCH, PATCH, values.shape[-1]
+        )
         return parts.transpose(0, 2, 4, 1, 3).reshape(-1, PATCH * PATCH)
 
     picture, truth = patches(picture), patches(truth)
