@@ -331,3 +331,15 @@ def test_a_file_of_version_0_1_0_keeps_its_settings(addon):
         assert {name: round(v, 5) if isinstance(v, float) else v for name, v in told.items()} == OLD
     finally:
         bpy.data.scenes.remove(scene)
+
+
+def test_pixels_of_earlier_versions_keep_their_shape(addon):
+    """There a fill factor below 1 had it, and 1 had none."""
+    props = bpy.context.scene.holopath
+    for fill_factor, shaped in ((0.9, True), (1.0, False)):
+        props.property_unset("pixel_shape")
+        props.fill_factor = fill_factor
+        properties._settle()
+        assert props.pixel_shape is shaped
+        assert (properties.modulator_of(props).fill_factor is not None) is shaped
+    props.property_unset("fill_factor")
