@@ -40,7 +40,7 @@ def test_phases_refocus_and_focus_by_distance(rendered, tmp_path, capsys):
     words = ["reconstruct", str(out), "--hologram", "--quiet", "--distances"]
     assert cli.main([*words, "1,3"]) == 0
     names = sorted(path.name for path in (out / "reconstruction").glob("*.png"))
-    assert names == ["hologram_focus_0.7m.png", "hologram_focus_infm.png"]
+    assert names == ["hologram_distance_1mm.png", "hologram_distance_3mm.png"]
     assert cli.main([*words, "0.5"]) == 2
     assert "0.5 mm from the SLM lies beyond infinity, which this field has at 1 mm" in capsys.readouterr().err
 

@@ -315,7 +315,7 @@ def test_what_does_not_fit():
         ({"supervision": "hope"}, "supervision 'hope'"),
         ({"start": "nothing"}, "start of an encoding 'nothing'"),
         ({"bits": 0}, "1 to 16 bits"),
-        ({"planes": 0}, "1 to 64 planes"),
+        ({"compared_planes": 0}, "1 to 64 planes"),
         ({"method": "refine", "many": many(field.data), "seconds": 0}, "more than 0"),
         ({"tolerance": 2}, "share"),
         ({"max_steps": 0}, "one step"),
