@@ -594,6 +594,9 @@ def response_files(path: Path | str) -> dict[str, Path]:
             for name in ("correction", "variation"):
                 if said.get(name):
                     files[name] = _map_file(files["response"], said, name)
+            for number, response in enumerate(said.get("responses", ())):
+                if response.get("file"):
+                    files[f"table {number}"] = files["response"].with_name(str(response["file"]))
     return files
 
 

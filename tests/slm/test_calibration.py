@@ -15,6 +15,7 @@ from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.slm import Calibration, Response, Sensor
+from holopath_addon.slm.calibration import response_files
 from tests.slm.refusals import refused
 
 TURN = 2 * math.pi
@@ -164,6 +165,7 @@ def test_a_response_in_a_table_beside_the_file(tmp_path):
     (tmp_path / "green.csv").write_text("level;phase (pi)\n0;0\n128;1,1\n255;2,2\n")
     said = {"format": FORMAT, "responses": [{"wavelength_nm": 516.5, "file": "green.csv"}]}
     (tmp_path / "mine.json").write_text(json.dumps(said))
+    assert response_files(tmp_path / "mine.json")["table 0"] == tmp_path / "green.csv"
     shown = Calibration.load(tmp_path / "mine.json").phases(516.5e-9)
     assert shown[128] == pytest.approx(1.1 * math.pi) and shown[255] == pytest.approx(2.2 * math.pi)
 

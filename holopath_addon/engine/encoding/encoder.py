@@ -334,7 +334,8 @@ class _Work:
         if alike > 2 * SMOOTH * energy > 0:
             self.report["advice"] = (
                 "The field's phases are smooth, of which phases alone show little: amplitude supervision shows more, "
-                "by `holopath encode DIR --method sgd --supervision amplitude`, or supervision='amplitude' in Python."
+                "by `holopath encode DIR --method sgd --supervision amplitude --compared-planes 7`, or in Python "
+                "supervision='amplitude', compared_planes=7."
             )
 
     def stopped(self):

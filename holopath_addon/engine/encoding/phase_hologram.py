@@ -78,8 +78,19 @@ class PhaseHologram:
         Raises
         ------
         InvalidInput
-            If a map of the levels does not fit.
+            If a map of the levels does not fit, there are others than one set of levels a wavelength, or levels are
+            given beside bits or a display.
         """
+        if levels is not None and (
+            display is not None or (modulator is not None and modulator.bits is not None)
+        ):
+            raise InvalidInput(
+                "Levels that were measured go beside neither bits nor a display: leave out either."
+            )
+        if levels is not None and len(levels) != self.data.shape[1]:
+            raise InvalidInput(
+                f"There are levels of {len(levels)} wavelengths for {self.data.shape[1]}: give as many."
+            )
         gains = np.asarray(self.gains, np.float32)[:, None, None]
         if display is None:
             light = (modulator or Modulator()).light(self._nearest(levels))

@@ -274,7 +274,7 @@ def find_llvm() -> tuple[str, tuple[int, ...]]:
         Where none of version 19 or newer can be loaded.
     """
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
-    if chosen:
+    if chosen and Path(chosen).parent not in _own_folders():  # not by `name_own_llvm`
         version, problem = _probe(Path(chosen))
         if version is None:
             raise BackendUnavailable(

@@ -61,3 +61,27 @@ def test_close_wavelengths_have_files_of_their_own():
         "frame_003_640.2nm.png",
         "frame_003_640.4nm.png",
     ]
+
+
+@pytest.mark.parametrize(
+    ("count", "others", "says"),
+    [
+        (1, {}, "levels of 1 wavelengths for 2"),
+        (2, {"modulator": engine.Modulator(bits=4)}, "leave out either"),
+        (2, {"display": [None, None]}, "leave out either"),
+    ],
+)
+def test_levels_that_do_not_go_with_it(count, others, says, field):
+    phase = engine.encode(field, "dpac")
+    with pytest.raises(engine.InvalidInput, match=says):
+        phase.field(levels=[engine.Levels((0, 1))] * count, **others)
+
+
+def test_levels_are_the_nearest_of_each_wavelength(field):
+    phase = engine.encode(field, "dpac")
+    levels = [engine.Levels((0.0, np.pi)), engine.Levels((1.0, 2.0, 4.0))]
+    light = phase.field(levels=levels).data
+    for color, known in enumerate(((0.0, np.pi), (1.0, 2.0, 4.0))):
+        chords = np.abs(np.exp(1j * phase.data[:, color, ..., None]) - np.exp(1j * np.array(known)))
+        wanted = phase.gains[color] * np.exp(1j * np.array(known))[chords.argmin(-1)]
+        np.testing.assert_allclose(light[:, color], wanted, atol=1e-5 * phase.gains[color])

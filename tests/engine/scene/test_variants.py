@@ -196,6 +196,10 @@ def test_its_own_llvm_comes_before_newer_ones_of_the_system(tmp_path, monkeypatc
         engine.BackendUnavailable, match=r"libLLVM\.so\.22\.1 cannot be loaded \(.*(short|header)"
     ):
         module.find_llvm()
+    # `name_own_llvm` named it without loading it, which nobody chose
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(own / "libLLVM.so.22.1"))
+    newer = library(tmp_path, 98)
+    assert module.find_llvm() == (str(newer), (98, 1, 7))
 
 
 def test_says_what_to_do_without_mitsuba():
