@@ -206,7 +206,8 @@ def _plan(args):
     encoding = None
     if args.encode != "none":
         along = engine.frames_along(plan, settings, hologram, args.encode, seconds)
-        encoding = engine.plan_encoding(plan, settings, args.encode, seconds, along)
+        eyebox = render_command.eyebox_of(args, args.encode)
+        encoding = engine.plan_encoding(plan, settings, args.encode, seconds, along, eyebox)
     if args.json:
         print(
             json.dumps(

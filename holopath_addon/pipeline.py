@@ -322,7 +322,9 @@ def compute(
     return Result(plan, field, depths, images, clock.seconds)
 
 
-def encode(field, method, progress, scene=None, settings=None, store=None, seconds=None, **options):
+def encode(
+    field, method, progress, scene=None, settings=None, store=None, seconds=None, eyebox=None, **options
+):
     """Encode a field, with many more frames of its scene where the method wants them.
 
     Parameters
@@ -340,6 +342,8 @@ def encode(field, method, progress, scene=None, settings=None, store=None, secon
         Where baked light is kept.
     seconds : float, optional
         That it may take.
+    eyebox : float, optional
+        See `engine.plan_encoding`.
     options
         Of `engine.encode`.
 
@@ -354,11 +358,12 @@ def encode(field, method, progress, scene=None, settings=None, store=None, secon
     """
     options["seconds"] = seconds
     if scene is None or settings is None:
-        return engine.encode(field, method, progress, **options)
+        return engine.encode(field, method, progress, eyebox=eyebox, **options)
     view = scene, field.camera, field.hologram, settings
     plan = _planned(field) or engine.plan(*view, store)
     along = 0 if field.more is None else len(field.more)
-    chosen = engine.plan_encoding(plan, settings, method, seconds, along)
+    chosen = engine.plan_encoding(plan, settings, method, seconds, along, eyebox)
+    options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
         options.setdefault("max_steps", chosen.steps)
 

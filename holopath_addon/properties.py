@@ -18,7 +18,7 @@ from bpy.props import (
 
 from . import engine
 from .device_properties import HoloPathDevice, menu
-from .engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, default_of
+from .engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
 
 CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
@@ -41,7 +41,10 @@ def _declared_properties():
     made = {}
     for name, declared in DECLARED.items():
         made |= _properties_of(property_of(name), declared, default_of(name))
-    return made | _properties_of("encode_seconds", ENCODE_SECONDS, None)
+    of_phases = {"encode_seconds": ENCODE_SECONDS, "eyebox": EYEBOX}
+    return made | {
+        k: v for name, each in of_phases.items() for k, v in _properties_of(name, each, None).items()
+    }
 
 
 def _properties_of(name, declared, default):
@@ -591,6 +594,11 @@ def encode_seconds_of(props):
     """Seconds that encoding may take; None for no limit."""
     limited = props.limit_encoding and props.encoding != "dpac"
     return _tidy(props.encode_seconds) if limited else None
+
+
+def eyebox_of(props):
+    """Weight of parts of the pupil in phases; None for the plan's."""
+    return None if props.eyebox_auto else _tidy(props.eyebox)
 
 
 def focus_of(props):

@@ -29,7 +29,7 @@ SHEET_PATHS = 16  # and of the thin lens's picture on a contact sheet
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_PHASES = {"encoded", "encoding_bits", "encoding_levels", "encoding_display", "encode_seconds"}
+_PHASES = {"encoded", "encoding_bits", "encoding_levels", "encoding_display", "encode_seconds", "eyebox"}
 _VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", "quilt", "contact_sheet", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
@@ -41,6 +41,7 @@ _NAMES = {
     "encoding_levels": "measured levels",
     "encoding_display": "fitted display",
     "encode_seconds": "seconds of the encoding",
+    "eyebox": "eyebox",
     "rgbd": "picture with depth",
     "light_field": "light field",
     "quilt": "quilt",
@@ -85,6 +86,8 @@ class Still:
         How light is found, where that was decided for all frames of an animation and the settings leave it open.
     encode_seconds : float or None
         That encoding may take, see `engine.plan_encoding`.
+    eyebox : float or None
+        Weight of parts of the pupil in the phases, see `engine.plan_encoding`.
     levels : list of engine.Levels, or None
         That the SLM has at each wavelength.
     display : list of engine.DisplayModel, or None
@@ -113,6 +116,7 @@ class Still:
     light_field: int | None = None
     method: str | None = None
     encode_seconds: float | None = None
+    eyebox: float | None = None
     levels: list | None = None
     quilt: tuple | None = None
     display: list | None = None
@@ -140,6 +144,7 @@ class Still:
             "light_field": self.light_field,
             "quilt": self.quilt and list(self.quilt),
             "encode_seconds": self.encode_seconds,
+            "eyebox": self.eyebox,
             "contact_sheet": self.contact_sheet,
         }
 
@@ -295,9 +300,8 @@ def _encode(still, field, progress, stoppable):
     """The phases that are asked for, and what to know of them."""
     try:
         what = field, still.encode, progress, still.scene, still.settings, still.store
-        phase = pipeline.encode(
-            *what, bits=still.bits, levels=still.levels, display=still.display, seconds=still.encode_seconds
-        )
+        options = {"bits": still.bits, "levels": still.levels, "display": still.display}
+        phase = pipeline.encode(*what, seconds=still.encode_seconds, eyebox=still.eyebox, **options)
         advice = phase.report["plan"]["advice"]
         return phase, [f"{advice} See --encode-seconds."] if advice else []
     except engine.Cancelled as error:

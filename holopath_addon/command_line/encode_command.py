@@ -67,6 +67,7 @@ def add(command, store):
     render_command.add_define(encode, "those of the field")
     render_command.add_cache(encode, store)
     render_command.add_encode_seconds(encode)
+    render_command.add_eyebox(encode)
     render_command.add_levels(encode)
     add(
         "--supervision",
@@ -147,7 +148,7 @@ def _scene(args, folder, progress, say):
                 f"The encoding {args.method} takes no scene: leave it out, or choose refine."
             )
         return alone
-    if args.scene == "none" or (args.method == "auto" and len(field.data) == 1):
+    if args.scene == "none":
         return alone
     asked = asked or args.method == "refine"
     if not asked and sources.named(output.read_report(folder)) is None:
@@ -185,6 +186,7 @@ def _phases(args, folder, start, progress, scene=None, settings=None):
         settings,
         args.store,
         args.encode_seconds,
+        render_command.eyebox_of(args, args.method),
         bits=args.bits,
         levels=render_command.levels_of(args, field.hologram),
         display=render_command.display_of(args, field.hologram.wavelengths),

@@ -11,7 +11,7 @@ from .. import engine, lengths, output, stills
 from ..demo import DEMOS
 from ..engine import displays
 from ..engine.progress import stage
-from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS
+from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX
 from ..exchange import captures
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
@@ -290,6 +290,7 @@ def add_encoding(parser):
     )
     add_levels(parser)
     add_encode_seconds(parser)
+    add_eyebox(parser)
 
 
 def add_encode_seconds(parser):
@@ -300,6 +301,25 @@ def add_encode_seconds(parser):
         help="that encoding may take after the field: more seconds, better phases; what there is by then is kept "
         "(default: no limit)",
     )
+
+
+def add_eyebox(parser):
+    parser.add_argument(
+        "--eyebox",
+        type=argument(_eyebox),
+        metavar=EYEBOX.metavar,
+        help="how much parts of the pupil count besides the whole, from 0 to 1, in joint and refine (default: 0 with "
+        "fewer than six frames, else 1)",
+    )
+
+
+def eyebox_of(args, method):
+    """Weight of parts of the pupil; None for the plan's."""
+    if args.eyebox is not None and method not in ("auto", "joint", "refine"):
+        raise engine.InvalidInput(
+            f"--eyebox is for phases of all frames together, not for {method}: choose joint or refine, or leave it out."
+        )
+    return args.eyebox
 
 
 def encode_seconds_of(args):
@@ -354,6 +374,12 @@ def bits(text):
     if not text.isdigit() or not 1 <= int(text) <= 16:
         raise engine.InvalidInput(f"An SLM has 1 to 16 bits, not {text}")
     return int(text)
+
+
+def _eyebox(text):
+    share = float(text)
+    EYEBOX.check(share)
+    return share
 
 
 def _encode_seconds(text):
@@ -519,6 +545,7 @@ def still_of(args, source, job=None):
         args.rgbd,
         args.light_field,
         encode_seconds=seconds,
+        eyebox=eyebox_of(args, args.encode),
         levels=levels,
         quilt=args.quilt,
         display=display,

@@ -473,6 +473,26 @@ ENCODE_SECONDS = Declaration(
 )
 
 
+EYEBOX = Declaration(
+    "Eyebox",
+    "How much parts of the pupil count besides the whole in the phases of all frames: with 1 the picture holds as the "
+    "eye moves, with 0 it is best for an eye in the middle. Few frames cannot show both",
+    advice="automatic: 0 with fewer than six frames, 1 with more",
+    section="hologram",
+    bounds=(0.0, 1.0),
+    soft=(0.0, 1.0),
+    initial=1.0,
+    switch=Switch(
+        "eyebox_auto",
+        "Automatic Eyebox",
+        "As much as so many frames can show",
+        False,
+        "Eyebox",
+    ),
+    metavar="SHARE",
+)
+
+
 DECLARED: dict[str, Declaration] = {each.name: each.metadata["declared"] for each in fields(Settings)}
 
 

@@ -42,6 +42,7 @@ NAMES = (
         "pupil",
         "encode",
         "encode_seconds",
+        "eyebox",
         "bits",
         "light_field",
         "quilt",

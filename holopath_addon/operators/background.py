@@ -325,6 +325,9 @@ def _encoding(props):
     words, seconds = ["--encode", props.encoding], properties.encode_seconds_of(props)
     if seconds is not None:
         words += ["--encode-seconds", repr(seconds)]
+    eyebox = properties.eyebox_of(props)
+    if eyebox is not None and props.encoding not in ("dpac", "sgd"):
+        words += ["--eyebox", repr(eyebox)]
     if props.device.calibration:
         return [*words, "--response", str(Path(bpy.path.abspath(props.device.calibration)).absolute())]
     return words if props.bits >= ENOUGH_BITS else [*words, "--bits", str(props.bits)]

@@ -39,6 +39,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
             found = calibration.display(field.hologram.wavelengths)
             display = {"levels": calibration.levels_of(field.hologram), "display": found}
         wanted, seconds = preferences.wanted(), properties.encode_seconds_of(props)
+        eyebox = properties.eyebox_of(props)
 
         def encode(job, progress):
             scene = ()
@@ -50,7 +51,8 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
                     "encoding."
                 )
             try:
-                return field, pipeline.encode(field, method, progress, *scene, seconds=seconds, **display)
+                options = {"seconds": seconds, "eyebox": eyebox, **display}
+                return field, pipeline.encode(field, method, progress, *scene, **options)
             except engine.Cancelled as error:
                 if error.kept is None or before is not None:
                     raise

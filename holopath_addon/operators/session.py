@@ -353,7 +353,7 @@ def encoding_of(scene):
     if plan is None:
         return None
     seconds = properties.encode_seconds_of(props)
-    return engine.plan_encoding(plan, settings, props.encoding, seconds, along)
+    return engine.plan_encoding(plan, settings, props.encoding, seconds, along, properties.eyebox_of(props))
 
 
 def keep_baked(task, texture, done):

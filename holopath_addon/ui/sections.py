@@ -8,7 +8,7 @@ from bpy.types import Context, UILayout
 
 from .. import engine, pipeline, preferences, properties
 from ..engine.progress import duration
-from ..engine.settings import BASELINES, DECLARED, ENCODE_SECONDS, ENCODINGS
+from ..engine.settings import BASELINES, DECLARED, ENCODE_SECONDS, ENCODINGS, EYEBOX
 from ..operators import background, session
 from ..operators.rendering import output_size, own_size
 from ..properties import HoloPathSettings, display_of, property_of
@@ -324,6 +324,8 @@ def hologram(layout: UILayout, context: Context) -> None:
     layout.prop(props, "encoding")
     if props.encoding != "dpac":
         _setting(layout, props, "encode_seconds", ENCODE_SECONDS)
+    if props.encoding not in ("dpac", "sgd"):
+        _setting(layout, props, "eyebox", EYEBOX)
     _encoding(layout, context)
     layout.operator("holopath.encode", icon="IMAGE_ALPHA")
     phase = session.current.phase

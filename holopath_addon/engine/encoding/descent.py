@@ -12,7 +12,7 @@ import scipy.fft
 
 from ..scene.variants import threads
 from .phases import PARTLY
-from .views import KINDS, intensity
+from .views import intensity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +28,7 @@ TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
 # Of `together`.
 LONGEST = 0.2  # radians; from 0.3 on some scenes find no rest
+DARKEST = 1e-3  # of a target's root mean square: amplitudes that the slope of the root is divided by
 WARM_UP, WARM_SHARE = 20, 0.1  # steps, or share of all, until they are as long
 FEW_LEVELS = (
     16  # up to which the last steps are half as long; with more they are as much shorter as levels are closer
@@ -110,9 +111,9 @@ def together(
 ) -> float:
     """Adam on some views a step, with steps that rise at once and fall as a cosine; the best round's phases are kept.
 
-    L = sum over `KINDS` of weight times the mean over views of sum over pixels of w (g^2 I - t)^2, where I is the mean
-    of the frames' intensities in a view, t what is wanted there, and w = `Views.weight`, so that independent frames
-    have the loss 1/m in any view. In a round each view of the whole pupil comes up once.
+    L = sum over kinds of views of weight times the mean over views of sum over pixels of (g sqrt(I) - sqrt(t))^2 over
+    sum t, where I is the mean of the frames' intensities in a view and t the target intensity: pictures are compared by
+    their amplitudes, as the PSNR does. In a round each view of the whole pupil comes up once.
 
     Parameters
     ----------
@@ -133,14 +134,14 @@ def together(
     Returns
     -------
     float
-        The gain that makes all views as bright as they should be.
+        See `Seen.brightness_gain`.
     """
     begun = time.perf_counter()
     seen = Seen(phases.light, views, gain)
     if seconds is not None:  # views are looked at once more at the end
         seconds = max(1e-3, seconds - (time.perf_counter() - begun))
     rng = np.random.default_rng(effort.seed)
-    queues: list[list[int]] = [[] for _ in KINDS]
+    queues: list[list[int]] = [[] for _ in views.kinds]
     kept, least = phases.values(), seen.loss
     steps, fixes, done = 0, 1, 0.0
     even = np.ones(len(phases.light), np.complex64)
@@ -150,7 +151,7 @@ def together(
     try:
         while done < 1:
             chosen = []
-            for kind, numbers, queue in zip(KINDS, views.kinds, queues, strict=True):
+            for (kind, numbers), queue in zip(views.kinds, queues, strict=True):
                 for _ in range(kind.looks):
                     if not queue:
                         queue += rng.permutation(numbers).tolist()
@@ -179,7 +180,7 @@ def together(
             phases.set(kept)
             seen.look(phases.light)
         stage.update(loss=seen.loss, psnr_db=seen.psnr)
-    return seen.gain
+    return seen.brightness_gain
 
 
 class Seen:
@@ -202,10 +203,10 @@ class Seen:
 
     def __init__(self, light: np.ndarray, views: Views, gain: float) -> None:
         self.gain, self._views = gain, views
-        self.losses, self._shown, self._wanted, self._weights = np.zeros((4, len(views)))
-        for number, wanted in enumerate(views.wanted):
-            self._wanted[number] = self._brightness(number, wanted)
-        for kind, numbers in zip(KINDS, views.kinds, strict=True):
+        # energies of the light in each view and of its target, and the scalar product of their amplitudes
+        self.losses, self._energies, self._overlaps, self._weights = np.zeros((4, len(views)))
+        self._totals = np.array([wanted.sum(dtype=float) for wanted in views.wanted])
+        for kind, numbers in views.kinds:
             self._weights[numbers] = kind.weight / len(numbers)
         self.look(light)
 
@@ -217,24 +218,40 @@ class Seen:
     @property
     def psnr(self) -> float:
         """Through the whole pupil, dB."""
-        whole = self._views.kinds[0]
+        whole = self._views.kinds[0][1]
         return _mean_psnr(self.losses[whole], [self._views.wanted[n] for n in whole])
+
+    @property
+    def brightness_gain(self) -> float:
+        """The gain with which the light of all views has the energy of their targets.
+
+        Amplitudes of speckle are too small in the mean for their energy, so that `gain` would make pictures too dark.
+        """
+        weights = self._view_weights()
+        energy = float(weights @ self._energies)
+        return math.sqrt(float(weights @ self._totals) / energy) if energy > 0 else 0.0
 
     def look(self, light: np.ndarray) -> None:
         """Look at all views."""
         spectra = self._transform(light)
-        images = [self._image(spectra, number)[1] for number in range(len(self._views))]
-        for number, image in enumerate(images):
-            self._shown[number] = self._brightness(number, image)
+        for number in range(len(self._views)):
+            self._compare(number, self._image(spectra, number)[1])
         self.adjust()
-        for number, image in enumerate(images):
-            error = self.gain**2 * image - self._views.wanted[number]
-            self.losses[number] = (self._views.weight(number) * error * error).sum(dtype=float)
+        for number, total in enumerate(self._totals):
+            error = self.gain**2 * self._energies[number] - 2 * self.gain * self._overlaps[number] + total
+            self.losses[number] = max(0.0, error / total) if total else 0.0
 
     def adjust(self) -> None:
-        """Set the gain with which sum w t g^2 I = sum w t^2, over all views."""
-        shown = float(self._weights @ self._shown)
-        self.gain = math.sqrt(float(self._weights @ self._wanted) / shown) if shown > 0 else 0.0
+        """Set the gain of the least loss over all views: g sum w I = sum w sqrt(I t), with w each view's weight."""
+        weights = self._view_weights()
+        energy = float(weights @ self._energies)
+        self.gain = float(weights @ self._overlaps) / energy if energy > 0 else 0.0
+
+    def _view_weights(self):
+        """Weight of each view over the energy of its target."""
+        return np.divide(
+            self._weights, self._totals, out=np.zeros_like(self._weights), where=self._totals > 0
+        )
 
     def gradient(self, light: np.ndarray, chosen: list[tuple[int, float]]) -> np.ndarray:
         """With respect to the light, of the loss in some views: their numbers and weights.
@@ -245,17 +262,21 @@ class Seen:
             G with dL = 2 Re sum conj(G) du.
         """
         views, frames = self._views, len(light)
-        scale, (rows, columns) = np.float32(self.gain**2), views.shape
+        rows, columns = views.shape
         spectra = self._transform(light)
         gradient = np.zeros_like(spectra)
         for number, share in chosen:
-            wanted, weight = views.wanted[number], views.weight(number)
+            if not self._totals[number]:
+                continue
             waves, image = self._image(spectra, number)
-            self._shown[number] = self._brightness(number, image)
-            error = scale * image - wanted
-            slope = error * weight
-            self.losses[number] = float((error * slope).sum(dtype=float))
-            slope = (np.float32(2 * share / frames) * scale * slope).astype(waves.dtype)
+            amplitude, target = self._compare(number, image)
+            error = self.gain * amplitude - target
+            self.losses[number] = float((error * error).sum(dtype=float)) / self._totals[number]
+            np.maximum(amplitude, DARKEST * math.sqrt(self._totals[number] / target.size), out=amplitude)
+            slope = np.divide(error, amplitude, out=error)
+            slope = (np.float32(share * self.gain / frames / self._totals[number]) * slope).astype(
+                waves.dtype
+            )
             height, width = slope.shape
             waves[:, :height, :width] *= slope
             waves[:, height:], waves[:, :height, width:] = 0, 0
@@ -272,9 +293,12 @@ class Seen:
         image *= np.float32(1 / len(waves))
         return waves, image
 
-    def _brightness(self, number, image):
-        views = self._views
-        return (views.weight(number) * views.wanted[number] * image).sum(dtype=float)
+    def _compare(self, number, image):
+        """Roots of an intensity in a view, and of its target; their energies are noted."""
+        self._energies[number] = image.sum(dtype=float)
+        amplitude, target = np.sqrt(image, out=image), np.sqrt(self._views.wanted[number])
+        self._overlaps[number] = float(np.einsum("yx,yx->", amplitude, target, dtype=float))
+        return amplitude, target
 
 
 def _flat(losses, window, tolerance):
@@ -293,7 +317,6 @@ def _mean_psnr(losses, wanted):
 
 def _psnr(loss, wanted):
     """About that of the root of a picture, in dB, from its loss; white is as in `metrics.display_values`."""
-    # errors of the root are half those of the intensity, over the root
-    square = loss * float(wanted.sum(dtype=float)) / (4 * wanted.size)
+    square = loss * float(wanted.sum(dtype=float)) / wanted.size
     white = float(np.percentile(wanted, 95)) or float(wanted.max())
     return 10 * math.log10(white / max(square, 1e-30))

@@ -16,6 +16,7 @@ from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.modulator import Levels, wrapped
+from ..waves.phase_fields import random_phasors
 from ..waves.propagation import circular_band, filtered
 from ..waves.supervision import Frames
 from . import descent
@@ -24,7 +25,7 @@ from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
 from .shown_light import ShownLight
 from .targets import AmplitudeTarget, ComplexTarget
-from .views import STEP, Views
+from .views import Views, step_transforms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -46,6 +47,7 @@ MOST_STEPS = 1000
 STEPS = {"joint": 100, "refine": 400}  # of each wavelength, where seconds do not say how many
 SHARE = {"joint": 0.1, "refine": 0.1}  # of the progress that comes before the stage
 TRACED = 0.4  # and is done when the many frames are there
+FEW_FRAMES = 6  # fewer leave parts of the pupil out, whose views they cannot show besides the whole
 # Shares of the seconds, where these are few: the first stage takes no more of them, and some frames are there by then.
 FIRST, LATEST = 0.1, 0.6
 LEAST_STEPS = 10  # of all frames together, for which looks at all views are worth their time
@@ -63,6 +65,8 @@ def encode(
     compared_planes: int = 1,
     aperture: bool = True,
     start: str | PhaseHologram = "arg",
+    randomness: float | None = None,
+    eyebox: float | None = None,
     many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None = None,
     seconds: float | None = None,
     tolerance: float = 1e-3,
@@ -101,6 +105,14 @@ def encode(
     start : str or PhaseHologram
         Of the optimisation: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such as
         that of the frame before in an animation.
+    randomness : float, optional
+        Of all frames together: the descent begins with phases `randomness` times those of a random map, at the SLM,
+        rather than with those of the field, and each frame for itself is left out. With 0 all pixels are in phase, and
+        with 1 phases are random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo et al.,
+        Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
+    eyebox : float, optional
+        Of all frames together: weight of what parts of the pupil see besides the whole, from 0, none, to 1. Default:
+        `eyebox_for` the frames.
     many : callable, optional
         For `refine`: ``many(progress)`` gives fields of many more frames of the same light, batch by batch, with the
         numbers of the wavelengths that they are of; shape (frame, those wavelengths, y, x). See `many_frames`.
@@ -113,7 +125,7 @@ def encode(
         Of each stage and wavelength, but for those in which `sgd` brings phases to few levels. Default: 1000 of `sgd`;
         of all frames together as the seconds say, or else 100 of `joint` and 400 of `refine`.
     seed : int
-        Of the order and the parts of the pupil in which views are looked at.
+        Of the order and the parts of the pupil in which views are looked at, and of the random map.
 
     Returns
     -------
@@ -139,6 +151,8 @@ def encode(
         compared_planes,
         aperture,
         start,
+        randomness,
+        eyebox_for(len(field.data)) if eyebox is None else eyebox,
         many,
         seconds,
         effort,
@@ -152,8 +166,9 @@ def encode(
             return work.hologram()
         try:
             work.begin()
-            for colour in work.colours:
-                work.sgd(colour)
+            if randomness is None:
+                for colour in work.colours:
+                    work.sgd(colour)
             if method == "joint":
                 work.joint()
             elif method == "refine" and work.colours:
@@ -170,6 +185,14 @@ def encode(
         return work.hologram()
 
 
+def eyebox_for(frames: int) -> float:
+    """Weight of parts of the pupil that so many frames can carry, see `encode`.
+
+    With three frames parts of the pupil gain nothing from any weight, and the whole loses 2 dB (docs/theory.md).
+    """
+    return 0.0 if frames < FEW_FRAMES else 1.0
+
+
 @dataclass(frozen=True)
 class _Asked:
     """What `encode` is asked for."""
@@ -182,6 +205,8 @@ class _Asked:
     planes: int
     aperture: bool
     start: str | PhaseHologram
+    randomness: float | None
+    eyebox: float
     many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None
     seconds: float | None
     effort: descent.Effort  # of `sgd`
@@ -250,6 +275,14 @@ class _Asked:
             raise InvalidInput(
                 "The encoding refine needs the scene, for many more frames of it: give it to `holopath render --encode "
                 "refine`, or choose joint."
+            )
+        for name, value in (("randomness", self.randomness), ("eyebox", self.eyebox)):
+            if value is not None and not 0 <= value <= 1:
+                raise InvalidInput(f"The {name} of an encoding is from 0 to 1, not {value}.")
+        if self.randomness is not None and self.method not in ("joint", "refine"):
+            raise InvalidInput(
+                f"The encoding {self.method} begins with the field's phases: leave out the randomness, or choose joint "
+                "or refine."
             )
         if not isinstance(self.start, (str, PhaseHologram)):
             raise InvalidInput("An encoding starts with a PhaseHologram, 'arg' or 'dpac'.")
@@ -365,7 +398,14 @@ class _Work:
 
     def begin(self):
         """Phases to start with."""
-        data, start = self.field.data, self._asked.start
+        data, start, randomness = self.field.data, self._asked.start, self._asked.randomness
+        if randomness is not None and isinstance(start, str):
+            frames, _, rows, columns = data.shape
+            phases = randomness * np.angle(random_phasors(frames, rows, columns, self._asked.effort.seed))
+            self.phases[:, self.colours] = np.mod(phases, 2 * math.pi)[:, None]
+            for colour in self.colours:
+                self.gains[colour] = self._gain(colour)
+            return
         for colour in self.colours:
             display = self._displays[colour]
             if isinstance(start, PhaseHologram):
@@ -450,7 +490,8 @@ class _Work:
         """What all frames together go towards in one wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
         volume, frames = self._volume(), len(self.field.data)
-        return Views(self._shape, hologram.pitch, hologram.wavelengths[colour], *volume, frames, seed)
+        space = self._shape, hologram.pitch, hologram.wavelengths[colour], *volume
+        return Views(*space, frames, seed, self._asked.eyebox)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -460,7 +501,7 @@ class _Work:
         first = stages[number % len(stages)]
         transform = first["seconds"] / first["steps"] / 2 * math.prod(views.padded) / math.prod(views.shape)
         # each is looked at when it is wanted, in the beginning and in the end
-        least = (3 * views.transforms + LEAST_STEPS * STEP) * transform
+        least = (3 * views.transforms + LEAST_STEPS * step_transforms(self._asked.eyebox)) * transform
         return least < self._left(1) / (len(self.colours) - number)
 
     def _towards(self, views, colour, begun, number):

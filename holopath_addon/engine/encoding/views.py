@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,6 @@ import scipy.fft
 from ..scene.variants import threads
 from ..waves.pictures import Vantage
 from ..waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
-from ..waves.supervision import relative
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,16 +64,29 @@ class ViewKind:
 # A few frames cannot show all views exactly. These weights are worth most: halves and quarters gain nearly as much from
 # a twentieth each as from half of it, while the whole pupil loses decibels. With fewer parts these alone get better,
 # and not what lies between them (docs/theory.md, Many frames).
-KINDS = (ViewKind(1.0, 1, 0.9, 1), ViewKind(0.5, 4, 0.05, 2), ViewKind(0.25, 8, 0.05, 2))
+PARTS = (ViewKind(0.5, 4, 0.05, 2), ViewKind(0.25, 8, 0.05, 2))
 
 
-# FFTs of the whole grid that a step takes of each frame: to its spectrum and back, and to some views and back.
-STEP = 2 + 2 * sum(kind.looks / kind.apart**2 for kind in KINDS)
+def kinds_for(eyebox: float) -> tuple[ViewKind, ...]:
+    """Kinds of views where parts of the pupil count `eyebox` times their weights in `PARTS`; none of them at 0.
+
+    Parameters
+    ----------
+    eyebox : float
+        From 0, the whole pupil alone, to 1.
+    """
+    parts = [replace(kind, weight=eyebox * kind.weight) for kind in PARTS] if eyebox else []
+    return ViewKind(1.0, 1, 1 - sum(kind.weight for kind in parts), 1), *parts
 
 
-def transforms(frames: int) -> float:
+def step_transforms(eyebox: float) -> float:
+    """FFTs of the whole grid that a step takes of each frame: to its spectrum and back, and to some views and back."""
+    return 2 + 2 * sum(kind.looks / kind.apart**2 for kind in kinds_for(eyebox))
+
+
+def transforms(frames: int, eyebox: float) -> float:
     """How many of the whole grid the views at one depth take of each frame, for phases of so many frames."""
-    return sum(kind.number(frames) / kind.apart**2 for kind in KINDS)
+    return sum(kind.number(frames) / kind.apart**2 for kind in kinds_for(eyebox))
 
 
 class Views:
@@ -95,11 +107,13 @@ class Views:
         That are to show them.
     seed : int
         Of the order of the parts of the pupil over depths.
+    eyebox : float
+        Weight of the parts of the pupil, see `kinds_for`.
 
     Attributes
     ----------
-    kinds : list of list of int
-        Numbers of the views of each of `KINDS`.
+    kinds : list of (ViewKind, list of int)
+        Each kind, and the numbers of its views; the whole pupil first.
     wanted : list of numpy.ndarray, float32, shape (y, x)
         Intensity of each view.
     vantages : list of Vantage
@@ -119,11 +133,12 @@ class Views:
         high: float,
         frames: int,
         seed: int,
+        eyebox: float = 1.0,
     ) -> None:
         self.shape = shape
         farthest = max(abs(low), abs(high))
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
-        self.kinds: list[list[int]] = [[] for _ in KINDS]
+        self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
         self.wanted = []
         self._space = FreeSpace(self.padded, pitch, wavelength)
         self._views: list[_View] = []
@@ -132,8 +147,8 @@ class Views:
         slope, rng = math.tan(math.asin(wavelength / (2 * pitch))), np.random.default_rng(seed)
         self._reach = slope / pitch
         depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
-        self.transforms = 1 + depths * transforms(frames)
-        for numbers, kind in zip(self.kinds, KINDS, strict=True):
+        self.transforms = 1 + depths * transforms(frames, eyebox)
+        for kind, numbers in self.kinds:
             each = kind.number(frames)
             distances = np.repeat(np.linspace(low, high, depths), each)
             for distance, part in zip(distances, _parts(kind.radius, each * depths, rng), strict=True):
@@ -175,10 +190,6 @@ class Views:
             if distance not in met:
                 met[distance] = _met(self.shape, self.padded, abs(distance) * self._reach)
             self.wanted[number] /= met[distance][::apart, ::apart]
-
-    def weight(self, number: int) -> np.ndarray:
-        """Of the squared error of each pixel of a view."""
-        return relative(self.wanted[number])
 
     def waves(self, spectra: np.ndarray, number: int) -> np.ndarray:
         """The waves in a view, on its own padded grid, of padded spectra; both of shape (frame, y, x)."""

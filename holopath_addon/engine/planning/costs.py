@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..encoding import encoder, views
-from ..encoding.views import MOST_DEPTHS, STEP, transforms
+from ..encoding.views import MOST_DEPTHS, step_transforms, transforms
 from ..memory import AT_ONCE
 from ..plan import PHASES
 from ..progress import OFTEN
@@ -208,15 +208,17 @@ def phases(
     pixels, frames, colours = _numbers(survey)
     plain, chained = mean_rays(planes, survey.chains.branches)
     grids = _grids(survey)
-    padded = sum(grid for grid, _ in grids)
+    padded, eyebox = sum(grid for grid, _ in grids), encoder.eyebox_for(frames)
     look = (
-        slowness.transforms * LOOKED * sum(grid * (1 + transforms(frames) * depths) for grid, depths in grids)
+        slowness.transforms
+        * LOOKED
+        * sum(grid * (1 + transforms(frames, eyebox) * depths) for grid, depths in grids)
     )
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
     sums = slowness.programs * pixels * colours * (plain + chained) * SUM[1]
     moved = slowness.transforms * pixels * colours * MOVE * len(planes)
     sgd = slowness.transforms * pixels * frames * colours * SGD
-    step = slowness.transforms * frames * STEP * TRANSFORM * padded
+    step = slowness.transforms * frames * step_transforms(eyebox) * TRANSFORM * padded
     joint = sgd + 3 * frames * look + encoder.STEPS["joint"] * step
     light = sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance"))
     each = sgd, joint, look, light, traversals * rays, sums + moved, step
@@ -228,7 +230,7 @@ def phases_memory(survey: Survey) -> dict[str, float]:
     pixels, frames, colours = _numbers(survey)
     most, grids = encoder.MOST_BYTES, _grids(survey)
     own = (8 + 4) * frames * pixels * colours
-    targets = [4 * grid * transforms(frames) * depths for grid, depths in grids]
+    targets = [4 * grid * transforms(frames, encoder.eyebox_for(frames)) * depths for grid, depths in grids]
     transfers = [min(views.MOST_BYTES, 8 * grid * depths) for grid, depths in grids]
     kept = [sum(each) for each in zip(targets, transfers, strict=True)]
     grid = max(grid for grid, _ in grids)

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..encoding.encoder import FIRST, LATEST, TRACED
+from ..encoding.encoder import FIRST, LATEST, TRACED, eyebox_for
 from ..encoding.encoder import LEAST_STEPS as WORTH
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 # More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything.
 ENOUGH, ALL = (96, 100), (192, 400)
+FEW_ENOUGH = 96, 250  # of few frames, which begin far from their end
 # Where seconds do: the first frames, if none were traced along, and whole sets beside them, of which the most are
 # chosen that fit. And steps from which on phases are better than those of `joint`, with frames traced along and without
 # (docs/measurements.md, Seconds of encoding).
@@ -48,6 +49,10 @@ class EncodingPlan:
         Seconds that would show more; None where they hardly would.
     memory_bytes : float
         That it takes at most, with the field; 0 where nothing is foretold.
+    randomness : float or None
+        Of the phases that the descent begins with, see `engine.encode`; None for the field's.
+    eyebox : float
+        Weight of parts of the pupil, see `engine.encode`.
     """
 
     method: str
@@ -57,6 +62,8 @@ class EncodingPlan:
     reason: str
     better: float | None = None
     memory_bytes: float = 0.0
+    randomness: float | None = None
+    eyebox: float = 1.0
 
     @property
     def advice(self) -> str:
@@ -86,7 +93,12 @@ class EncodingPlan:
 
 
 def plan_encoding(
-    plan: Plan, settings: Settings, method: str = "auto", seconds: float | None = None, along: int = 0
+    plan: Plan,
+    settings: Settings,
+    method: str = "auto",
+    seconds: float | None = None,
+    along: int = 0,
+    eyebox: float | None = None,
 ) -> EncodingPlan:
     """Decide how a field becomes phases.
 
@@ -102,6 +114,8 @@ def plan_encoding(
         That the encoding may take, from the field on.
     along : int
         More frames that the render traces with its own, see `frames_along`.
+    eyebox : float, optional
+        See `engine.encode`. Default: `eyebox_for` the frames.
 
     Returns
     -------
@@ -115,7 +129,12 @@ def plan_encoding(
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(ENCODINGS)}.")
     chosen = _chosen(plan, settings, method, seconds, along)
-    return replace(chosen, memory_bytes=plan.phases_memory.get(chosen.method, 0.0))
+    memory, own = plan.phases_memory.get(chosen.method, 0.0), resolved(settings)
+    chosen = replace(chosen, memory_bytes=memory, eyebox=eyebox_for(own.frames) if eyebox is None else eyebox)
+    if chosen.method != "refine" or own.phase_field != "smooth":
+        return chosen
+    reason = f"{chosen.reason}; {_few(own, chosen.eyebox)}"
+    return replace(chosen, randomness=own.randomness, reason=reason)
 
 
 def frames_along(
@@ -138,7 +157,7 @@ def frames_along(
     own = resolved(settings)
     # what draws its random numbers by the chunks that fit, would be another field with more frames
     same = own.radiance == "grain" and own.estimator == "lattice"
-    fits = set_bytes <= AT_ONCE and same and not own.despeckle and own.phase_field == "designed"
+    fits = set_bytes <= AT_ONCE and same and not own.despeckle and own.phase_field != "random"
     if not fits or method not in ("auto", "refine") or settings.method in BASELINES:
         return 0
     return SETS[-1] if plan_encoding(plan, settings, method, seconds, SETS[-1]).method == "refine" else 0
@@ -159,7 +178,7 @@ def _chosen(plan, settings, method, seconds, along):
     if not own:
         reason = "other people's methods have no more frames to go towards"
         return EncodingPlan(plain, 0, 0, seconds or 0.0, reason)
-    if not several and method == "auto":
+    if not several and method == "auto" and resolved(settings).phase_field != "smooth":
         reason = "one frame keeps its speckle, whatever it goes towards"
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     if seconds is not None:
@@ -176,11 +195,21 @@ def _chosen(plan, settings, method, seconds, along):
         better = _upwards(costs.better(*ENOUGH))
         return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
-    frames, steps = ALL if most else ENOUGH
+    few = resolved(settings).phase_field == "smooth"
+    frames, steps = ALL if most else FEW_ENOUGH if few else ENOUGH
     frames = max(frames, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most else _upwards(costs.better(*ALL))
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
+
+
+def _few(settings, eyebox):
+    """What few frames show, in words."""
+    looked = "the pupil as a whole" if not eyebox else "the pupil as a whole and its parts"
+    return (
+        f"{settings.frames} frames cannot average speckle, so that their descent begins with phases of randomness "
+        f"{settings.randomness:g} and goes towards what {looked} sees"
+    )
 
 
 @dataclass(frozen=True)
