@@ -300,6 +300,24 @@ def test_a_quilt_begins_at_the_lower_left(tmp_path):
     assert (views.views[0, :, 0] < views.views[0, :, -1]).all()
 
 
+def test_a_quilt_that_its_views_do_not_fill(backend, tmp_path):
+    """What is over lies at the right and at the top, and a note says so."""
+    whole = quilted(tmp_path / "a_qs3x2a1.33333.png", 3, 2, [10, 40, 80, 120, 160, 200])
+    options = CaptureOptions(view_span=(0.1,), view_focus=1.0, fov=40)
+    pixels = np.array(variants.bitmaps().Bitmap(str(whole)))
+    wider = np.full((pixels.shape[0] + 1, pixels.shape[1] + 2, 3), 255, np.uint8)
+    wider[1:, :-2] = pixels
+    views = capture(write(tmp_path / "b_qs3x2a1.33333.png", wider), options)
+    expected = capture(whole, options)
+    np.testing.assert_array_equal(views.views, expected.views)
+    told, before = ([note["effect"] for note in each.build((16, 12)).notes] for each in (views, expected))
+    assert len(told) == len(before) + 1
+    assert any(
+        "each has 16 x 12 pixels, from the lower left" in text and "2 at the right and 1 at the top" in text
+        for text in told
+    )
+
+
 def test_arrays_of_views(tmp_path):
     """One row or several, linear or sRGB."""
     numbers = np.random.default_rng(0).integers(1, 65536, (2, 3, 12, 16, 3)).astype(np.uint16)
@@ -364,7 +382,8 @@ WHERE = ["--view-span", "0.1", "--view-focus", "1m"]
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--depth", "d.npy"], "holds views, without depth: leave out --depth"),
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--camera", "A"], "has no camera 'A'"),
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--method", "full"], "The method full would show views as a flat picture"),
-        ("q_qs3x1a1.png", (8, 25, 3), WHERE, "25 x 8 pixels, which are not 3 x 1 views of one size"),
+        ("q_qs3x1a1.png", (8, 2, 3), WHERE, "2 x 8 pixels, which are not 3 x 1 views"),
+        ("q_qs3x1a0.png", (8, 24, 3), WHERE, "24 x 8 pixels, which are not 3 x 1 views"),
         ("q_qs3x1a1.png", (8, 24, 3), [], "add --view-span"),
         ("q_qs3x1a1.npz", (8, 24, 3), WHERE, "a .ply or an .npy of views"),
     ],
