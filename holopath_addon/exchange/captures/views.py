@@ -7,17 +7,18 @@ import re
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ...engine import InvalidInput
 from ...engine.scene.captured.views import view_scene
 from .options import CapturedScene, CaptureOptions, check_fov, fov_note, fov_of, note, refuse, shape_notes
-from .pixels import MAX_PIXELS, linear, read_picture
+from .pixels import read_picture
+from .view_arrays import read_views
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-VIEWS = (".npy",)  # besides quilts, which are pictures
+    import numpy as np
+
+VIEWS = (".npy", ".npz")  # besides quilts, which are pictures
 # End of a quilt's name, as Looking Glass displays read it: columns, rows, and the width of a view over its height.
 QUILT = re.compile(r"_qs([1-9]\d*)x([1-9]\d*)a(\d+(?:\.\d+)?)$")
 
@@ -28,8 +29,7 @@ class ViewFile:
     Parameters
     ----------
     path : Path
-        A picture whose name ends as `QUILT`; or an .npy of the shape (view, y, x, 3), from the left to the right, or
-        (view row, view column, y, x, 3), from the top left. Whole numbers are sRGB, floating-point numbers are linear.
+        A picture whose name ends as `QUILT`, or arrays as `read_views` reads them.
     options : CaptureOptions
     """
 
@@ -90,7 +90,7 @@ class ViewFile:
             If the file cannot be read, or has another shape.
         """
         if self._layout is None:
-            return _view_array(self.path)
+            return read_views(self.path)
         columns, rows, aspect = int(self._layout[1]), int(self._layout[2]), float(self._layout[3])
         image = read_picture(self.path)
         height, width = (side // count for side, count in zip(image.shape[:2], (rows, columns), strict=True))
@@ -150,26 +150,3 @@ class ViewFile:
         except InvalidInput as error:
             raise InvalidInput(f"{self.path}: {error}") from None
         return CapturedScene(scene, viewer, notes)
-
-
-def _view_array(path):
-    """Views of an array's file, as of `ViewFile.views`."""
-    try:
-        array = np.load(path, allow_pickle=False, mmap_mode="r")
-        if array.ndim not in (4, 5) or array.shape[-1] != 3 or not array.size:
-            raise ValueError(
-                f"it has the shape {array.shape} instead of (view, y, x, 3) or (view row, view column, y, x, 3)"
-            )
-        if array.size > 3 * MAX_PIXELS:
-            raise ValueError(f"it has over {MAX_PIXELS >> 20} megapixels")
-        if array.dtype not in (np.uint8, np.uint16) and array.dtype.kind != "f":
-            raise ValueError(
-                f"it has numbers of {array.dtype} instead of 8 or 16 bits, or floating-point ones"
-            )
-        views = np.array(array, np.float32)
-    except Exception as error:  # there is no end to what a file may hold
-        reason = " ".join(str(error).split())[:200]
-        raise InvalidInput(f"{path} cannot be read as views ({reason}): give another file.") from None
-    if array.dtype.kind == "u":
-        views = linear(views / np.float32(np.iinfo(array.dtype).max)).astype(np.float32)
-    return views.reshape(-1, *views.shape[-4:])
