@@ -56,7 +56,7 @@ class Packing(Choice):
         if self.layout is not None and bits != self.most_bits:
             raise InvalidInput(
                 f"The packing {self.name} takes levels of {self.most_bits} bits, these have {bits}: choose another "
-                f"packing, or say bits {self.most_bits} in the calibration, or where there is none."
+                f"packing, or say bits of {self.most_bits} in the calibration or by --bits."
             )
         if bits > self.most_bits:
             raise InvalidInput(
