@@ -7,7 +7,7 @@ from .picture import ALONG, PictureFile, reduced
 from .pixels import PICTURES, read_picture
 from .ply import read_points
 from .points import AXES, AXES_WORDS, PointFile
-from .views import ViewFile
+from .views import VIEWS, ViewFile
 
 __all__ = [
     "ALONG",
@@ -18,6 +18,7 @@ __all__ = [
     "SUFFIXES",
     "UNITS",
     "UNIT_WORDS",
+    "VIEWS",
     "CaptureOptions",
     "CapturedScene",
     "PictureFile",
