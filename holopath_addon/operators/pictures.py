@@ -323,19 +323,30 @@ class HOLOPATH_OT_render_views(Working, bpy.types.Operator):
         default=";".join(f"*{suffix}" for suffix in (*PICTURES, *VIEWS)), options={"HIDDEN"}
     )
     right: FloatProperty(
-        name="Right", description="Distance from the first view to the last of a row, in meters", min=0.0
+        name="Right",
+        description="Distance from the first view to the last of a row, in meters",
+        min=0.0,
+        precision=4,
     )
     down: FloatProperty(
-        name="Down", description="Distance from the first row of views to the last, in meters", min=0.0
+        name="Down",
+        description="Distance from the first row of views to the last, in meters",
+        min=0.0,
+        precision=4,
     )
     parallel: BoolProperty(name="Parallel Cameras", description="The views agree at infinity")
     focus: FloatProperty(
-        name="Agree At", description="Distance at which all views agree, in meters", default=1.0, min=1e-3
+        name="Agree At",
+        description="Distance at which all views agree, in meters",
+        default=1.0,
+        min=1e-3,
+        precision=3,
     )
     panel: FloatProperty(
         name="Panel",
         description="Distance at which the views are put together and all is sharpest, in meters; 0: where they agree",
         min=0.0,
+        precision=3,
     )
     fov: FloatProperty(
         name="Field of View",
