@@ -31,6 +31,15 @@ def _found(kind):
     return lambda props, context, text: [name for name in found.get(kind, ()) if text.lower() in name.lower()]
 
 
+# The packing that a text names, and its number in a .blend.
+BIT_LAYOUT = (
+    "layout",
+    "Bits of Channels",
+    "Levels of any number of bits in those bits of red, green and blue that are named",
+    7,
+)
+
+
 def menu(chosen: Mapping[str, Choice]) -> list[tuple]:
     """A menu's items; files hold their numbers."""
     return [(each.name, each.label, each.help, each.number) for each in chosen.values()]
@@ -87,7 +96,14 @@ class HoloPathDevice(bpy.types.PropertyGroup):
         description="The phase of the light falls as the level rises, as on some SLMs. A calibration says it itself",
     )
     packing: EnumProperty(
-        name="Packing", description="Holograms that one picture holds", items=menu(slm.PACKINGS)
+        name="Packing",
+        description="Holograms that one picture holds, and how",
+        items=[*menu(slm.PACKINGS), BIT_LAYOUT],
+    )
+    bit_layout: StringProperty(
+        name="Bits",
+        description="Bits of the channels that a level is on this panel, from its highest on. R7-5,G7-5,B7-4: the "
+        "highest three bits are bits 7 to 5 of red",
     )
     order: EnumProperty(
         name="Channel Order",
@@ -144,11 +160,32 @@ def calibration_of(device):
     return slm.Calibration.load(bpy.path.abspath(device.calibration)) if device.calibration else None
 
 
+def packing_of(device):
+    """Name of the device's packing, or the bits of channels that it takes.
+
+    Raises
+    ------
+    engine.InvalidInput
+        If none are named.
+    """
+    if device.packing != BIT_LAYOUT[0]:
+        return device.packing
+    if not device.bit_layout.strip():
+        raise engine.InvalidInput("The bits of the channels are missing: name them, such as R7-5,G7-5,B7-4.")
+    return device.bit_layout
+
+
+def has_order(device):
+    """Whether the order of channels counts for the device's packing."""
+    return device.packing not in ("time", BIT_LAYOUT[0]) and slm.PACKINGS[device.packing].layout is None
+
+
 def sequence_of(device, phase):
     """`slm.Sequence` of a hologram for the device."""
     calibration = calibration_of(device)
     falling = calibration is None and device.falling
-    return slm.Sequence([phase], calibration, device.packing, device.order, falling=falling)
+    order = device.order if has_order(device) else "RGB"
+    return slm.Sequence([phase], calibration, packing_of(device), order, falling=falling)
 
 
 def driver_of(device, sequence):
@@ -168,7 +205,7 @@ def driver_of(device, sequence):
         return slm.FilesDriver(bpy.path.abspath(device.folder))
     if device.driver == "virtual":
         return slm.VirtualDriver(
-            sequence.holograms[0], sequence.calibration, packing=device.packing, order=device.order
+            sequence.holograms[0], sequence.calibration, packing=sequence.packing, order=sequence.order
         )
     return slm.SlmsuiteDriver(device.model, options_of(device.options, device.model, sequence.size))
 

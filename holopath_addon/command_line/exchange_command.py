@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import engine, exchange, output
 from ..exchange.conventions import ROWS, SIGNS
-from ..exchange.holograms import PACKINGS, TRANSFERS
+from ..exchange.holograms import PACKINGS, TRANSFERS, check_packing
 from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
 from .console import Progress
@@ -78,9 +78,11 @@ def add(command):
     )
     add(
         "--packing",
-        choices=tuple(PACKINGS),
-        help="how a color picture holds phases: 3 holograms in red, green and blue, or 24 in their bits (default: one "
-        "hologram of three wavelengths)",
+        type=argument(check_packing),
+        metavar="NAME|BITS",
+        help=f"how a color picture holds phases, one of {', '.join(PACKINGS)} as `holopath stream` has them, or which "
+        "bits of the channels a level is, from its highest on, such as R7-5,G7-5,B7-4 (default: one hologram of three "
+        "wavelengths)",
     )
     add(
         "--depth-range",

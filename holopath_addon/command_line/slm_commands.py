@@ -45,11 +45,10 @@ def add(command):
         metavar="N",
         help="times each frame of an animation is shown (default 1)",
     )
-    option(
-        "--packing",
-        choices=tuple(slm.PACKINGS),
-        default="time",
-        help=listed(slm.PACKINGS, "{}") + " (default time)",
+    _add_packing(
+        option,
+        listed(slm.PACKINGS, "{}")
+        + "; or which bits of the channels a level is on your panel, from its highest on, such as R7-5,G7-5,B7-4",
     )
     option("--order", default="RGB", metavar="RGB", help="in which packed channels are shown (default RGB)")
     option("--calibration", metavar="FILE", help="of the device: docs/slm.md")
@@ -174,9 +173,26 @@ def add(command):
     )
 
 
+def _packing(text):
+    """A packing's name, or the bits of channels."""
+    slm.packing_of(text)
+    return text
+
+
+def _add_packing(option, meaning):
+    option(
+        "--packing",
+        type=argument(_packing),
+        default="time",
+        metavar="NAME|BITS",
+        help=f"{meaning} (default time)",
+    )
+
+
 def _add_bench(parser):
     """Which driver, and the camera that looks at it."""
     option = parser.add_argument
+    _add_packing(option, "how the device takes levels, as of `holopath stream`")
     option(
         "--driver",
         choices=tuple(name for name in slm.DRIVERS if name != "files"),
@@ -534,6 +550,7 @@ def _tune(args):
 @contextmanager
 def _looking(args, window, planes, distances, size=None):
     """``look(levels, distance)`` of `slm.calibrate`, of a window's levels or of so many, width and height."""
+    slm.packing_of(args.packing).require(window.bits)
     if args.driver == "virtual":
         camera = round(1.4 * window.side)
         start = slm.nominal(window, distances, (camera, camera), args.view)
@@ -553,7 +570,7 @@ def _looking(args, window, planes, distances, size=None):
     mover = None if planes is None else own or slm.Controller(args.port, args.baud)
     with ExitStack() as opened:
         file = Path(opened.enter_context(tempfile.TemporaryDirectory())) / "capture.png"
-        stills = opened.enter_context(slm.Stills(driver))
+        stills = opened.enter_context(slm.Stills(driver, args.packing))
         if mover is not None and mover is not own:
             opened.callback(mover.close)
             mover.open()

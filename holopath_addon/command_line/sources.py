@@ -382,7 +382,7 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
     Parameters
     ----------
     text : str
-        Path of a .blend, a Mitsuba .xml, a picture, a .ply, an .npy of views, or ``demo:NAME``.
+        Path of a .blend, a Mitsuba .xml, a picture, a .ply, an .npy or .npz of views, or ``demo:NAME``.
     run_scripts : bool
         Whether a .blend may run its Python.
     define : dict of str to str, optional
@@ -412,7 +412,7 @@ def open_source(text, run_scripts=False, define=None, strict=True, options=None)
     if options.given:
         flag = options.given[0].replace("_", "-")
         raise engine.InvalidInput(
-            f"{text} is neither a picture nor a .ply, nor an .npy of views: leave out --{flag}."
+            f"{text} is neither a picture nor a .ply, nor an .npy or .npz of views: leave out --{flag}."
         )
     if text.startswith("demo:"):
         _bpy("A demo scene")
@@ -446,13 +446,13 @@ def check(text):
     path = Path(text)
     if not path.is_file():
         raise engine.InvalidInput(
-            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml, a picture, a .ply, an .npy of views or "
-            "demo:NAME."
+            f"The scene {text} does not exist: give a .blend, a Mitsuba .xml, a picture, a .ply, an .npy or .npz of "
+            "views, or demo:NAME."
         )
     if path.suffix.lower() not in (".blend", ".xml", *captures.SUFFIXES):
         raise engine.InvalidInput(
             f"The scene {text} is neither a .blend nor a Mitsuba .xml, nor a picture "
-            f"({', '.join(captures.PICTURES)}), a .ply or an .npy of views."
+            f"({', '.join(captures.PICTURES)}), a .ply or an .npy or .npz of views."
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..engine import Camera, Hologram, InvalidInput, PhaseHologram, WaveField
 from ..engine.memory import shortage
+from ..engine.waves.bit_layout import LAYOUTS, layout_beside
 from ..engine.waves.propagation import propagate
 from . import parts
 from .containers import Container
@@ -27,10 +28,8 @@ NEAR = 1.0  # metres, of what is seen at the near end then
 MOST_LAYERS = 1 << 12  # frames times wavelengths
 IMPORTED = "imported"  # method of phases that nothing says more of
 TRANSFERS = ("linear", "srgb")  # from light to the numbers of a picture of amplitudes or intensities
-PACKINGS = {
-    "colour": 3,
-    "bits": 24,
-}  # holograms in a color picture: of slm.sequence, those without a device's levels
+# holograms in a color picture: of slm.packing, those without a device's heights
+PACKINGS = {"colour": 3, "bits": 24} | {name: layout.each for name, layout in LAYOUTS.items()}
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,8 @@ class Given:
     transfer : str
         Of amplitudes or intensities in whole numbers, of `TRANSFERS`.
     packing : str
-        How a color picture holds phases, of `PACKINGS`. Default: three wavelengths.
+        How a color picture holds phases, of `PACKINGS`, or which bits of its channels a level is, as
+        `engine.waves.bit_layout` reads it. Default: three wavelengths.
     """
 
     array: str | Mapping[str, str] | None = None
@@ -133,7 +133,7 @@ def hologram_of(container: Container, given: Given | None = None) -> WaveField |
     InvalidInput
         If something is missing, does not fit, can be read in two ways, or no display can have it.
     """
-    given = given or Given()
+    given = _with_bits(given or Given())
     chosen = parts.choose(container, given.array)
     main = next(role for role in (FIELD, PHASE, REAL) if role in chosen.arrays)
     attributes = chosen.attributes | chosen.own[main]
@@ -171,6 +171,41 @@ def hologram_of(container: Container, given: Given | None = None) -> WaveField |
         raise InvalidInput(f"There are {len(gains)} gains for {len(wavelengths)} wavelengths.")
     method = str(attributes.get("method", IMPORTED))
     return PhaseHologram(_phases(data, angle, convention), hologram, camera, near, method, gains)
+
+
+def check_packing(name: str) -> str:
+    """The name, if it is of `PACKINGS` or bits of channels.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if name not in PACKINGS:
+        layout_beside(PACKINGS, name)
+    return name
+
+
+def _layout(packing):
+    """The `BitLayout` of a packing that is one, else None."""
+    if packing is None or packing in ("colour", "bits"):
+        return None
+    return LAYOUTS.get(packing) or layout_beside(PACKINGS, packing)
+
+
+def _with_bits(given: Given) -> Given:
+    """What is said, with levels of the bits that a packing spreads over channels."""
+    layout = _layout(given.packing)
+    if layout is None:
+        return given
+    if given.bits not in (None, layout.bits):
+        raise InvalidInput(
+            f"The packing {given.packing} has levels of {layout.bits} bits, not {given.bits}: leave out --bits."
+        )
+    if given.units not in (None, LEVELS):
+        raise InvalidInput(
+            f"The packing {given.packing} has levels, not {given.units}: leave out --units, or --packing."
+        )
+    return replace(given, bits=layout.bits, units=LEVELS)
 
 
 def _refuse_unused(given, chosen):
@@ -230,15 +265,21 @@ def _of_channels(chosen, given, wavelengths):
     """Arrays of color pictures as phases and amplitudes, and the names of their axes after y and x."""
     arrays, count = chosen.arrays, len(wavelengths)
     if given.packing:
-        if given.packing not in PACKINGS:
-            raise InvalidInput(f"There is no packing {given.packing}: choose {' or '.join(PACKINGS)}.")
-        array, each = arrays[PHASE], PACKINGS[given.packing]
+        array, layout = arrays[PHASE], _layout(given.packing)
+        each = PACKINGS[given.packing] if layout is None else layout.each
+        if given.packing != "colour" and array.dtype != np.uint8:
+            raise InvalidInput(
+                f"Holograms lie in the bits of 8-bit channels, not of {array.dtype}: leave out --packing."
+            )
         if given.packing == "bits":
-            if array.dtype != np.uint8:
-                raise InvalidInput(
-                    f"24 holograms lie in the bits of 8-bit channels, not of {array.dtype}: leave out --packing."
-                )
             array = np.unpackbits(array, axis=-1, bitorder="little").view(bool)
+        elif layout is not None:
+            if layout.stray(array):
+                raise InvalidInput(
+                    f"The picture has bits besides those of the packing {given.packing}: choose another packing, or "
+                    "write it without them."
+                )
+            array = np.stack(layout.gathered(array), -1)
         if each % count:
             raise InvalidInput(
                 f"{each} holograms are no whole frames of {count} wavelengths: give other --wavelengths."

@@ -1,19 +1,25 @@
-"""Add > HoloPath Picture With Depth: a mesh that shines with a picture, in front of the camera."""
+"""What cameras took: a picture with depth becomes a mesh in front of the camera, and views become a hologram."""
 
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 from mathutils import Matrix
 
-from .. import failures, properties
+from .. import engine, failures, preferences, properties
+from ..engine.scene import variants
 from ..engine.scene.captured.picture import PictureMesh, picture_mesh
-from ..exchange.captures import DEPTHS, PICTURES, UNITS, CaptureOptions, PictureFile, reduced
-from ..export import unit_scale
+from ..engine.scene.captured.views import METHODS
+from ..exchange.captures import DEPTHS, PICTURES, UNITS, VIEWS, CaptureOptions, PictureFile, ViewFile, reduced
+from ..export import Exported, unit_scale
 from ..export.camera import find_camera, view_of
+from ..export.notes import Note
 from ..export.shading.node_graph import tree_of
-from .working import ready, refused
+from . import session
+from .working import Working, push_undo, ready, refused
 
 
 def add_picture(scene, path, options):
@@ -217,4 +223,210 @@ class HOLOPATH_OT_add_picture(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (HOLOPATH_OT_choose_picture, HOLOPATH_OT_add_picture)
+@dataclass(frozen=True)
+class ViewReading:
+    """Views as a `session.Task` takes what was read of a scene.
+
+    Attributes
+    ----------
+    name : str
+        Of the scene whose settings count.
+    file : ViewFile
+    size : (int, int)
+        Width and height of the hologram.
+    """
+
+    name: str
+    file: ViewFile
+    size: tuple
+
+    def build(self):
+        """Have Mitsuba build the scene; in any thread.
+
+        Returns
+        -------
+        export.Exported
+        """
+        built = self.file.build(self.size)
+        return Exported(built.scene, built.camera, [Note(**note) for note in built.notes])
+
+
+def view_task(scene, path, options):
+    """What is to be rendered of a file of views, by a scene's settings; on the main thread.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        Nothing else in it is seen.
+    path : Path
+    options : CaptureOptions
+
+    Returns
+    -------
+    session.Task
+
+    Raises
+    ------
+    InvalidInput
+        If an option cannot be used; the file is read later.
+    """
+    file, props = ViewFile(path, options), properties.of(scene)
+    hologram = properties.hologram_of(props)
+    for stop in session.making_way:
+        stop()
+    return session.Task(
+        str(path),
+        ViewReading(scene.name, file, (hologram.width, hologram.height)),
+        hologram,
+        replace(
+            properties.settings_of(props), method=METHODS[0], max_depth=1
+        ),  # it shines, and reflects nothing
+        None if props.focus_auto else properties.focus_of(props),
+        properties.pupil_or_none(props),
+        preferences.store(),
+    )
+
+
+def draw_view_options(layout, options):
+    """Draw what is to be said of a file of views.
+
+    Parameters
+    ----------
+    layout : bpy.types.UILayout
+    options : bpy.types.OperatorProperties
+        Of `HOLOPATH_OT_render_views`.
+    """
+    layout.use_property_split = True
+    layout.prop(options, "right")
+    layout.prop(options, "down")
+    layout.prop(options, "parallel")
+    if not options.parallel:
+        layout.prop(options, "focus")
+    layout.prop(options, "panel")
+    layout.prop(options, "fov")
+
+
+class HOLOPATH_OT_render_views(Working, bpy.types.Operator):
+    """Render the hologram of a quilt or another array of views, by the settings of this scene, and show it"""
+
+    bl_idname = "holopath.render_views"
+    bl_label = "HoloPath Views"
+    doing = "rendering"
+
+    filepath: StringProperty(
+        name="Views",
+        description="Quilt, or array of views, to make the hologram of",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
+    filter_glob: StringProperty(
+        default=";".join(f"*{suffix}" for suffix in (*PICTURES, *VIEWS)), options={"HIDDEN"}
+    )
+    right: FloatProperty(
+        name="Right",
+        description="Distance from the first view to the last of a row, in meters",
+        min=0.0,
+        precision=4,
+    )
+    down: FloatProperty(
+        name="Down",
+        description="Distance from the first row of views to the last, in meters",
+        min=0.0,
+        precision=4,
+    )
+    parallel: BoolProperty(name="Parallel Cameras", description="The views agree at infinity")
+    focus: FloatProperty(
+        name="Agree At",
+        description="Distance at which all views agree, in meters",
+        default=1.0,
+        min=1e-3,
+        precision=3,
+    )
+    panel: FloatProperty(
+        name="Panel",
+        description="Distance at which the views are put together and all is sharpest, in meters; 0: where they agree",
+        min=0.0,
+        precision=3,
+    )
+    fov: FloatProperty(
+        name="Field of View",
+        description="Of a view's width, in degrees; 0 is that of a 50 mm lens",
+        min=0.0,
+        max=179.0,
+    )
+
+    _browsing = False
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        """Ask for the file, unless one is given."""
+        if self.filepath:
+            return super().invoke(context, event)
+        self._browsing = True
+        bpy.data.window_managers[0].fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def draw(self, context: bpy.types.Context):
+        """Settings beside the file browser."""
+        draw_view_options(self.layout, self)
+
+    def execute(self, context: bpy.types.Context):
+        """Render; after the file browser in a thread, of another operator: Blender ends this one."""
+        if not self._browsing:
+            return super().execute(context)
+        if not type(self).poll(context):
+            return refused(self, "The views were not rendered: HoloPath is at work.")
+        given = self.as_keywords(ignore=("filter_glob",))
+        # pyrefly: ignore[missing-attribute]  # Blender's stubs know no operators of others
+        return bpy.ops.holopath.render_views("INVOKE_DEFAULT", **given)
+
+    def capture_options(self):
+        """`CaptureOptions` of the settings.
+
+        Raises
+        ------
+        InvalidInput
+            If the distances of the views are missing.
+        """
+        span = tuple(length for length in (self.right, self.down) if length)
+        if not span:
+            raise engine.InvalidInput(
+                "The views do not say where they were seen from: give Right, the meters from the first to the last of "
+                "a row, and Down if there are several rows."
+            )
+        if self.parallel and not self.panel:
+            raise engine.InvalidInput(
+                "Views of parallel cameras agree at infinity: give Panel, a distance in the middle of what they show."
+            )
+        return CaptureOptions(
+            fov=self.fov or None,
+            view_span=span,
+            view_focus=math.inf if self.parallel else self.focus,
+            view_panel=self.panel or None,
+        )
+
+    def work(self, scene):
+        options, path, last = (
+            self.capture_options(),
+            Path(bpy.path.abspath(self.filepath)),
+            session.current.task,
+        )
+        if not path.is_file():
+            raise engine.InvalidInput(f"The views {path} do not exist: choose a file that does.")
+        if last is not None:
+            last.put_away()  # one scene at a time in Mitsuba
+
+        def render(job, progress):
+            progress(0.0, "Starting Mitsuba")
+            variants.activate(job.ask(preferences.wanted))
+            task = job.ask(lambda: view_task(bpy.data.scenes[scene], path, options))
+            return task, task.compute(progress)
+
+        return render
+
+    def finish(self, context: bpy.types.Context, result):
+        self.present(context, session.keep_shown(self.scene_settings(), *result))
+        push_undo(self.bl_label)
+        return "Hologram of views rendered"
+
+
+CLASSES = (HOLOPATH_OT_choose_picture, HOLOPATH_OT_add_picture, HOLOPATH_OT_render_views)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import bpy
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from .. import engine, failures, pipeline, preferences, properties, stills
 from ..engine import rendering
 from ..engine.scene import variants
-from ..export import ExportCache, Reading, read_scene
+from ..export import ExportCache, Exported, read_scene
 from .jobs import Job
 
 IMAGE = "HoloPath Reconstruction"
@@ -109,12 +110,25 @@ cache = ExportCache()
 making_way = []
 
 
+class SceneReading(Protocol):
+    """What was read of a scene, as `export.Reading`, which Mitsuba is to build."""
+
+    @property
+    def name(self) -> str:
+        """Of Blender's scene whose settings count."""
+        ...
+
+    def build(self) -> Exported:
+        """Have Mitsuba build its scene; in any thread."""
+        ...
+
+
 @dataclass(frozen=True)
 class Task:
     """What was read of a scene and how to render it; holds nothing of bpy, so a thread may work on it."""
 
     name: str  # of the file, or the scene
-    reading: Reading
+    reading: SceneReading
     hologram: engine.Hologram
     settings: engine.Settings
     focus: float | None  # metres; None finds it

@@ -18,8 +18,9 @@ from .drivers.virtual import VirtualDriver
 from .errors import DeviceLost
 from .fitting import Fitted
 from .focus import FocusPlanes, Plane, run_camera, sweep
+from .packing import PACKINGS, packing_of
 from .sensor import Sensor, read_capture
-from .sequence import PACKINGS, Sequence
+from .sequence import Sequence
 from .streaming import Counts, Stills, stream
 from .tuning import tune
 
@@ -55,6 +56,7 @@ __all__ = [
     "mis_set",
     "monitors",
     "nominal",
+    "packing_of",
     "placed",
     "read_capture",
     "run_camera",

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..engine.errors import InvalidInput
-from ..engine.settings import Choice
 from .calibration import Calibration
 from .driver import Picture
+from .packing import pack, packing_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,138 +21,7 @@ if TYPE_CHECKING:
     from ..engine.encoding.phase_hologram import PhaseHologram
 
 
-@dataclass(frozen=True)
-class Packing(Choice):
-    """How holograms share a picture.
-
-    Attributes
-    ----------
-    each, most_bits : int
-        So many of them, and most bits of their levels.
-    memory : tuple of int
-        Where the bits of a level are apart: what the electrodes of a pixel are given for each level.
-    cells : tuple of tuple of int
-        And which bit of that each of them takes, row by row from the top.
-    mirrored : bool
-        Whether a picture of electrodes is mirrored left and right.
-    """
-
-    each: int
-    most_bits: int
-    memory: tuple = ()
-    cells: tuple = ((0,),)
-    mirrored: bool = False
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Columns and rows of the picture that a hologram's pixel takes."""
-        return len(self.cells[0]), len(self.cells)
-
-    def spread(self, levels: np.ndarray) -> np.ndarray:
-        """Zeros and ones of all electrodes, shape (rows y, columns x)."""
-        memory, (columns, rows) = np.array(self.memory, np.uint8)[levels], self.grid
-        plane = np.empty((levels.shape[0] * rows, levels.shape[1] * columns), np.uint8)
-        for y, x in np.ndindex(rows, columns):
-            plane[y::rows, x::columns] = memory >> np.uint8(self.cells[y][x]) & np.uint8(1)
-        return plane[:, ::-1] if self.mirrored else plane
-
-    def gathered(self, plane: np.ndarray) -> np.ndarray:
-        """The levels of electrodes; the reverse of `spread`."""
-        plane, (columns, rows) = plane[:, ::-1] if self.mirrored else plane, self.grid
-        memory = sum(
-            plane[y::rows, x::columns] << np.uint8(self.cells[y][x]) for y, x in np.ndindex(rows, columns)
-        )
-        return np.argsort(self.memory).astype(np.uint8)[memory]
-
-
-# For the heights of a mirror of Texas Instruments' phase light modulators from the lowest on, and where its four
-# electrodes lie: the devices p67 and p47 of their package ti_plm 1.1.0.
-HEIGHTS = (3, 2, 1, 7, 0, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12)
-PLM_067, PLM_047 = ((1, 3), (0, 2)), ((2, 3), (0, 1))
-PACKINGS = {
-    packing.name: packing
-    for packing in (
-        Packing("time", "One Hologram", "One frame of one color per picture, one after the other", 0, 1, 16),
-        Packing(
-            "colour",
-            "Three in RGB",
-            "Three holograms of up to 8 bits in red, green and blue, for field-sequential SLMs",
-            1,
-            3,
-            8,
-        ),
-        Packing(
-            "bits",
-            "24 in Bits",
-            "24 holograms of one bit in the bits of red, green and blue, for binary SLMs",
-            2,
-            24,
-            1,
-            (0, 1),
-        ),
-        Packing(
-            "plm-067",
-            '24 for 0.67" PLMs',
-            "24 holograms of 16 levels for Texas Instruments' phase light modulator of 0.67 inches, whose mirrors have "
-            "two by two electrodes",
-            3,
-            24,
-            4,
-            HEIGHTS,
-            PLM_067,
-            True,
-        ),
-        Packing(
-            "plm-047",
-            '24 for 0.47" PLMs',
-            "The same for that of 0.47 inches",
-            4,
-            24,
-            4,
-            HEIGHTS,
-            PLM_047,
-        ),
-    )
-}
 MOST_BYTES = 512 << 20  # of pictures that are kept
-
-
-def pack(levels: list[np.ndarray], packing: str, order: str = "RGB") -> np.ndarray:
-    """Put holograms into one picture, as field-sequential devices take them.
-
-    Parameters
-    ----------
-    levels : sequence of numpy.ndarray, uint8, shape (y, x)
-        As many as the packing takes.
-    packing : str
-        Of `PACKINGS`.
-    order : str
-        In which channels are shown: the first holograms go into the first; within one, the lowest bit first.
-
-    Returns
-    -------
-    numpy.ndarray, uint8, shape (y, x) or (y, x, 3), times the packing's `grid`
-    """
-    if packing == "time":
-        return levels[0]
-    kind = PACKINGS[packing]
-    planes = (
-        [kind.spread(level) << np.uint8(n % 8) for n, level in enumerate(levels)] if kind.memory else levels
-    )
-    picture = np.zeros((*planes[0].shape, 3), np.uint8)
-    for place, plane in enumerate(planes):
-        picture[..., "RGB".index(order[3 * place // kind.each])] |= plane
-    return picture
-
-
-def unpack(picture: np.ndarray, packing: str, order: str = "RGB") -> list[np.ndarray]:
-    """The holograms in a picture, in the order in which they are shown; the reverse of `pack`."""
-    if packing == "time":
-        return [picture]
-    channels, kind = [picture[..., "RGB".index(c)] for c in order], PACKINGS[packing]
-    if not kind.memory:
-        return channels
-    return [kind.gathered(channel >> np.uint8(bit) & np.uint8(1)) for channel in channels for bit in range(8)]
 
 
 class Sequence:
@@ -168,7 +37,7 @@ class Sequence:
     calibration : Calibration, optional
         Default: even steps of one turn, of as many bits and pixels as the device has. Packings for PLMs have none.
     packing : str
-        Of `PACKINGS`.
+        See `packing_of`.
     order : str
         See `pack`.
     repeats : int
@@ -194,11 +63,13 @@ class Sequence:
         self.holograms = list(holograms)
         if not self.holograms:
             raise InvalidInput("There is no hologram to show: encode one first.")
-        if packing not in PACKINGS:
-            raise InvalidInput(f"There is no packing {packing}: choose one of {', '.join(PACKINGS)}.")
-        self.packing, self.order, self._packing = packing, order, PACKINGS[packing]
+        self.packing, self.order, self._packing = packing, order, packing_of(packing)
         if sorted(order) != sorted("RGB"):
             raise InvalidInput(f"The order of channels is RGB in some order, not {order}.")
+        if self._packing.layout is not None and order != "RGB":
+            raise InvalidInput(
+                f"The packing {packing} names its channels itself: leave out the order {order}."
+            )
         if repeats < 1:
             raise InvalidInput(f"A hologram is shown at least once, not {repeats} times.")
         first = self.holograms[0]
@@ -210,23 +81,20 @@ class Sequence:
                 raise InvalidInput(
                     f"Hologram {number} has another size or wavelengths than the first: render it alike."
                 )
-        most = self._packing.most_bits
         if calibration is None and self._packing.grid != (1, 1):
             raise InvalidInput(
                 f"The levels of a device for the packing {packing} are not even: give its calibration, see docs/slm.md."
             )
-        self._any_bits = calibration is None and not self._packing.memory
+        self._any_bits = calibration is None and not self._packing.own_bits
         if falling and calibration is not None:
             raise InvalidInput(
                 'A calibration says itself whether phases fall: write "falling": true into it, not the switch.'
             )
-        self.calibration = calibration or Calibration(bits=min(most, 8), falling=falling)
+        most = self._packing.most_bits
+        own = most if self._packing.layout is not None else min(most, 8)
+        self.calibration = calibration or Calibration(bits=own, falling=falling)
         self._free = self.calibration.size is None
-        if self.calibration.bits > most:
-            raise InvalidInput(
-                f"The packing {packing} takes levels of {most} bit{'s' if most > 1 else ''} at most, the calibration "
-                f"says {self.calibration.bits}: choose another packing, or give bits in a calibration."
-            )
+        self._packing.require(self.calibration.bits)
         frames, wavelengths = first.data.shape[:2]
         self._shown = [(m, k) for m in range(frames) for k in range(wavelengths)]
         self.each = self._packing.each
@@ -270,7 +138,7 @@ class Sequence:
         if bits and self._any_bits and self.each == 1 and bits != self.calibration.bits:
             self.calibration = replace(self.calibration, bits=bits)
             self._forget()
-        if bits and not self._packing.memory and bits != self.calibration.bits:
+        if bits and not self._packing.own_bits and bits != self.calibration.bits:
             raise InvalidInput(
                 f"The levels have {self.calibration.bits} bits, {name} takes {bits}: give the calibration, or bits, "
                 "that belong to it."

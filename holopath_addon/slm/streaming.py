@@ -16,6 +16,7 @@ from ..engine.errors import Cancelled, InvalidInput
 from .calibrating import placed
 from .driver import DROPPED, LATE, SHOWN, Picture
 from .errors import DeviceLost
+from .packing import pack, packing_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,10 +39,18 @@ class Stills:
     Parameters
     ----------
     driver : Driver
+    packing : str
+        How the device takes levels, see `packing_of`. Of several holograms in a picture all are the same.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such packing.
     """
 
-    def __init__(self, driver: Driver) -> None:
+    def __init__(self, driver: Driver, packing: str = "time") -> None:
         self._driver, self._numbers, self._told = driver, count(), SimpleQueue()
+        self._packing, self._kind = packing, packing_of(packing)
 
     def __enter__(self) -> Self:
         try:
@@ -72,12 +81,14 @@ class Stills:
         Cancelled
             If the user closed its window.
         """
-        number, info = next(self._numbers), self._driver.info
-        if info.bits and info.bits != bits:
+        number, info, kind = next(self._numbers), self._driver.info, self._kind
+        _require_channels(info, self._packing)
+        kind.require(bits)
+        if info.bits and info.bits != bits and not kind.own_bits:
             raise InvalidInput(f"The levels have {bits} bits, {info.name} takes {info.bits}: give as many.")
-        rows, columns = levels.shape
-        pixels = placed(levels, (info.width or columns, info.height or rows), bits)
-        picture = Picture(pixels, number, ((0, 0),), bits)
+        (rows, columns), (across, down) = levels.shape, kind.grid
+        whole = placed(levels, (info.width // across or columns, info.height // down or rows), bits)
+        picture = Picture(pack([whole] * kind.each, self._packing), number, ((0, 0),) * kind.each, bits)
         until = time.monotonic() + STILL
         while not self._shown(number, picture):
             if time.monotonic() > until:
@@ -326,8 +337,17 @@ def _wait(due, clock):
 
 def _check_fits(sequence, info):
     """Make the pictures as large as the device, and refuse before the first what it cannot show."""
-    if sequence.each > 1 and info.channels == 1:
-        raise InvalidInput(
-            f"{info.name} takes one hologram at a time, not {sequence.each} in one picture: use --packing time."
-        )
+    _require_channels(info, sequence.packing)
     sequence.fit(info.width, info.height, info.bits, info.name)
+
+
+def _require_channels(info, packing):
+    """Refuse pictures in color for a device that takes levels alone."""
+    if info.channels > 1 or packing == "time":
+        return
+    each = packing_of(packing).each
+    raise InvalidInput(
+        f"{info.name} takes one hologram at a time, not {each} in one picture: use --packing time."
+        if each > 1
+        else f"{info.name} takes levels as numbers, not in the bits of red, green and blue: use --packing time."
+    )

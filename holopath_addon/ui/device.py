@@ -3,7 +3,7 @@
 from bpy.types import Context, UILayout
 
 from .. import properties
-from ..device_properties import HoloPathDevice
+from ..device_properties import BIT_LAYOUT, HoloPathDevice, has_order
 from ..operators import devices
 from .text import alert, wrapped
 
@@ -21,7 +21,9 @@ def device(layout: UILayout, context: Context) -> None:
     if not props.calibration:
         column.prop(props, "falling")
     column.prop(props, "packing")
-    if props.packing != "time":
+    if props.packing == BIT_LAYOUT[0]:
+        column.prop(props, "bit_layout")
+    elif has_order(props):
         column.prop(props, "order")
     if props.driver != "files":
         column.prop(props, "rate", text="Rate (Hz)")

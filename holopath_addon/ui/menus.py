@@ -19,13 +19,19 @@ def _add_menu(self, context):
     layout_of(self).operator("holopath.choose_picture", icon="IMAGE_DATA")
 
 
+def _render_menu(self, context):
+    layout_of(self).operator("holopath.render_views", icon="IMAGE_DATA")
+
+
 def add_to_menus():
     """Add the entries."""
     bpy.types.VIEW3D_MT_add.append(_add_menu)
+    bpy.types.TOPBAR_MT_render.append(_render_menu)
 
 
 def remove_from_menus():
     """Undo `add_to_menus`."""
+    bpy.types.TOPBAR_MT_render.remove(_render_menu)
     bpy.types.VIEW3D_MT_add.remove(_add_menu)
 
 

@@ -1,12 +1,13 @@
-"""Add > HoloPath Picture With Depth."""
+"""What cameras took, in Blender: a picture with depth, and views."""
 
 import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import output
+from holopath_addon import engine, output
 from holopath_addon.engine.scene import variants
-from holopath_addon.operators.pictures import draw_options
+from holopath_addon.operators import session
+from holopath_addon.operators.pictures import HOLOPATH_OT_render_views, draw_options, draw_view_options
 from tests.addon.layout import Context, Layout
 
 SIDE = 12
@@ -92,3 +93,72 @@ def test_not_without_a_camera(scene):
     assert bpy.ops.holopath.choose_picture.poll()
     scene.camera = None
     assert not bpy.ops.holopath.choose_picture.poll() and not bpy.ops.holopath.add_picture.poll()
+
+
+@pytest.fixture
+def views(scene, tmp_path):
+    """A file of 3 x 2 views of 16 x 12 pixels, and them; settings that take a second."""
+    array = np.random.default_rng(0).uniform(0.1, 1, (2, 3, 12, 16, 3)).astype(np.float32)
+    np.save(tmp_path / "views.npy", array)
+    scene.holopath.resolution_x, scene.holopath.resolution_y = 32, 24
+    scene.holopath.frames, scene.holopath.quality, scene.holopath.colours = 1, "draft", "MONO"
+    return str(tmp_path / "views.npy"), array
+
+
+def test_views_become_a_hologram(scene, views):
+    """That of the same views in Python, whatever is in the scene; it is shown, and can be encoded."""
+    path, array = views
+    kept = {"right": 0.02, "down": 0.01, "focus": 0.8, "fov": 30.0}
+    assert bpy.ops.holopath.render_views(filepath=path, **kept) == {"FINISHED"}
+    field, task = session.current.field, session.current.task
+    assert field.data.shape == (1, 1, 24, 32) and session.IMAGE in bpy.data.images
+    assert task.settings.method == "light-field" and session.current.rendered == scene.name
+    built, camera = engine.view_scene(array, (0.02, 0.01), 0.8, np.radians(30))
+    expected = engine.render(built, camera, field.hologram, task.settings)
+    np.testing.assert_allclose(field.data, expected.data, atol=1e-5 * abs(expected.data).max())
+    assert bpy.ops.holopath.encode() == {"FINISHED"}
+    assert bpy.ops.holopath.render_hologram() == {"FINISHED"}  # the scene itself again
+    assert session.current.task.settings.method != "light-field"
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({}, "give Right, the meters from the first to the last of a row, and Down"),
+        ({"right": 0.1, "down": 0.1, "parallel": True}, "give Panel, a distance in the middle"),
+        ({"right": 0.1}, "has 3 x 2 views: give 2 numbers"),
+        ({"right": 0.1, "filepath": "nowhere.npy"}, "do not exist: choose a file"),
+    ],
+)
+def test_what_views_refuse(views, options, text):
+    before = session.current.field
+    with pytest.raises(RuntimeError, match=text):
+        bpy.ops.holopath.render_views(**{"filepath": views[0], **options})
+    assert session.current.field is before and text[:9] in session.current.error
+
+
+def test_what_the_file_browser_shows_of_views(scene):
+    options = bpy.context.window_manager.operator_properties_last("holopath.render_views")
+    shown = {}
+    for parallel in (False, True):
+        layout = Layout(Context(scene))
+        options.parallel = parallel
+        draw_view_options(layout, options)
+        shown[parallel] = layout.all("prop", "property")
+    assert shown[False] == ["right", "down", "parallel", "focus", "panel", "fov"]
+    assert shown[True] == ["right", "down", "parallel", "panel", "fov"]
+
+
+def test_views_after_the_file_browser(views):
+    """Blender ends the operator that asked for the file: another one renders, with all that was said."""
+
+    class Asked:
+        _browsing = True
+        poll = staticmethod(lambda context: True)
+
+        def as_keywords(self, ignore):
+            return {"filepath": views[0], "right": 0.02, "down": 0.01, "parallel": True}
+
+    assert hasattr(bpy.types.Operator, "as_keywords")
+    with pytest.raises(RuntimeError, match="give Panel"):
+        HOLOPATH_OT_render_views.execute(Asked(), bpy.context)

@@ -162,7 +162,7 @@ NUMBERS = {
 DEVICE_NUMBERS = {
     "driver": "display serial slmsuite files virtual",
     "model": "holoeye meadowlark santec hamamatsu ti-plm mirrored remote simulated",
-    "packing": "time colour bits plm-067 plm-047",
+    "packing": "time colour bits plm-067 plm-047 slm-200 slm-200-120hz layout",
     "order": "RGB GRB BRG RBG GBR BGR",
 }
 

@@ -23,7 +23,8 @@ def traces():
     }
     handlers = [len(getattr(bpy.app.handlers, name)) for name in HANDLERS]
     held = hasattr(bpy.types.Scene, "holopath") or hasattr(bpy.types.Material, "holopath")
-    menu = len(getattr(bpy.types.VIEW3D_MT_add.draw, "_draw_funcs", ()))
+    menus = bpy.types.VIEW3D_MT_add, bpy.types.TOPBAR_MT_render
+    menu = [len(getattr(each.draw, "_draw_funcs", ())) for each in menus]
     return names, engines, handlers, held, hasattr(bpy.ops.holopath, "plan"), menu
 
 

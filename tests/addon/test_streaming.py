@@ -73,6 +73,18 @@ def test_virtual_bench(device, phase):
         bpy.ops.holopath.capture()
 
 
+def test_bits_of_channels(device, phase):
+    """The bench sees levels of 12 bits that were spread over red and green."""
+    device.driver, device.packing = "virtual", "layout"
+    with pytest.raises(RuntimeError, match="bits of the channels are missing"):
+        bpy.ops.holopath.stream()
+    device.bit_layout, device.order = "R7-0,G7-4", "GBR"  # the order of channels does not count here
+    assert bpy.ops.holopath.stream() == {"FINISHED"}
+    assert devices.current.counts.shown == 4
+    (level, *_), wavelengths = devices.current.driver._levels.values(), phase.hologram.wavelengths
+    assert len(wavelengths) == 2 and level.dtype == np.uint16 and level.max() > 4000
+
+
 def test_files(device, tmp_path):
     device.driver = "files"
     with pytest.raises(RuntimeError, match="No folder"):

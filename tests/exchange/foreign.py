@@ -262,6 +262,14 @@ def meant(draw, folder: Path, processes: bool = True):
     return Meant({None: file}, truth, said, f"{file.suffix} {names} {story}")
 
 
+# packings that spread levels over channels: channel, lowest bit there, and how many bits, from the highest on
+SPREAD = [
+    ("slm-200", [(0, 5, 3), (1, 5, 3), (2, 4, 4)]),
+    ("R7-0,G7-4", [(0, 0, 8), (1, 4, 4)]),
+    ("B1-0,R3-0", [(2, 0, 2), (0, 0, 4)]),
+]
+
+
 @st.composite
 def picture(draw, folder):
     """A picture of phases, or one of phases and one of amplitudes."""
@@ -269,8 +277,22 @@ def picture(draw, folder):
     size = draw(st.sampled_from([(7, 12), (16, 9)]))
     kind = draw(st.sampled_from([".png", ".bmp", ".exr", *([".tif"] if tifffile else [])]))
     means = draw(
-        st.sampled_from(["gray", "gray as color", "wavelengths", "frames", "bits", "green", "field"])
+        st.sampled_from(
+            ["gray", "gray as color", "wavelengths", "frames", "bits", "spread", "green", "field"]
+        )
     )
+    if means == "spread" and kind != ".exr":
+        packing, runs = draw(st.sampled_from(SPREAD))
+        bits = sum(count for _, _, count in runs)
+        whole = rng.integers(0, 2**bits, size)
+        left, pixels = whole, np.zeros((*size, 3), np.uint8)
+        for channel, lowest, count in reversed(runs):
+            pixels[..., channel] += (left % 2**count << lowest).astype(np.uint8)
+            left = left // 2**count
+        save(folder / f"a{kind}", pixels)
+        said = {"wavelengths": WAVELENGTHS[1]} | ({"packing": packing} if draw(st.booleans()) else {})
+        truth = whole[None, None] * (TURN / 2**bits)
+        return Meant({None: folder / f"a{kind}"}, truth, said, f"spread {kind} {packing}")
     if means == "bits" and kind in (".png", ".bmp", ".tif"):
         k = draw(st.sampled_from([1, 3]))
         frames = rng.integers(0, 2, (24, *size))
@@ -284,7 +306,7 @@ def picture(draw, folder):
         return Meant(
             {None: folder / f"a{kind}"}, frames.reshape(24 // k, k, *size) * math.pi, said, f"bits {kind} {k}"
         )
-    channels = 1 if means in ("gray", "bits", "field") else 3
+    channels = 1 if means in ("gray", "bits", "spread", "field") else 3
     if kind == ".exr":
         stored, truth, said = phases(draw, rng, (1, channels, *size), ["radians", "turns", "pi", "degrees"])
         stored = stored.astype(np.float32)

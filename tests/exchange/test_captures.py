@@ -276,7 +276,7 @@ def test_points_that_are_not_numbers_are_left_out_with_a_note(backend, tmp_path)
 
 def test_options_of_captures_are_refused_elsewhere(tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refused(["demo:planes", "--fov", "30"], "nor an .npy of views: leave out --fov", capfd)
+    refused(["demo:planes", "--fov", "30"], "nor an .npy or .npz of views: leave out --fov", capfd)
 
 
 def quilted(path, columns, rows, numbers):
@@ -300,6 +300,24 @@ def test_a_quilt_begins_at_the_lower_left(tmp_path):
     assert (views.views[0, :, 0] < views.views[0, :, -1]).all()
 
 
+def test_a_quilt_that_its_views_do_not_fill(backend, tmp_path):
+    """What is over lies at the right and at the top, and a note says so."""
+    whole = quilted(tmp_path / "a_qs3x2a1.33333.png", 3, 2, [10, 40, 80, 120, 160, 200])
+    options = CaptureOptions(view_span=(0.1,), view_focus=1.0, fov=40)
+    pixels = np.array(variants.bitmaps().Bitmap(str(whole)))
+    wider = np.full((pixels.shape[0] + 1, pixels.shape[1] + 2, 3), 255, np.uint8)
+    wider[1:, :-2] = pixels
+    views = capture(write(tmp_path / "b_qs3x2a1.33333.png", wider), options)
+    expected = capture(whole, options)
+    np.testing.assert_array_equal(views.views, expected.views)
+    told, before = ([note["effect"] for note in each.build((16, 12)).notes] for each in (views, expected))
+    assert len(told) == len(before) + 1
+    assert any(
+        "each has 16 x 12 pixels, from the lower left" in text and "2 at the right and 1 at the top" in text
+        for text in told
+    )
+
+
 def test_arrays_of_views(tmp_path):
     """One row or several, linear or sRGB."""
     numbers = np.random.default_rng(0).integers(1, 65536, (2, 3, 12, 16, 3)).astype(np.uint16)
@@ -314,6 +332,47 @@ def test_arrays_of_views(tmp_path):
             np.testing.assert_allclose(views.views, expected, rtol=1e-4)
         else:
             np.testing.assert_allclose(views.views, array, rtol=1e-6)
+
+
+def test_views_by_their_names(tmp_path):
+    """By number, not by letters; a grid by row and column; what is no view does not count."""
+    options = CaptureOptions(view_span=(0.1,), view_focus=1.0)
+    numbers = np.random.default_rng(0).random((12, 4, 5, 3)).astype(np.float32)
+    order = np.random.default_rng(1).permutation(12)
+    by_name = {
+        "row": {f"view_{n + 1}": numbers[n] for n in order} | {"points": np.zeros((12, 3))},
+        "grid": {f"u{n // 4}_{n % 4}": numbers[n] for n in order},
+        "one": {"lightfield": numbers, "pitch": 8e-6},
+    }
+    for name, shape in (("row", (1, 12)), ("grid", (3, 4)), ("one", (1, 12))):
+        np.savez(tmp_path / f"{name}.npz", **by_name[name])
+        found = capture(tmp_path / f"{name}.npz", options)
+        np.testing.assert_array_equal(found.views, numbers.reshape(*shape, 4, 5, 3))
+        assert found.size == (5, 4)
+
+
+VIEW = np.zeros((4, 5, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "says"),
+    [
+        ({"left": VIEW, "right": VIEW}, "left, right. do not say the order of the views: number them"),
+        ({"view_0": VIEW, "view_2": VIEW}, "without a gap"),
+        ({"view_0": VIEW, "image_1": VIEW}, "do not say the order"),
+        ({"v0_0": VIEW, "v0_1": VIEW, "v1_1": VIEW}, "do not say the order"),
+        ({"v1": VIEW, "v01": VIEW}, "do not say the order"),
+        ({"v0": VIEW, "v1": VIEW[1:]}, "different sizes or types .v0, v1"),
+        ({"a": np.stack([VIEW] * 3), "b": np.stack([VIEW] * 3)}, "holds 2 arrays that can be views .a, b"),
+        ({"depth": VIEW[..., 0]}, "holds 0 arrays that can be views"),
+        ({"v0": VIEW.astype(int), "v1": VIEW.astype(int)}, "numbers of int"),
+    ],
+)
+def test_arrays_that_do_not_say_the_order_of_views(tmp_path, arrays, says):
+    np.savez(tmp_path / "v.npz", **arrays)
+    views = capture(tmp_path / "v.npz", CaptureOptions(view_span=(0.1,), view_focus=1.0))
+    with pytest.raises(engine.InvalidInput, match=says):
+        assert views.size
 
 
 @pytest.mark.parametrize("kind", ["quilt", "array"])
@@ -364,15 +423,16 @@ WHERE = ["--view-span", "0.1", "--view-focus", "1m"]
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--depth", "d.npy"], "holds views, without depth: leave out --depth"),
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--camera", "A"], "has no camera 'A'"),
         ("v.npy", (3, 8, 8, 3), [*WHERE, "--method", "full"], "The method full would show views as a flat picture"),
-        ("q_qs3x1a1.png", (8, 25, 3), WHERE, "25 x 8 pixels, which are not 3 x 1 views of one size"),
+        ("q_qs3x1a1.png", (8, 2, 3), WHERE, "2 x 8 pixels, which are not 3 x 1 views"),
+        ("q_qs3x1a0.png", (8, 24, 3), WHERE, "24 x 8 pixels, which are not 3 x 1 views"),
         ("q_qs3x1a1.png", (8, 24, 3), [], "add --view-span"),
-        ("q_qs3x1a1.npz", (8, 24, 3), WHERE, "a .ply or an .npy of views"),
+        ("q_qs3x1a1.tga", (8, 24, 3), WHERE, "a .ply or an .npy or .npz of views"),
     ],
 )  # fmt: skip
 def test_what_views_refuse(backend, tmp_path, monkeypatch, capfd, name, shape, words, text):
     monkeypatch.chdir(tmp_path)
-    if name.endswith(".npz"):
-        np.savez(name, np.ones(shape))
+    if name.endswith(".tga"):
+        (tmp_path / name).touch()
     else:
         write(tmp_path / name, np.ones(shape, np.uint8))
     refused([name, *words], text, capfd)

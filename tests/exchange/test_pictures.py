@@ -5,10 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from holopath_addon import engine, exchange
+from holopath_addon import engine, exchange, slm
 from holopath_addon.engine import BackendUnavailable, InvalidInput
 from holopath_addon.exchange import holograms
-from holopath_addon.slm import sequence
 from tests.exchange import foreign
 
 WAVELENGTHS = [640e-9, 516.5e-9, 455.4e-9]
@@ -57,15 +56,42 @@ def test_colors(suffix, tmp_path):
 @pytest.mark.parametrize("count", [1, 3])
 def test_what_our_own_pictures_pack_comes_back(count, tmp_path):
     """24 holograms in the bits, as `holopath stream --packing bits` sends them."""
-    foreign.png(tmp_path / "a.png", sequence.pack(list(BINARY), "bits"), 8)
+    foreign.png(tmp_path / "a.png", slm.packing.pack(list(BINARY), "bits"), 8)
     found = phases(tmp_path / "a.png", count, packing="bits")
     assert found.shape == (24 // count, count, 16, 16)
     np.testing.assert_allclose(found.reshape(24, 16, 16), 128 * BINARY)
 
 
+@pytest.mark.parametrize(
+    ("packing", "bits", "each"), [("slm-200", 10, 1), ("slm-200-120hz", 10, 2), ("G7-0,R7-4", 12, 1)]
+)
+def test_levels_in_the_bits_of_channels_come_back(packing, bits, each, tmp_path):
+    path, levels = tmp_path / "a.png", rng.integers(0, 2**bits, (each, 16, 16)).astype(np.uint16)
+    foreign.png(path, slm.packing.pack(list(levels), packing), 8)
+    found = phases(path, packing=packing)
+    assert found.shape == (each, 1, 16, 16)
+    np.testing.assert_allclose(found[:, 0], levels * (256 / 2**bits), atol=1e-4)
+    assert np.array_equal(phases(path, packing=packing, bits=bits), found)
+    with pytest.raises(InvalidInput, match=f"levels of {bits} bits, not 8: leave out --bits"):
+        phases(path, packing=packing, bits=8)
+    with pytest.raises(InvalidInput, match="levels, not turns"):
+        phases(path, packing=packing, units="turns")
+
+
+def test_bits_that_a_packing_does_not_name_are_refused(tmp_path):
+    foreign.png(tmp_path / "a.png", COLOR, 8)
+    with pytest.raises(InvalidInput, match="bits besides those of the packing slm-200"):
+        phases(tmp_path / "a.png", packing="slm-200")
+    with pytest.raises(InvalidInput, match="no packing magic: choose one of colour, bits, slm-200"):
+        phases(tmp_path / "a.png", packing="magic")
+    foreign.png(tmp_path / "a.png", COLOR.astype(np.uint16) << 8, 16)
+    with pytest.raises(InvalidInput, match="bits of 8-bit channels, not of uint16"):
+        phases(tmp_path / "a.png", packing="slm-200")
+
+
 def test_packings_are_those_that_are_streamed():
-    ours = {name: packing.each for name, packing in sequence.PACKINGS.items() if not packing.memory}
-    ours |= {"bits": sequence.PACKINGS["bits"].each}
+    ours = {name: packing.each for name, packing in slm.PACKINGS.items() if not packing.memory}
+    ours |= {"bits": slm.PACKINGS["bits"].each}
     del ours["time"]
     assert ours == holograms.PACKINGS
 

@@ -242,6 +242,7 @@ def test_another_wavelength_beside_the_first(tmp_path, monkeypatch):
         (["--distances", "0.5"], "two foci or more"),
         (["--bits", "40"], "1 to 16 bits"),
         (["--driver", "slmsuite"], "camera is missing"),
+        (["--packing", "slm-200"], "levels of 10 bits, these have 8: choose another packing"),
     ],
 )
 def test_refusals(words, sentence, tmp_path, monkeypatch, capsys):

@@ -79,6 +79,15 @@ def test_pictures_of_bits(tmp_path):
         np.testing.assert_array_equal(pixels[..., channel], expected)
 
 
+def test_pictures_of_bits_of_channels(tmp_path):
+    """12 bits, the lowest four in green."""
+    sequence, levels = made(12, "R7-0,G3-0")
+    stream(sequence, FilesDriver(tmp_path / "out"))
+    for number, level in enumerate(levels):
+        pixels = read(tmp_path / "out" / f"picture_{number:06d}.png")
+        np.testing.assert_array_equal(pixels, np.stack([level >> 4, level & 15, 0 * level], -1))
+
+
 @pytest.mark.parametrize("bits", [8, 10, 16])
 def test_raw(bits, tmp_path):
     """One after the other, row by row; of more than 8 bits the low byte comes first."""

@@ -12,15 +12,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holopath_addon import engine
-from holopath_addon.slm import PACKINGS, Calibration, Response, Sequence
+from holopath_addon.slm import Calibration, Response, Sequence
 from holopath_addon.slm import sequence as sequence_module
-from holopath_addon.slm.sequence import pack, unpack
 from tests.slm.refusals import refused
 
 ORDERS = ["".join(order) for order in itertools.permutations("RGB")]
 WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
-EACH = {"time": 1, "colour": 3, "bits": 24, "plm-067": 24, "plm-047": 24}
-BITS = {"time": 8, "colour": 8, "bits": 1, "plm-067": 4, "plm-047": 4}
+EACH = {"time": 1, "colour": 3, "bits": 24, "plm-067": 24, "plm-047": 24, "slm-200": 1, "slm-200-120hz": 2}
+BITS = {"time": 8, "colour": 8, "bits": 1, "plm-067": 4, "plm-047": 4, "slm-200": 10, "slm-200-120hz": 10}
 
 quick = settings(max_examples=60, database=None)
 
@@ -47,88 +46,6 @@ def made(count=1, packing="time", frames=2, wavelengths=3, **options):
     return Sequence(holograms, Calibration(bits=BITS[packing]), packing, **options)
 
 
-# Packing
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_three_in_red_green_and_blue(order):
-    levels = list(np.random.default_rng(1).integers(0, 256, (3, 4, 5), np.uint8))
-    picture = pack(levels, "colour", order)
-    assert picture.shape == (4, 5, 3) and picture.dtype == np.uint8
-    for place, level in enumerate(levels):
-        np.testing.assert_array_equal(picture[..., {"R": 0, "G": 1, "B": 2}[order[place]]], level)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_twenty_four_in_bits(order):
-    """Hologram n is bit n % 8 of the channel that is shown as the n // 8-th."""
-    levels = list(np.random.default_rng(2).integers(0, 2, (24, 4, 5), np.uint8))
-    picture = pack(levels, "bits", order)
-    assert picture.shape == (4, 5, 3) and picture.dtype == np.uint8
-    for y, x in np.ndindex(4, 5):
-        numbers = dict.fromkeys("RGB", 0)
-        for n in range(24):
-            numbers[order[n // 8]] += int(levels[n][y, x]) * 2 ** (n % 8)
-        assert picture[y, x].tolist() == [numbers[channel] for channel in "RGB"]
-
-
-@pytest.mark.parametrize("packing", PACKINGS)
-@pytest.mark.parametrize("order", ORDERS)
-def test_unpack_is_the_reverse(packing, order):
-    most = 2 ** BITS[packing]
-    levels = list(np.random.default_rng(3).integers(0, most, (EACH[packing], 4, 5), np.uint8))
-    found = unpack(pack(levels, packing, order), packing, order)
-    np.testing.assert_array_equal(found, levels)
-
-
-def test_unpacks_any_picture():
-    """Bit by bit, of a picture that `pack` did not make."""
-    picture = np.random.default_rng(4).integers(0, 256, (3, 2, 3), np.uint8)
-    found = unpack(picture, "bits", "BRG")
-    assert len(found) == 24
-    for n, level in enumerate(found):
-        channel = [2, 0, 1][n // 8]
-        expected = [[(int(pixel[channel]) // 2 ** (n % 8)) % 2 for pixel in row] for row in picture]
-        np.testing.assert_array_equal(level, expected)
-
-
-def memory_of(height):
-    """M3 to M0 of a mirror's height 0 to 15, as the software of those who use DLP6750Q1EVM computes them."""
-    odd = height == 3
-    rest = height != 4
-    return (
-        int(height >= 8),
-        int(odd or (rest and height % 8 >= 4)),
-        int(odd or (rest and height % 4 < 2)),
-        int(odd or (rest and height % 2 == 0)),
-    )
-
-
-@pytest.mark.parametrize("order", ["RGB", "GBR"])
-def test_twenty_four_for_micromirrors(order):
-    """Two by two electrodes a mirror: M1 M3 over M0 M2, then left and right change places; by another's formula."""
-    levels = list(np.random.default_rng(5).integers(0, 16, (24, 3, 5), np.uint8))
-    levels[7][:] = np.arange(15).reshape(3, 5) + 1  # all heights are among them
-    picture = pack(levels, "plm-067", order)
-    assert picture.shape == (6, 10, 3) and picture.dtype == np.uint8
-    for n, level in enumerate(levels):
-        plane = picture[..., "RGB".index(order[n // 8])] >> (n % 8) & 1
-        for y, x in np.ndindex(3, 5):
-            m3, m2, m1, m0 = memory_of(int(level[y, x]))
-            right = 10 - 2 * x  # the mirror's last column in the picture, and one more
-            assert plane[2 * y : 2 * y + 2, right - 2 : right].tolist() == [[m3, m1], [m2, m0]]
-
-
-def test_micromirrors_of_the_smaller_device():
-    """M2 M3 over M0 M1, nothing changes places."""
-    levels = [np.arange(16, dtype=np.uint8).reshape(4, 4)] * 24
-    picture = pack(levels, "plm-047")
-    assert set(np.unique(picture)) == {0, 255}
-    for y, x in np.ndindex(4, 4):
-        m3, m2, m1, m0 = memory_of(4 * y + x)
-        assert (picture[2 * y : 2 * y + 2, 2 * x : 2 * x + 2, 1] // 255).tolist() == [[m2, m3], [m0, m1]]
-
-
 def test_micromirrors_on_a_monitor():
     """Of twice as many pixels; their levels are no even steps, so they need a calibration."""
     coded = hologram(2, 3, value=lambda *_: 16)
@@ -142,12 +59,6 @@ def test_micromirrors_on_a_monitor():
         sequence.fit(12, 9)
     with refused("of a device of 6 x 5 pixels, this one has 5 x 5"):
         Sequence([coded], Calibration(bits=4, size=(6, 5)), "plm-067").fit(10, 10)
-
-
-def test_what_is_packed_is_not_changed():
-    levels = [np.full((2, 2), 7, np.uint8) for _ in range(3)]
-    pack(levels, "colour")
-    assert all((level == 7).all() for level in levels)
 
 
 # A round
@@ -175,6 +86,17 @@ def test_a_round_is_balanced(frames, wavelengths, packing, count, repeats):
     assert all(len(picture.parts) == EACH[packing] for picture in pictures)
     for slot, part in enumerate(parts):
         assert part == (slot // wavelengths % frames, slot % wavelengths)
+
+
+def test_bits_of_a_packing_are_those_of_the_levels():
+    """On a monitor of 8 bits a channel, whatever the levels have."""
+    sequence = Sequence([hologram(value=lambda *_: 255)], None, "R7-0,G7-4")
+    sequence.fit(6, 5, 8, "the monitor")
+    assert sequence.calibration.bits == 12
+    picture = sequence.picture(0)
+    assert picture.pixels.shape == (5, 6, 3) and picture.pixels.dtype == np.uint8
+    level = 4080  # 255 of 256
+    assert picture.pixels[2, 3].tolist() == [level >> 4, (level & 15) << 4, 0]
 
 
 def test_eight_frames_in_threes_take_eight_pictures():
@@ -334,6 +256,14 @@ def test_fit_where_the_correction_is_of_another_size():
         ([{}, {"wavelengths": 2}], {}, "Hologram 1 has another size or wavelengths"),
         ([{}], {"packing": "bits", "calibration": Calibration()}, "1 bit at most, the calibration says 8"),
         ([{}], {"packing": "colour", "calibration": Calibration(bits=9)}, "8 bits at most.*says 9"),
+        ([{}], {"packing": "slm-200", "calibration": Calibration()}, "levels of 10 bits, these have 8"),
+        (
+            [{}],
+            {"packing": "slm-200", "calibration": Calibration(bits=12)},
+            "levels of 10 bits, these have 12",
+        ),
+        ([{}], {"packing": "R7-5,R5-0"}, "name R5 twice"),
+        ([{}], {"packing": "slm-200", "order": "GBR"}, "names its channels itself: leave out the order GBR"),
     ],
 )
 def test_refusals(holograms, options, says):

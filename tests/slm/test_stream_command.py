@@ -156,6 +156,22 @@ def test_bits(words, bits, folder, tmp_path):
         assert np.abs(away).max() <= 2 ** (7 - bits)  # half a step, around the circle
 
 
+@pytest.mark.parametrize("packing", ["slm-200", "R7-0,G7-6"])
+def test_ten_bits_of_channels_and_back(packing, folder, tmp_path):
+    """A calibration of 10 bits that makes 1.25 turns; the phases that its levels have are those that were stored."""
+    Calibration(bits=10, responses=(Response(WAVELENGTHS[0], 1.25),)).save(tmp_path / "device.json")
+    words = ["--calibration", tmp_path / "device.json", "--packing", packing, "--out", tmp_path / "o"]
+    assert run(folder, "--driver", "files", *words, "--quiet") == 0
+    pictures = [str(path) for path in sorted((tmp_path / "o").glob("*.png"))]
+    assert len(pictures) == 4
+    said = ["--packing", packing, "--pitch", "8", "--wavelengths", "640", "--out", str(tmp_path / "again")]
+    assert cli.main(["import", pictures[0], *said, "--quiet"]) == 0
+    levels = engine.PhaseHologram.load(tmp_path / "again" / "hologram").data[0, 0] * (1024 / (2 * math.pi))
+    away = np.mod(levels * 1.25 / 4 - levels_of()[0, 0] + 128, 256) - 128
+    assert np.abs(away).max() <= 0.5 * 1.25 / 4 + 0.01  # half a level of 1024, in levels of 256
+    assert run(folder, "--driver", "virtual", *words[:-2], "--quiet") == 0
+
+
 def test_calibration(folder, tmp_path):
     """Mirrored, on a larger device."""
     Calibration(size=(WIDTH + 4, HEIGHT + 2), flip_x=True, shift=(1, 0)).save(tmp_path / "device.json")
@@ -516,8 +532,10 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         (["{out}", "--bits", "0"], "1 to 16"),
         (["{out}", "--bits", "10", "--packing", "colour"], "8 bits at most"),
         (["{out}", "--bits", "8", "--packing", "bits"], "1 bit at most"),
+        (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, these have 8"),
+        (["{out}", "--packing", "R5-7"], "R5-7 rise"),
         (["{out}", "--order", "RGG"], "RGB in some order"),
-        (["{out}", "--packing", "magic"], "invalid choice"),
+        (["{out}", "--packing", "magic"], "no packing magic: choose one of time"),
         (["{out}", "--kind", "tiff"], "invalid choice"),
         (["{out}", "--driver", "magic"], "invalid choice"),
         (["{out}", "--calibration", "{tmp}/missing.json"], "missing.json cannot be read"),

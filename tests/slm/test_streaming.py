@@ -427,6 +427,11 @@ def test_lost_in_a_trigger(at_once):
     [
         ({"packing": "colour"}, {}, "one hologram at a time, not 3.*--packing time"),
         ({"packing": "bits", "calibration": Calibration(bits=1)}, {}, "not 24"),
+        (
+            {"packing": "slm-200", "calibration": Calibration(bits=10)},
+            {},
+            "not in the bits of red.*--packing time",
+        ),
         ({"calibration": Calibration(bits=10)}, {"bits": 8}, "10 bits, test takes 8"),
         ({}, {"bits": 4}, "8 bits, test takes 4"),
         ({}, {"width": 2, "height": 2}, "3 x 2 pixels"),
@@ -530,6 +535,25 @@ def test_a_still_is_there_when_it_returns(rate):
             stills.show(np.full((2, 2), number, np.uint8), 8)
             assert seen == list(range(number + 1))
     assert device.closed == [False] and device.shown == [(n, 128) for n in range(3)]  # with what is around
+
+
+def test_a_still_in_the_bits_of_channels():
+    """What is around it is half a turn; of two frames in a picture both are the same."""
+    pictures = []
+    device = Device(width=4, height=4, bits=8, channels=3)
+    device.show = lambda number, picture: pictures.append(picture)
+    with Stills(device, "slm-200-120hz") as stills:
+        stills.show(np.full((2, 2), 1023, np.uint16), 10)
+        with pytest.raises(engine.InvalidInput, match="levels of 10 bits, these have 8"):
+            stills.show(np.zeros((2, 2), np.uint8), 8)
+    (picture,) = pictures
+    with (
+        pytest.raises(engine.InvalidInput, match="not 2 in one picture: use --packing time"),
+        Stills(Device(), "slm-200-120hz") as stills,
+    ):
+        stills.show(np.full((2, 2), 1023, np.uint16), 10)
+    assert picture.pixels[1, 1].tolist() == [0b11101110, 0b11101110, 255] and len(picture.parts) == 2
+    assert picture.pixels[0, 1].tolist() == [0b10001000, 0, 0]  # 512
 
 
 def test_a_still_that_never_comes(monkeypatch):

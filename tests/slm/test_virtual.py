@@ -93,6 +93,9 @@ def shown(hologram, calibration=None, bench=None, packing="time", order="RGB", *
         ("bits", "GBR", 1),
         ("plm-067", "RGB", 4),
         ("plm-047", "BGR", 4),
+        ("slm-200", "RGB", 10),
+        ("slm-200-120hz", "RGB", 10),
+        ("B7-0,G5-3,R0", "RGB", 12),
     ],
 )
 def test_sees_what_the_engine_reconstructs(packing, order, bits, hologram):
@@ -115,6 +118,15 @@ def test_other_bits(bits, hologram):
     calibration = Calibration(bits=bits)
     bench = shown(hologram, calibration, truth=calibration)
     assert decibels(seen(bench), ideal_of(hologram, bits)) > 100
+
+
+def test_a_panel_takes_the_bits_that_it_has(hologram):
+    """The same bits at the other end of the channels are other levels; and a bench of other bits is none."""
+    bench = VirtualDriver(hologram, packing="R2-0,G2-0,B3-0")
+    stream(Sequence([hologram], None, "slm-200"), bench)
+    assert decibels(seen(bench), ideal_of(hologram, 10)) < 30
+    with pytest.raises(engine.InvalidInput, match="slm-200 takes levels of 10 bits, these have 8"):
+        VirtualDriver(hologram, Calibration(), packing="slm-200")
 
 
 def test_order_of_channels_matters(hologram):

@@ -14,7 +14,7 @@ from ...engine.wavefield import WaveField
 from ...engine.waves.modulator import Modulator
 from ..calibration import Calibration
 from ..driver import Info
-from ..sequence import PACKINGS, unpack
+from ..packing import packing_of, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,13 +32,14 @@ class VirtualDriver:
         That is shown: its pitch, wavelengths, volume and the light sources' strengths are the bench's.
     truth : Calibration, optional
         What the SLM really does with its levels: the phases they give, how it is mirrored and shifted, and of its
-        panel what `Calibration.correction` would make flat. Default: even steps of one turn on the hologram's pixels.
+        panel what `Calibration.correction` would make flat. Default: even steps of one turn on the hologram's pixels,
+        of 8 bits or as many as the packing spreads.
     modulator : engine.Modulator, optional
         Fill factor, unmodulated light and crosstalk. Default: none.
     packing : str
-        Of the pictures that it is sent.
+        Of the pictures that it is sent, see `packing_of`.
     order : str
-        Of the channels, see `sequence.pack`.
+        Of the channels, see `packing.pack`.
 
     Attributes
     ----------
@@ -54,7 +55,12 @@ class VirtualDriver:
         packing: str = "time",
         order: str = "RGB",
     ) -> None:
-        self._hologram, self._truth = hologram, truth or Calibration()
+        self._kind = packing_of(packing)
+        if truth is None:
+            truth = Calibration() if self._kind.layout is None else Calibration(bits=self._kind.most_bits)
+        elif self._kind.layout is not None:
+            self._kind.require(truth.bits)
+        self._hologram, self._truth = hologram, truth
         self._modulator, self._packing, self._order = modulator or Modulator(), packing, order
         if self._modulator.bits is not None:
             raise InvalidInput("The bits of a virtual SLM are its calibration's.")
@@ -64,7 +70,7 @@ class VirtualDriver:
         volume = hologram.hologram
         self.focus_at((volume.depth_far + volume.depth_near) / 2)
         width, height = self._truth.size or (volume.width, volume.height)
-        columns, rows = PACKINGS[packing].grid
+        columns, rows = self._kind.grid
         bits = self._truth.bits
         self.info = Info(
             "virtual", width * columns, height * rows, bits, channels=3, note="a simulated bench"
@@ -81,7 +87,7 @@ class VirtualDriver:
                 f"The picture has {shape[1]} x {shape[0]} pixels, the virtual SLM "
                 f"{self.info.width} x {self.info.height}."
             )
-        if len(picture.parts) != PACKINGS[self._packing].each:
+        if len(picture.parts) != self._kind.each:
             raise InvalidInput(
                 f"The picture holds {len(picture.parts)} holograms, the virtual SLM is one for the packing "
                 f"{self._packing}: give it that of the pictures."

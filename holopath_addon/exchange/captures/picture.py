@@ -1,0 +1,152 @@
+"""A picture with a depth for each pixel, as a scene."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ...engine import InvalidInput
+from ...engine.scene.captured.picture import picture_scene
+from .depths import DEPTHS, UNIT_WORDS, UNITS, read_depth
+from .options import CapturedScene, CaptureOptions, check_fov, fov_note, fov_of, refuse, shape_notes
+from .pixels import read_picture
+
+ALONG = ("axis", "ray")  # the camera's axis, or the line of sight
+
+
+class PictureFile:
+    """A picture with a depth for each pixel.
+
+    Parameters
+    ----------
+    path : Path
+        The picture; see `PICTURES`.
+    options : CaptureOptions
+    """
+
+    def __init__(self, path: Path, options: CaptureOptions) -> None:
+        self.path, self._options = path, options
+        refuse(options, ("axes", "point_radius"), f"{path} is a picture, not a .ply")
+        if options.depth is None:
+            raise InvalidInput(
+                f"{path} is a picture without depth: add --depth FILE and --depth-unit, or end the name of a quilt "
+                "with its layout, as _qs8x6a0.75."
+            )
+        self.depth_path = Path(options.depth)
+        if not self.depth_path.is_file():
+            raise InvalidInput(f"The depth {options.depth} does not exist: give a file that does.")
+        if self.depth_path.suffix.lower() not in DEPTHS:
+            raise InvalidInput(f"The depth {options.depth} must end on one of {', '.join(DEPTHS)}.")
+        if options.depth_unit not in UNITS:
+            raise InvalidInput(
+                f"{options.depth} does not say what its numbers are: add --depth-unit with {UNIT_WORDS}."
+            )
+        if (options.depth_unit == "inverse") != (options.depth_ends is not None):
+            raise InvalidInput(
+                "--depth-unit inverse needs --depth-ends FAR,NEAR, in meters, and no other unit has them: give both or "
+                "neither."
+            )
+        check_fov(options)
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Paths by names."""
+        return {"picture": self.path, "depth": self.depth_path}
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.image.shape[1], self.image.shape[0]
+
+    @property
+    def size_from(self) -> str:
+        """Where the size is from, as words."""
+        return f"the picture {self.path.name}"
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """Linear radiance, float32, shape (y, x, 3)."""
+        return read_picture(self.path)
+
+    def depth(self, fov: float) -> np.ndarray:
+        """Distance of each pixel along the camera's axis, meters, float64, shape (y, x).
+
+        Parameters
+        ----------
+        fov : float
+            Full horizontal field of view, radians, by which distances along the line of sight are converted.
+
+        Raises
+        ------
+        InvalidInput
+            If the files cannot be read, their sizes differ or a depth is not positive and finite.
+        """
+        depth = read_depth(self.depth_path, self._options.depth_unit or "", self._options.depth_ends)
+        if depth.shape != self.image.shape[:2]:
+            raise InvalidInput(
+                f"{self.path} has {self.size[0]} x {self.size[1]} pixels and {self.depth_path} has {depth.shape[1]} x "
+                f"{depth.shape[0]}: give a depth for each pixel."
+            )
+        return depth / _lengths(self.size, fov) if self._options.depth_along == "ray" else depth
+
+    def build(self, size: tuple[int, int], camera: str | None = None) -> CapturedScene:
+        """Make the scene, for a hologram of `size` pixels.
+
+        Raises
+        ------
+        InvalidInput
+            As of `depth`, or if a `camera` is named.
+        """
+        if camera is not None:
+            raise InvalidInput(f"{self.path} has no camera '{camera}': leave out --camera.")
+        fov = fov_of(self._options)
+        depth = self.depth(fov)
+        notes = [fov_note(self.path, self._options)] if self._options.fov is None else []
+        notes += shape_notes(self.path, self.size, size)
+        image, depth, (kept, _) = reduced(self.image, depth, size)
+        try:
+            scene, viewer = picture_scene(image, depth, 2 * math.atan(kept * math.tan(fov / 2)))
+        except InvalidInput as error:
+            raise InvalidInput(f"{self.path}, {self.depth_path}: {error}") from None
+        return CapturedScene(scene, viewer, notes)
+
+
+def _lengths(size, fov):
+    """Of the line of sight through each pixel's center, to depth 1."""
+    pixel = 2 * math.tan(fov / 2) / size[0]
+    across, down = ((np.arange(side) - 0.5 * (side - 1)) * pixel for side in size)
+    return np.sqrt(1 + across**2 + down[:, None] ** 2)
+
+
+def reduced(
+    image: np.ndarray, depth: np.ndarray, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
+    """Make a picture with depth smaller, if along both sides it has twice the pixels of a hologram of `size`, or more.
+
+    Blocks of pixels become one, with the mean of their colors and the median of their depths, the nearer one of two.
+    What is over at the borders is left out.
+
+    Returns
+    -------
+    image : numpy.ndarray, shape (y, x, 3)
+    depth : numpy.ndarray, shape (y, x)
+    kept : (float, float)
+        Fractions of width and height.
+    """
+    block = min(image.shape[1] // size[0], image.shape[0] // size[1])
+    if block < 2:
+        return image, depth, (1.0, 1.0)
+    height, width = depth.shape
+    rows, columns = height // block, width // block
+    inner = tuple(
+        slice((side - count * block) // 2, (side - count * block) // 2 + count * block)
+        for side, count in ((height, rows), (width, columns))
+    )
+    image = image[inner].reshape(rows, block, columns, block, 3).mean((1, 3))
+    blocks = depth[inner].reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows, columns, -1)
+    middle = (block**2 - 1) // 2
+    kept = columns * block / width, rows * block / height
+    return image, np.partition(blocks, middle, axis=-1)[..., middle], kept
