@@ -1,8 +1,9 @@
 """The zips that Blender installs: the package, its manifest and the wheels that it needs.
 
-One for each platform and Python. Every wheel has the SHA-256 that wheels.lock has for it, and nothing depends on a
-clock or a system: the same sources give the same bytes, LLVM's as far as liblzma packs alike. Blender's own validator,
-from the bpy package, has the last word.
+One for each platform and Python. Every wheel has the SHA-256 that wheels.lock has for it, or is made from such ones:
+LLVM's, and on Windows those that take a C++ library of their own. Nothing depends on a clock or a system: the same
+sources give the same bytes, as far as liblzma packs alike. Blender's own validator, from the bpy package, has the last
+word.
 """
 
 import importlib.util
@@ -13,8 +14,8 @@ import tomllib
 import zipfile
 from pathlib import Path
 
-from . import llvm, proof
-from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels, pythons_of
+from . import cpp_library, llvm, proof
+from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels
 
 PACKAGE = ROOT / "holopath_addon"
 LICENSE = ROOT / "LICENSE"
@@ -39,18 +40,19 @@ def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, k
     Raises
     ------
     SystemExit
-        Where a platform's Blenders have none of these Pythons, or binaries would not load.
+        Where binaries would not load.
     """
     for platform in platforms:
-        if not set(pythons) & set(pythons_of(platform)):
-            raise SystemExit(
-                f"distribution: on {platform} no Blender that can load HoloPath has Python {', '.join(pythons)}: "
-                f"take {' or '.join(pythons_of(platform))}."
-            )
-    for platform in platforms:
-        library = llvm.wheel(platform, kept / platform / "own", kept, packed)
-        for python in [python for python in pythons_of(platform) if python in pythons]:
-            wheels = [*locked_wheels(platform, python, kept), library]
+        windows = platform == cpp_library.PLATFORM
+        library = llvm.wheel(platform, kept / platform / "own", kept, packed and not windows)
+        if windows:
+            library = cpp_library.own(library, kept / platform / "own-llvm", kept, packed)
+        for python in [python for python in PYTHONS if python in pythons]:
+            wheels = locked_wheels(platform, python, kept)
+            if windows:
+                folder = kept / platform / f"own-{python}"
+                wheels = [cpp_library.own(wheel, folder, kept, packed) for wheel in wheels]
+            wheels.append(library)
             try:
                 found = proof.prove(wheels, platform, python)
             except proof.Unproven as error:

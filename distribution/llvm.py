@@ -4,12 +4,7 @@ PyPI's package llvm-nanobind holds a whole LLVM as a shared library, beside a Py
 3.12. The library asks for none. It is taken out as it is, with what lies beside it and the texts of the licenses.
 """
 
-import base64
-import csv
 import fnmatch
-import hashlib
-import io
-import os
 import subprocess
 import sys
 import tempfile
@@ -46,7 +41,7 @@ def wheel(platform, folder, kept=wheels.KEPT, packed=True):
     kept : Path, optional
         Where the wheels of the lock are, or are downloaded to.
     packed : bool, optional
-        By LZMA, which takes a minute and a third less than Deflate does; else not at all.
+        By LZMA; else not at all.
 
     Returns
     -------
@@ -57,33 +52,15 @@ def wheel(platform, folder, kept=wheels.KEPT, packed=True):
     system = source.name.rsplit("-", 1)[1].removesuffix(".whl")
     about = f"{PACKAGE}-{version}.dist-info"
     target = folder / f"{PACKAGE}-{version}-py3-none-{system}.whl"
-    folder.mkdir(parents=True, exist_ok=True)
-    unfinished = folder / f".unfinished-{target.name}"
-    record = []
-    method = zipfile.ZIP_LZMA if packed else zipfile.ZIP_STORED
-    try:
-        with zipfile.ZipFile(source) as theirs, zipfile.ZipFile(unfinished, "w", method) as ours:
-
-            def add(name, data):
-                ours.writestr(wheels.entry(name, method), data)
-                digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
-                record.append((name, f"sha256={digest}", len(data)))
-
-            add(f"{PACKAGE}/__init__.py", b"")  # else folders of this name would be one package
-            for name, member in sorted(_libraries(platform, theirs.namelist()).items()):
-                add(f"{PACKAGE}/{name}", theirs.read(member))
-            for name in LICENSED[platform]:
-                text = (LICENSES / f"{name}.txt").read_bytes()
-                add(f"{about}/licenses/{name}.txt", text)
-            add(f"{about}/METADATA", _metadata(version, LICENSED[platform]).encode())
-            tag = f"Root-Is-Purelib: false\nTag: py3-none-{system}\n"
-            add(f"{about}/WHEEL", f"Wheel-Version: 1.0\nGenerator: HoloPath\n{tag}".encode())
-            rows = io.StringIO()
-            csv.writer(rows, lineterminator="\n").writerows([*record, (f"{about}/RECORD", "", "")])
-            ours.writestr(wheels.entry(f"{about}/RECORD", method), rows.getvalue())
-        os.replace(unfinished, target)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with zipfile.ZipFile(source) as theirs, wheels.writing(target, packed) as add:
+        add(f"{PACKAGE}/__init__.py", b"")  # else folders of this name would be one package
+        for name, member in sorted(_libraries(platform, theirs.namelist()).items()):
+            add(f"{PACKAGE}/{name}", theirs.read(member))
+        for name in LICENSED[platform]:
+            add(f"{about}/licenses/{name}.txt", (LICENSES / f"{name}.txt").read_bytes())
+        add(f"{about}/METADATA", _metadata(version, LICENSED[platform]).encode())
+        tag = f"Root-Is-Purelib: false\nTag: py3-none-{system}\n"
+        add(f"{about}/WHEEL", f"Wheel-Version: 1.0\nGenerator: HoloPath\n{tag}".encode())
     return target
 
 

@@ -3,14 +3,18 @@
 Reads ELF, Mach-O and PE files as the loaders of Linux, macOS and Windows do. Each library that a binary imports must
 be in the zip, in Blender, or in every system that Blender runs on; each binary must be for the processor, the Python
 and a system that is old enough; and LLVM must have the functions that Dr.Jit looks up in it by name.
+
+On Windows each function that is imported must be in the library that it is imported from. Binaries that pass objects
+of C++ to each other must take the same C++ library, which is none that an older Blender would answer with its own.
 """
 
+import hashlib
 import posixpath
 import re
 import zipfile
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -41,14 +45,54 @@ SYSTEM = {
     ),
 }
 
-# Blender for Windows has the compiler's libraries and Python beside it. The others have Python in themselves, and
-# modules find it there without importing a library.
-BLENDER = {"windows-x64": ("vcruntime140.dll", "vcruntime140_1.dll", "msvcp140.dll", "python{python}.dll")}
+# Blender for Windows has the compiler's runtime and Python beside it. The others have Python in themselves, and
+# modules find it there without importing a library. Blender's MSVCP140.dll is not here: until 5.0 it is of 2021, too
+# old for what is built since 2024.
+BLENDER = {"windows-x64": ("vcruntime140.dll", "vcruntime140_1.dll", "python{python}.dll")}
+
+# Functions of the compiler's runtime that may be imported: all are in version 14.29, which Blender 4.2 to 5.0 have.
+RUNTIME = {
+    "vcruntime140_1.dll": {"__CxxFrameHandler4"},
+    "vcruntime140.dll": {
+        *(
+            "memchr",
+            "memcmp",
+            "memcpy",
+            "memmove",
+            "memset",
+            "strchr",
+            "strrchr",
+            "strstr",
+            "wcschr",
+            "wcsrchr",
+            "wcsstr",
+        ),
+        *(
+            "_CxxThrowException",
+            "__AdjustPointer",
+            "__C_specific_handler",
+            "__CxxFrameHandler3",
+            "__RTDynamicCast",
+        ),
+        *("__RTtypeid", "__current_exception", "__current_exception_context", "__intrinsic_setjmp"),
+        *("__intrinsic_setjmpex", "__processing_throw", "__std_exception_copy", "__std_exception_destroy"),
+        *(
+            "__std_terminate",
+            "__std_type_info_compare",
+            "__std_type_info_destroy_list",
+            "__std_type_info_hash",
+        ),
+        *("__std_type_info_name", "__uncaught_exception", "__uncaught_exceptions", "_purecall", "longjmp"),
+    },
+}
+
+# By this function a library is known as a build of Microsoft's C++ library, whatever its name.
+CPP_LIBRARY = "?_Xlength_error@std@@YAXPEBD@Z"
 
 PROCESSOR = {"linux-x64": "X86_64", "macos-arm64": "ARM64", "windows-x64": "AMD64"}
 
-# The newest versions that may be needed: of Rocky Linux 8 and Windows 8.1, the oldest for Blender 4.2; the macOS that
-# LLVM is built for; and MSVCP140.dll as Blender 5.1 has it.
+# The newest versions that may be needed: of Rocky Linux 8 and Windows 8.1, the oldest for Blender 4.2; and the macOS
+# that LLVM is built for.
 NEWEST = {
     "GLIBC": (2, 28),
     "GLIBCXX": (3, 4, 25),
@@ -58,10 +102,7 @@ NEWEST = {
     "ZLIB": (1, 2, 9),
     "macOS": (13, 0, 0),
     "Windows": (6, 3),
-    "MSVCP140": (14, 44),
 }
-# Of Blenders with Python 3.11, 4.2 to 5.0: what needs 14.40 loads there, and crashes Blender at the first lock.
-NEWEST_OF_PYTHON = {"3.11": {"MSVCP140": (14, 29)}}
 
 BINARY = (b"\x7fELF", b"MZ", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 LIBRARY = re.compile(r"\.(so[\d.]*|dylib|dll|pyd)$")
@@ -134,6 +175,10 @@ class Binary:
     needs: Sequence[tuple[str, tuple[int, ...]]]
     exports: Set[str]
     handed_down: Sequence[str] = ()  # folders where the imports of its imports are looked for too
+    functions: Mapping[str, Set[str]] = field(
+        default_factory=dict
+    )  # of Windows, by the library they come from
+    digest: str = ""
 
 
 def prove(wheels: Sequence[Path], platform: str, python: str) -> Proof:
@@ -168,7 +213,9 @@ def prove(wheels: Sequence[Path], platform: str, python: str) -> Proof:
         findings.append("There is no library of LLVM's in a wheel holopath_llvm.")
     elif lacking := looked_up - exports - OPTIONAL:
         findings.append(f"LLVM's library lacks what Dr.Jit looks up: {', '.join(sorted(lacking))}.")
-    blender, system, missing = _origins(binaries, dll_folders, platform, python)
+    blender, system, missing, loads = _origins(binaries, dll_folders, platform, python)
+    findings += _without_functions(binaries, loads)
+    findings += _strangers(binaries, loads)
     for name, paths in missing.items():
         more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
         findings.append(
@@ -241,7 +288,9 @@ def _read(wheels, platform):
                         continue
                     looked_up = LOOKED_UP.findall(data) if DRJIT.match(path) else []
                     looked_up = {name.decode() for name in looked_up}
-                    binaries[path] = Binary(wheel.name.split("-")[0], looked_up, **facts(binary, path))
+                    package, digest = wheel.name.split("-")[0], hashlib.sha256(data).hexdigest()
+                    found = facts(binary, path)
+                    binaries[path] = Binary(package, looked_up, digest=digest, **found)
                 elif name.endswith("/__init__.py"):
                     dll_folders += DLL_FOLDER.findall(archive.read(name).decode())
     return binaries, dll_folders, findings
@@ -298,14 +347,16 @@ def _pe(binary, path) -> dict[str, Any]:
     imports = {name: _within(path, "$ORIGIN", [f"$ORIGIN/{name}"]) for name in functions}
     header = binary.optional_header
     needs = [("Windows", (header.major_subsystem_version, header.minor_subsystem_version))]
-    # Compilers since 2024 begin mutexes as zeros, which an older library takes for an address when one is locked.
-    mutex = functions.get("msvcp140.dll", set())
-    if "_Mtx_lock" in mutex and "_Mtx_init_in_situ" not in mutex:
-        needs.append(("MSVCP140", (14, 40)))
     exported = binary.get_export()
     exports = {entry.name for entry in exported.entries} if exported else set()
-    name, processor = posixpath.basename(path), binary.header.machine.name
-    return {"name": name, "processor": processor, "imports": imports, "needs": needs, "exports": exports}
+    return {
+        "name": posixpath.basename(path),
+        "processor": binary.header.machine.name,
+        "imports": imports,
+        "needs": needs,
+        "exports": exports,
+        "functions": functions,
+    }
 
 
 def _within(path, token, names):
@@ -316,7 +367,6 @@ def _within(path, token, names):
 def _misfits(binaries, platform, python) -> Iterator[str]:
     """A sentence for each binary of another processor or Python, or of a newer system."""
     ends = tuple(end.format(python=python.replace(".", "")) for end in MODULE_ENDS[platform])
-    newest = NEWEST | NEWEST_OF_PYTHON.get(python, {})
     for path, binary in binaries.items():
         where = f"{path} ({binary.wheel})"
         if binary.processor != PROCESSOR[platform]:
@@ -326,21 +376,22 @@ def _misfits(binaries, platform, python) -> Iterator[str]:
         if platform == "macos-arm64" and not binary.needs:
             yield f"{where} does not tell which macOS it needs."
         for kind, version in binary.needs:
-            if kind not in newest:
+            if kind not in NEWEST:
                 yield f"{where} needs {kind}, which systems do not promise."
-            elif version > newest[kind]:
-                yield f"{where} needs {kind} {_dotted(version)}, newer than {_dotted(newest[kind])}."
+            elif version > NEWEST[kind]:
+                yield f"{where} needs {kind} {_dotted(version)}, newer than {_dotted(NEWEST[kind])}."
 
 
 def _origins(binaries, dll_folders, platform, python):
-    """Imports from Blender and from the system, and what is missing, with the paths of those that import it."""
+    """Imports from Blender and from the system; what is missing, with the paths of those that import it; and where each
+    binary's other imports are."""
     of_blender = [name.format(python=python.replace(".", "")) for name in BLENDER.get(platform, ())]
-    loads, loaded_by, blender, system, outside = defaultdict(set), defaultdict(set), set(), set(), []
+    loads, loaded_by, blender, system, outside = defaultdict(dict), defaultdict(set), set(), set(), []
     for path, binary in binaries.items():
         for name, places in binary.imports.items():
             places = [*places, *(f"{folder}/{name}" for folder in dll_folders)]
             if place := next(filter(binaries.get, places), None):
-                loads[path].add(place)
+                loads[path][name] = place
                 loaded_by[place].add(path)
             elif name in of_blender:
                 blender.add(name)
@@ -354,20 +405,59 @@ def _origins(binaries, dll_folders, platform, python):
             any(f"{folder}/{name}" in binaries for folder in binaries[loader].handed_down)
             for loader in loaded_by[path]
         ]
-        if not (handed_down and all(handed_down)) and name not in _in_memory(path, binaries, loads):
+        if handed_down and all(handed_down):
+            continue
+        if place := _in_memory(path, binaries, loads).get(name):
+            loads[path][name] = place
+        else:
             missing[name].append(path)
-    return tuple(sorted(blender)), tuple(sorted(system)), missing
+    return tuple(sorted(blender)), tuple(sorted(system)), missing, loads
 
 
 def _in_memory(path, binaries, loads):
-    """What the libraries go by that are loaded before the one at `path` is."""
+    """Paths of the libraries that are loaded before the one at `path` is, by what they go by."""
     patterns = [before for those, before in LOADED_BEFORE.items() if fnmatchcase(path, those)]
     todo = {other for other in binaries if any(fnmatchcase(other, pattern) for pattern in patterns)}
     loaded = set()
     while todo:
         loaded |= todo
-        todo = {new for other in todo for new in loads[other]} - loaded
-    return {binaries[other].name for other in loaded}
+        todo = {new for other in todo for new in loads[other].values()} - loaded
+    return {binaries[other].name: other for other in sorted(loaded)}
+
+
+def _without_functions(binaries, loads) -> Iterator[str]:
+    """A sentence for each library of Windows that lacks functions which a binary imports from it."""
+    for path, binary in binaries.items():
+        for name, functions in binary.functions.items():
+            if place := loads[path].get(name):
+                there = binaries[place].exports
+            elif name in RUNTIME:
+                there = RUNTIME[name]
+            else:
+                continue
+            if lacking := sorted(functions - there - {""}):  # those without a name go by numbers
+                yield f"{name} lacks what {path} ({binary.wheel}) imports from it: {', '.join(lacking)}."
+
+
+def _strangers(binaries, loads) -> Iterator[str]:
+    """A sentence for binaries that import from each other, and take objects for those of another C++ library."""
+    builds = {path: binary for path, binary in binaries.items() if CPP_LIBRARY in binary.exports}
+    digests = defaultdict(set)
+    for binary in builds.values():
+        digests[binary.name].add(binary.digest)
+    for name in [name for name, found in digests.items() if len(found) > 1]:
+        yield f"{name} is two different files: Windows takes for one what is in memory of the other."
+    taken = {
+        path: {name for name, place in places.items() if place in builds} for path, places in loads.items()
+    }
+    for path, places in sorted(loads.items()):
+        for place in sorted(set(places.values()) - builds.keys()):
+            ours, theirs = taken[path], taken.get(place)
+            if ours and theirs and ours != theirs:
+                yield (
+                    f"{path} ({binaries[path].wheel}) takes {', '.join(sorted(ours))}, and {place}, which it imports, "
+                    f"{', '.join(sorted(theirs))}: objects of one C++ library are unknown to another."
+                )
 
 
 def _pattern_of(name, patterns):

@@ -1,12 +1,16 @@
 """The wheels in HoloPath's zips: which they are, and how they come from the package index, by their hashes."""
 
+import base64
+import csv
 import hashlib
+import io
 import os
 import platform as system
 import shutil
 import subprocess
 import sys
 import zipfile
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,11 +38,10 @@ PYTHONS = {
     "3.13": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "xatlas==0.0.11", "pyserial==3.5", *SDL],
     "3.14": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "pyserial==3.5", *SDL],
 }
-# Blender for Windows has Python 3.11 until 5.0, with a C++ library of 2021 with which Mitsuba and LLVM would crash it.
-REFUSED = {("windows-x64", "3.11")}
-# Not installed as it is, see `llvm`: it asks for a Python of 3.12 or newer, and its library for none.
-LLVM = "llvm"
-WHEELS = PYTHONS | {LLVM: ["llvm_nanobind==21.1.6.3"]}
+# Not installed as they are. `llvm`: its package asks for a Python of 3.12 or newer, and its library for none.
+# `cpp_library`: Microsoft's package installs a library where Blender would not find it.
+LLVM, CPP = "llvm", "cpp"
+WHEELS = PYTHONS | {LLVM: ["llvm_nanobind==21.1.6.3"], CPP: ["msvc_runtime==14.44.35112"]}
 
 RENEW = "python -m distribution lock"
 LOCK_HEADER = f"""\
@@ -47,16 +50,16 @@ LOCK_HEADER = f"""\
 """
 
 
-def pythons_of(platform):
-    """Pythons whose Blenders can load HoloPath on a platform."""
-    return [python for python in PYTHONS if (platform, python) not in REFUSED]
+def names_of(platform):
+    """Keys of `WHEELS` whose wheels a platform's zips are made of."""
+    return [name for name in WHEELS if name != CPP or platform == "windows-x64"]
 
 
 def renew_lock(folder=KEPT):
     """Fetch the wheels for all platforms anew into `folder`, and write what they are to the lock."""
     lines = []
     for platform in PIP_PLATFORMS:
-        for name in (*pythons_of(platform), LLVM):
+        for name in names_of(platform):
             target = folder / platform / name
             shutil.rmtree(target, ignore_errors=True)
             fetch(platform, name, target, WHEELS[name])
@@ -109,7 +112,13 @@ def fetch(platform, name, target, requirements):
     listed = target / "requirements.txt"
     listed.write_text("\n".join(requirements), encoding="utf-8")
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]
-    command += ["--no-deps", "--only-binary", ":all:", "--python-version", "3.13" if name == LLVM else name]
+    command += [
+        "--no-deps",
+        "--only-binary",
+        ":all:",
+        "--python-version",
+        name if name in PYTHONS else "3.13",
+    ]
     for tag in PIP_PLATFORMS[platform]:
         command += ["--platform", tag]
     command += ["--requirement", listed, "--dest", target]
@@ -147,3 +156,32 @@ def entry(name, method=zipfile.ZIP_STORED):
     info.external_attr = 0o644 << 16
     info.compress_type = method
     return info
+
+
+@contextmanager
+def writing(target, packed):
+    """Write a wheel, by a function that takes the name and the content of each file; its RECORD comes last.
+
+    It stands under its name only when it is complete. Packed is by LZMA, which takes a minute and a third less than
+    Deflate does for LLVM; else not at all.
+    """
+    method = zipfile.ZIP_LZMA if packed else zipfile.ZIP_STORED
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_name(f".unfinished-{target.name}")
+    record = []
+    try:
+        with zipfile.ZipFile(unfinished, "w", method) as archive:
+
+            def add(name, data):
+                archive.writestr(entry(name, method), data)
+                digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
+                record.append((name, f"sha256={digest}", len(data)))
+
+            yield add
+            (about,) = {name.split("/")[0] for name, *_ in record if ".dist-info/" in name}
+            rows = io.StringIO()
+            csv.writer(rows, lineterminator="\n").writerows([*record, (f"{about}/RECORD", "", "")])
+            archive.writestr(entry(f"{about}/RECORD", method), rows.getvalue())
+        os.replace(unfinished, target)
+    finally:
+        unfinished.unlink(missing_ok=True)

@@ -3,6 +3,10 @@
 `holopath_addon.engine` works without Blender on any Mitsuba scene.
 """
 
+from . import llvm_package
+
+llvm_package.name()  # before anybody imports Mitsuba
+
 
 def register():
     """Register everything with Blender; if one part fails, none stays."""

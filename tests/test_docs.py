@@ -18,7 +18,7 @@ from holopath_addon import cli, engine, exchange, slm
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 TOP = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")]
-PAGES = TOP + sorted(DOCS.rglob("*.md"))
+PAGES = [*TOP, ROOT / "distribution" / "pypi.md", *sorted(DOCS.rglob("*.md"))]
 MODULES = {"engine": engine, "slm": slm, "exchange": exchange}
 # Options of other programs that the pages name: Dask's, SLURM's, those of benchmarks, and of the program that designs
 # phase fields.

@@ -9,7 +9,7 @@ from pathlib import Path
 import lief
 import pytest
 
-from distribution.proof import OPTIONAL, Unproven, prove, table
+from distribution.proof import CPP_LIBRARY, OPTIONAL, Unproven, prove, table
 
 lief.logging.disable()
 
@@ -18,6 +18,7 @@ CORE, THREADS, LLVM = "drjit/libdrjit-core.so", "drjit/libnanothread.so", "holop
 
 def proof_of(folder, files, platform, python="3.13"):
     """Of files by their paths, each in a wheel of its package."""
+    folder.mkdir(exist_ok=True)
     wheels = {}
     for name, data in files.items():
         package = name.split("/")[0]
@@ -204,8 +205,8 @@ def test_a_newer_macos_and_another_processor_are_named(tmp_path):
     ]
 
 
-def pe(imports=(), functions=("_Mtx_lock", "_Mtx_init_in_situ"), processor="AMD64", windows=6):
-    """A library for Windows, of its table of imports alone."""
+def pe(imports=(), functions=("f",), processor="AMD64", windows=6, exports=("f",)):
+    """A library for Windows, of its tables of imports and exports alone."""
     factory = lief.PE.Factory.create(lief.PE.PE_TYPE.PE32_PLUS)
     section = lief.PE.Section(".text")
     section.virtual_address = 0x1000
@@ -217,14 +218,18 @@ def pe(imports=(), functions=("_Mtx_lock", "_Mtx_init_in_situ"), processor="AMD6
         library = binary.add_import(name)
         for function in functions:
             library.add_entry(function)
+    exported = lief.PE.Export("any.dll", [])
+    for function in exports:
+        exported.add_entry(function, 0x1000)
+    binary.set_export(exported)
     config = lief.PE.Builder.config_t()
-    config.imports = True
+    config.imports = config.exports = True
     return binary.write_to_bytes(config)
 
 
 def test_libraries_of_windows_are_found_as_its_loader_does(tmp_path):
     imports = ["Near.dll", "far.dll", "KERNEL32.dll", "api-ms-win-crt-heap-l1-1-0.dll"]
-    imports += ["MSVCP140.dll", "python313.dll", "python311.dll", "VCOMP140.DLL", "elsewhere.dll"]
+    imports += ["python313.dll", "python311.dll", "VCOMP140.DLL", "MSVCP140.dll", "elsewhere.dll"]
     files = {
         "scipy/__init__.py": "libs_dir = os.path.join(os.pardir, 'scipy.libs')\nos.add_dll_directory(libs_dir)\n",
         "scipy/a.cp313-win_amd64.pyd": pe(imports),
@@ -234,7 +239,7 @@ def test_libraries_of_windows_are_found_as_its_loader_does(tmp_path):
     }
     assert complaints(tmp_path, files, "windows-x64") == [
         f"{name} is missing where scipy/a.cp313-win_amd64.pyd (scipy) would find it: in the zip, Blender or the system."
-        for name in ("python311.dll", "vcomp140.dll", "elsewhere.dll")
+        for name in ("python311.dll", "vcomp140.dll", "msvcp140.dll", "elsewhere.dll")
     ]
 
 
@@ -263,12 +268,42 @@ def test_another_processor_python_and_windows_are_named(tmp_path):
     ]
 
 
-def test_mutexes_that_begin_as_zeros_need_a_newer_library(tmp_path):
-    """Blenders with Python 3.11 have none that is new enough."""
-    files = {"one/a.dll": pe(["MSVCP140.dll"]), "one/b.dll": pe(["MSVCP140.dll"], functions=["_Mtx_lock"])}
-    for python in ("3.11", "3.13"):
-        (tmp_path / python).mkdir()
-    assert complaints(tmp_path / "3.13", files, "windows-x64") == []
-    assert complaints(tmp_path / "3.11", files, "windows-x64", "3.11") == [
-        "one/b.dll (one) needs MSVCP140 14.40, newer than 14.29."
+def test_functions_that_a_library_of_windows_lacks_are_named(tmp_path):
+    """Of one in the zip, and of the compiler's runtime as it was in 2021."""
+    files = {
+        "one/a.dll": pe(["b.dll", "VCRUNTIME140.dll"], ["memcpy", "_CxxThrowException", "memccpy"]),
+        "one/b.dll": pe(exports=["memcpy", "memccpy"]),
+    }
+    assert complaints(tmp_path, files, "windows-x64") == [
+        "b.dll lacks what one/a.dll (one) imports from it: _CxxThrowException.",
+        "vcruntime140.dll lacks what one/a.dll (one) imports from it: memccpy.",
+    ]
+
+
+def test_objects_stay_in_one_cpp_library(tmp_path):
+    """What imports nothing of each other may have two: SciPy brings one of its own."""
+    library = pe(exports=[CPP_LIBRARY, "f"])
+    files = {
+        "drjit/_drjit_ext.cp313-win_amd64.pyd": pe(["drjit-core.dll"]),
+        "drjit/drjit-core.dll": pe(["cpp12345.dll"]),
+        "drjit/cpp12345.dll": library,
+        "mitsuba/mitsuba.dll": pe(["drjit-core.dll", "cpp12345.dll"]),  # Dr.Jit's, which is in memory
+        "other/c.dll": pe(["cpp67890.dll"]),
+        "other/cpp67890.dll": library,
+    }
+    assert complaints(tmp_path / "good", files, "windows-x64") == []
+    bad = files | {
+        "mitsuba/mitsuba.dll": pe(["drjit-core.dll", "cpp67890.dll"]),
+        "mitsuba/cpp67890.dll": library,
+    }
+    assert complaints(tmp_path / "bad", bad, "windows-x64") == [
+        "mitsuba/mitsuba.dll (mitsuba) takes cpp67890.dll, and drjit/drjit-core.dll, which it imports, cpp12345.dll: "
+        "objects of one C++ library are unknown to another."
+    ]
+
+
+def test_one_name_is_one_cpp_library(tmp_path):
+    files = {f"{n}/cpp12345.dll": pe(exports=[CPP_LIBRARY, "f", n]) for n in ("drjit", "holopath_llvm")}
+    assert complaints(tmp_path, files, "windows-x64") == [
+        "cpp12345.dll is two different files: Windows takes for one what is in memory of the other."
     ]

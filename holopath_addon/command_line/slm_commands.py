@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import engine, failures, output, slm
+from .. import engine, failures, llvm_package, output, slm
 from ..engine.progress import stage
 from ..engine.scene import variants
 from ..slm.drivers.controller import BAUD
@@ -588,7 +588,10 @@ def _looking(args, window, planes, distances, size=None):
 
 def _devices(args):
     print("Mitsuba backends")
-    _print_rows(variants.describe())
+    backends = variants.describe()
+    _print_rows(backends)
+    if not any(row["available"] for row in backends if row["name"] == variants.LLVM):
+        print(f"  pip brings an LLVM:  {llvm_package.command()}")
     print("SLM drivers")
     _print_rows(slm.describe())
     print("Monitors")

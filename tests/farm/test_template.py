@@ -40,7 +40,7 @@ def test_in_the_extension():
 def test_in_the_wheel(tmp_path):
     copy = tmp_path / "source"
     copy.mkdir()
-    for name in ("holopath_addon", "pyproject.toml", "README.md", "LICENSE"):
+    for name in ("holopath_addon", "distribution", "pyproject.toml", "LICENSE"):
         (copy / name).symlink_to(ROOT / name)
     build = "from setuptools import build_meta; print(build_meta.build_wheel('../wheel'))"
     subprocess.run([sys.executable, "-c", build], cwd=copy, check=True, capture_output=True)
