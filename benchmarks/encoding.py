@@ -19,7 +19,6 @@ from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import ComplexTarget
 from holopath_addon.engine.encoding.views import KINDS, STEP, Views
 from holopath_addon.engine.scene import variants
-from holopath_addon.engine.settings import PHASE_FIELDS
 from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
 from holopath_addon.engine.waves.supervision import Frames
@@ -106,7 +105,7 @@ def methods(side=SIDE, count=None, frames=FRAMES):
         focus, hologram = subject.focus, subject.hologram
         view, edge, truth = (subject.scene, subject.camera, hologram), border(hologram), None
         lines.append(f"  {name}: {side} x {side}, 8 µm, green, at {', '.join(f'{d:g}' for d in focus)} m")
-        for kind in tuple(PHASE_FIELDS)[::-1]:
+        for kind in ("random", "designed"):
             for number in frames:
                 settings = engine.Settings(frames=number, method="full", phase_field=kind)
                 field = engine.render(*view, settings)

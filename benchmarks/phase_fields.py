@@ -14,7 +14,6 @@ import scipy.fft
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.rendering import planned
-from holopath_addon.engine.settings import PHASE_FIELDS
 from holopath_addon.engine.waves.phase_fields import SETS, designed_phasors, phasors_of
 from holopath_addon.engine.waves.propagation import transfer_function
 
@@ -23,7 +22,7 @@ from .optics import scenes as optics_scenes
 from .parts import drawn, joined
 from .scenes import FOV, GREEN, Scenes
 
-KINDS = tuple(PHASE_FIELDS)[::-1]  # random first
+KINDS = "random", "designed"
 PITCH, SIZE = 8e-6, 256
 WAVELENGTHS = (640e-9, 516.5e-9, 455.4e-9)
 DEFOCUS = np.arange(-60, 61) * 1e-4  # metres

@@ -575,7 +575,15 @@ def display_of(props):
 
 def settings_of(props):
     """Engine's settings, see `hologram_of`."""
-    return engine.Settings(**{name: _value(props, name, declared) for name, declared in DECLARED.items()})
+    values = {name: _value(props, name, declared) for name, declared in DECLARED.items()}
+    if not may_be_smooth(props):
+        values["randomness"] = None
+    return engine.Settings(**values)
+
+
+def may_be_smooth(props):
+    """Whether phase fields have a randomness."""
+    return props.phase_field in ("auto", "smooth")
 
 
 def _value(props, name, declared) -> Any:

@@ -86,12 +86,20 @@ ESTIMATORS = choices(
     ("paper", "Paper", "Random directions with a spherical wave, as published"),
 )
 PHASE_FIELDS = choices(
+    ("auto", "Auto", "Smooth with up to five frames, for which few speckle most; designed from there on"),
+    (
+        "smooth",
+        "Smooth",
+        "Surfaces as far in phase as the randomness says: little speckle with few frames, and less light to the rim of "
+        "the eyebox",
+    ),
     ("designed", "Designed", "Maps designed so that the frames' mean has little speckle, at any focus"),
     (
         "random",
         "Random",
         "Independent for each frame, as published: speckle of one over the root of the frames",
     ),
+    numbered=("designed", "random", "auto", "smooth"),
 )
 RADIANCES = choices(
     (
@@ -342,11 +350,28 @@ class Settings:
         metavar="S",
     )
     phase_field: str = _setting(
-        "designed",
+        "auto",
         "Phase Fields",
         "Where the phases of the frames come from; they cost the same",
-        advice="`designed`; `random` to compare with the paper",
+        advice="`auto`; `designed` for the whole eyebox with few frames, `random` to compare with the paper",
         chosen=PHASE_FIELDS,
+    )
+    randomness: float | None = _setting(
+        None,
+        "Randomness",
+        "How far smooth phase fields are from in phase, 0, to random, 1. More spreads light over the eyebox and leaves "
+        "more speckle",
+        advice="as much as the frames bear: 0 with one, 0.3 with two, 0.4 with three, 0.5 with more",
+        bounds=(0.0, 1.0),
+        initial=0.3,
+        switch=Switch(
+            "set_randomness",
+            "Set Randomness",
+            "Set the randomness of smooth phase fields by hand",
+            True,
+            "Set Randomness",
+        ),
+        metavar="R",
     )
     spp: int | None = _setting(
         None,

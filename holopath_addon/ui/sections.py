@@ -121,6 +121,7 @@ _COUNTS = {
     "paths": lambda props: props.radiance == "ray",
     "virtual_image": lambda props: props.most_hits > 0,
     "planes": lambda props: props.wrp_auto,
+    "randomness": properties.may_be_smooth,
 }
 
 

@@ -150,7 +150,7 @@ NUMBERS = {
     "display": "CUSTOM pluto-2 leto-3 gaea-2 meadowlark-1920 santec-slm-210 ti-plm-067",
     "colours": "RGB MONO",
     "depth_mapping": "fit eyepiece",
-    "phase_field": "designed random",
+    "phase_field": "designed random auto smooth",
     "quality": "preview balanced high draft",
     "method": "auto full fast direct point polygon rgbd rgbd-sgd focal-stack light-field stereogram gaussian network",
     "estimator": "lattice paper",

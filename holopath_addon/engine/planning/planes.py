@@ -62,7 +62,9 @@ def chosen(layouts: list[Layout], survey: Survey) -> Layout:
     if settings.planes != "auto":
         count = max(len(layout.parts) for layout in layouts)
         layouts = [layout for layout in layouts if len(layout.parts) == count]
-    noise = speckle_contrast(settings.phase_field, settings.frames) ** 2
+    # out of focus smooth fields ring, about as much as designed ones speckle
+    kind = "designed" if settings.phase_field == "smooth" else settings.phase_field
+    noise = speckle_contrast(kind, settings.frames) ** 2
     moves = settings.frames * len(survey.hologram.wavelengths)
 
     def worth(layout):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..errors import InvalidInput
 from ..mapping import DepthMapping
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
@@ -12,7 +13,15 @@ from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
-from ..waves.phase_fields import REACH, SETS, frames_for, speckle_contrast
+from ..waves.phase_fields import (
+    FEW_FRAMES,
+    REACH,
+    SETS,
+    frames_for,
+    randomness_for,
+    speckle_contrast,
+    straight_share,
+)
 from ..waves.propagation import padded_shape
 from .fixable import check_fixed
 from .layouts import CONE, by_region
@@ -78,7 +87,8 @@ def plan(
     if settings.method in BASELINES:
         # the least that tells the depths in view
         least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
-        return _of_baseline(_planned(scene, camera, hologram, resolved(least), None, []), settings, warnings)
+        least = resolved(replace(least, phase_field="random", randomness=None))
+        return _of_baseline(_planned(scene, camera, hologram, least, None, []), settings, warnings)
     return _planned(scene, camera, hologram, settings, store, warnings)
 
 
@@ -163,19 +173,46 @@ def _planned(scene, camera, hologram, settings, store, warnings):
 def resolved(settings: Settings) -> Settings:
     """Settings with what the method implies, `direct` the paper's estimator, and a wished speckle the frames.
 
-    Vertices of a path that are fixed are the most, too.
+    Phase fields are chosen by the frames, and their randomness, which is none but of smooth ones. Vertices of a path
+    that are fixed are the most, too.
 
     Raises
     ------
     InvalidInput
-        If no number of frames has so little speckle.
+        If no number of frames has so little speckle, or phase fields, randomness and estimator do not go together.
     """
     estimator = "paper" if settings.method == "direct" else settings.estimator
+    kind, randomness = settings.phase_field, settings.randomness
+    if kind == "auto" and randomness is not None:
+        kind = "smooth"
     frames = settings.frames
     if settings.speckle is not None:
-        frames = frames_for(settings.phase_field, settings.speckle)
+        # what little speckle is wished for is of many frames
+        kind = "designed" if kind == "auto" else kind
+        frames = frames_for(kind, settings.speckle, randomness)
+    if kind == "auto":
+        kind = "smooth" if frames < FEW_FRAMES and estimator == "lattice" else "designed"
+    if kind == "smooth" and settings.method not in BASELINES:
+        if estimator == "paper":
+            raise InvalidInput(
+                "Smooth phase fields need the estimator lattice: leave out the method direct or the estimator paper, "
+                "or choose the phase fields random."
+            )
+        randomness = randomness_for(frames) if randomness is None else randomness
+    elif randomness is not None and settings.method not in BASELINES:
+        raise InvalidInput(
+            f"A randomness is of smooth phase fields, not of {kind} ones: leave it out, or choose the phase fields "
+            "smooth."
+        )
     most = settings.fixed.get("max_depth", settings.max_depth)
-    return replace(settings, estimator=estimator, frames=frames, max_depth=most)
+    return replace(
+        settings,
+        estimator=estimator,
+        frames=frames,
+        max_depth=most,
+        phase_field=kind,
+        randomness=randomness,
+    )
 
 
 def once_baked(
@@ -261,8 +298,14 @@ def _frames(survey: Survey) -> Decided[None]:
     """Frames, what speckle they leave over the metres that eyes focus through, and steps against it."""
     hologram, settings, mapping = survey.hologram, survey.settings, survey.mapping
     ends = survey.z_low, survey.z_high, mapping.z_far, float(mapping.depth_to_z(survey.near))
-    speckle = speckle_contrast(settings.phase_field, settings.frames)
-    reason = f"{settings.phase_field} phase fields leave a speckle contrast of about {speckle:.0%}"
+    speckle = speckle_contrast(settings.phase_field, settings.frames, settings.randomness)
+    contrast = f"a speckle contrast of about {speckle:.0%}" if speckle else "no speckle"
+    smooth = settings.phase_field == "smooth"
+    degree = f" of randomness {settings.randomness:g}" if smooth else ""
+    reason = f"{settings.phase_field} phase fields{degree} leave {contrast}"
+    if smooth:
+        straight = straight_share(settings.randomness)
+        reason += f"; {straight:.0%} of the light goes straight on, to the middle of the eyebox"
     reach = REACH * hologram.pitch**2 / max(hologram.wavelengths)
     if settings.phase_field == "designed" and reach < max(ends) - min(ends):
         reason += f" up to {reach * 1e3:.2g} mm from focus, {speckle_contrast('random', settings.frames):.0%} beyond"

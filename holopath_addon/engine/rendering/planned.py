@@ -73,9 +73,8 @@ class PlannedRender:
         """Those of the hologram's frames, see `phasors_of`."""
         hologram, settings = self.hologram, self.settings
         with self.clock("phase fields"):
-            return phasors_of(
-                settings.phase_field, settings.frames, hologram.height, hologram.width, settings.seed
-            )
+            size = settings.frames, hologram.height, hologram.width
+            return phasors_of(settings.phase_field, *size, settings.seed, settings.randomness)
 
     def bake(self, store: BakeStore | None, progress: Progress) -> None:
         """Have the baked light that the plan asks for."""

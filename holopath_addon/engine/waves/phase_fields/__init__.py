@@ -1,4 +1,4 @@
-"""The phase that incoherent scattering gives each frame: at random (paper section 4.3), or designed for less speckle.
+"""The phase that scattering gives each frame: at random (paper section 4.3), designed for less speckle, or smooth.
 
 Maps are periodic; a hologram of any size repeats them.
 """
@@ -22,25 +22,64 @@ REACH = (
     60.0  # largest defocus wavelength z / pitch^2 that they serve; beyond, they are as good as random ones
 )
 GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over that of independent frames
+FEW_FRAMES = 6  # from which on designed maps show more than smooth ones
+FITTING = (0.0, 0.3, 0.4, 0.5)  # randomness of as many frames as its place, from one on, and of more
 
 
-def phasors_of(kind: str, frames: int, height: int, width: int, seed: int = 0) -> np.ndarray:
+def phasors_of(
+    kind: str, frames: int, height: int, width: int, seed: int = 0, randomness: float | None = None
+) -> np.ndarray:
     """exp(i phi_m) of the frames of a hologram.
 
     Parameters
     ----------
-    kind : {'designed', 'random'}
+    kind : {'designed', 'random', 'smooth'}
     frames, height, width, seed : int
         The hologram's.
+    randomness : float, optional
+        Of smooth fields, 0 to 1.
 
     Returns
     -------
     numpy.ndarray, complex64, shape (frames, rows, columns), of unit modulus
-        One period: the hologram's own size for random fields.
+        One period: the hologram's own size for random and smooth fields.
     """
-    if kind == "random":
-        return random_phasors(frames, height, width, seed)
-    return designed_phasors(frames, seed)
+    if kind == "designed":
+        return designed_phasors(frames, seed)
+    return random_phasors(frames, height, width, seed, 1.0 if randomness is None else randomness)
+
+
+def randomness_for(frames: int) -> float:
+    """Randomness of smooth phase fields at which so many frames look best; the optimum is flat.
+
+    Parameters
+    ----------
+    frames : int
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+    """
+    return FITTING[min(frames, len(FITTING)) - 1]
+
+
+def straight_share(randomness: float) -> float:
+    """Share of an even surface's light that smooth phase fields send straight on, as if all were in phase.
+
+    The squared mean of exp(i r phi) over the phases phi, which are uniform: sinc(r)^2. The rest goes everywhere.
+
+    Parameters
+    ----------
+    randomness : float
+        r, from 0 to 1.
+
+    Returns
+    -------
+    float
+        1 for fields in phase, 0 for random ones.
+    """
+    return float(np.sinc(randomness) ** 2)
 
 
 def designed_phasors(frames: int, seed: int = 0) -> np.ndarray:
@@ -72,10 +111,12 @@ def designed_phasors(frames: int, seed: int = 0) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def random_phasors(frames: int, height: int, width: int, seed: int = 0) -> np.ndarray:
-    """exp(i phi_m) of independent band-limited Gaussian random fields, periodic with the hologram.
+def random_phasors(
+    frames: int, height: int, width: int, seed: int = 0, randomness: float = 1.0
+) -> np.ndarray:
+    """exp(i r phi_m) of independent band-limited Gaussian random fields, periodic with the hologram.
 
-    r_m = IFFT(circle(f <= 1 / (2 pitch)) exp(i xi_m)), xi_m uniform; phi_m = arg r_m. The band in units of
+    They are IFFT(circle(f <= 1 / (2 pitch)) exp(i xi_m)), xi_m uniform; phi_m is their argument. The band in units of
     the pixel grid is the same for all wavelengths.
 
     Parameters
@@ -83,6 +124,8 @@ def random_phasors(frames: int, height: int, width: int, seed: int = 0) -> np.nd
     frames, height, width : int
     seed : int
         Frame m depends on the seed and m alone, so fewer frames are a prefix of more.
+    randomness : float
+        r: 1 for random phases, 0 for none, smooth ones between (Yoo et al., Opt. Lett. 46, 4769, 2021).
 
     Returns
     -------
@@ -93,35 +136,44 @@ def random_phasors(frames: int, height: int, width: int, seed: int = 0) -> np.nd
     for m in range(frames):
         xi = np.random.default_rng((seed, m)).random((height, width), dtype=np.float32)
         field = scipy.fft.ifft2(band * np.exp(2j * np.float32(math.pi) * xi), workers=threads())
-        phasors[m] = np.exp(1j * np.angle(field))
+        phasors[m] = np.exp(1j * np.float32(randomness) * np.angle(field))
     return phasors
 
 
-def speckle_contrast(kind: str, frames: int) -> float:
+def speckle_contrast(kind: str, frames: int, randomness: float | None = None) -> float:
     """Contrast of what speckle is left in pictures of textured scenes, as a share of their intensity.
 
     1/sqrt(frames) for random fields, less for designed ones: as measured for the sets (benchmarks/phase_fields.py),
-    interpolated between them.
+    interpolated between them. Smooth ones have partially developed speckle: of a share s of the light that is in phase
+    and the rest that is not, the contrast is sqrt(1 - s^2) (Goodman, Speckle Phenomena in Optics, 2007, section 3.2).
 
     Parameters
     ----------
-    kind : {'designed', 'random'}
+    kind : {'designed', 'random', 'smooth'}
     frames : int
+    randomness : float, optional
+        Of smooth fields, 0 to 1; as `randomness_for` has it where not given.
 
     Returns
     -------
     float
     """
-    gain = 1.0 if kind == "random" else float(np.interp(math.log(frames), np.log(SETS), GAIN))
+    if kind == "designed":
+        gain = float(np.interp(math.log(frames), np.log(SETS), GAIN))
+    elif kind == "smooth":
+        gain = 1 - straight_share(randomness_for(frames) if randomness is None else randomness) ** 2
+    else:
+        gain = 1.0
     return math.sqrt(gain / frames)
 
 
-def frames_for(kind: str, contrast: float) -> int:
+def frames_for(kind: str, contrast: float, randomness: float | None = None) -> int:
     """Fewest frames that leave a speckle contrast of at most so much.
 
     Parameters
     ----------
-    kind : {'designed', 'random'}
+    kind, randomness
+        As of `speckle_contrast`.
     contrast : float
 
     Returns
@@ -134,9 +186,9 @@ def frames_for(kind: str, contrast: float) -> int:
         If `MOST_FRAMES` leave more.
     """
     for frames in range(1, MOST_FRAMES + 1):
-        if speckle_contrast(kind, frames) <= contrast:
+        if speckle_contrast(kind, frames, randomness) <= contrast:
             return frames
-    least = speckle_contrast(kind, MOST_FRAMES)
+    least = speckle_contrast(kind, MOST_FRAMES, randomness)
     raise InvalidInput(
         f"A speckle contrast of {contrast:.1%} takes over {MOST_FRAMES} frames: ask for {least:.1%} or more."
     )
