@@ -32,6 +32,7 @@ def _display_items():
     items = [(CUSTOM, "Custom", "Resolution, pixel pitch and bit depth as set below", 0)]
     for display in engine.DISPLAYS.values():
         size = f"{display.width} × {display.height} pixels of {display.pitch * 1e6:g} µm, {display.bits} bits"
+        size += f", {display.frames} {'frame' if display.frames == 1 else 'frames'} a color"
         items.append((display.name, display.label, size, display.number))
     return items
 
@@ -91,6 +92,7 @@ def _display_changed(props, context):
         display.height,
         display.pitch * 1e6,
     )
+    props.frames = display.frames
     props.depth_far_mm, props.depth_near_mm = (end * 1e3 for end in display.depth_range)
 
 

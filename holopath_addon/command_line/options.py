@@ -91,8 +91,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def asked(args: argparse.Namespace, base: Settings) -> Settings:
-    """The settings that words ask for, over a scene's own."""
+    """The settings that words ask for, over a scene's own; a display brings the frames that it shows."""
     given = {name: getattr(args, name) for name in DECLARED if getattr(args, name) is not None}
+    if args.display is not None and not {"frames", "speckle"} & set(given):
+        given["frames"] = args.display.frames
     others = {name: default_of(name) for name, each in DECLARED.items() if each.instead_of in given}
     return replace(base, **others | given)
 

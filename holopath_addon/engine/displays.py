@@ -28,6 +28,8 @@ class Display:
     depth_range : (float, float)
         Distances from the SLM of the far and the near end of its volume, meters: those of the paper's prototype
         (section 5), whose relay has room for them.
+    frames : int
+        Pictures of each color that it shows within a sixtieth of a second, one color after another.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Display:
     bits: int
     number: int
     depth_range: tuple[float, float] = (80e-3, 85e-3)
+    frames: int = 1
 
 
 DISPLAYS = {
@@ -48,7 +51,7 @@ DISPLAYS = {
         Display("gaea-2", "HOLOEYE GAEA-2", 4160, 2464, 3.74e-6, 8, 3),
         Display("meadowlark-1920", "Meadowlark Optics 1920 x 1152", 1920, 1152, 9.2e-6, 8, 4),
         Display("santec-slm-210", "Santec SLM-210", 1920, 1200, 8.0e-6, 10, 5),
-        Display("ti-plm-067", 'Texas Instruments PLM 0.67"', 1358, 800, 10.8e-6, 4, 6),
+        Display("ti-plm-067", 'Texas Instruments PLM 0.67"', 1358, 800, 10.8e-6, 4, 6, frames=8),
     )
 }
 

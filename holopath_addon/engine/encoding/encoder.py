@@ -16,7 +16,7 @@ from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.modulator import Levels, wrapped
-from ..waves.phase_fields import random_phasors
+from ..waves.phase_fields import FEW_FRAMES, random_phasors
 from ..waves.propagation import circular_band, filtered
 from ..waves.supervision import Frames
 from . import descent
@@ -47,7 +47,6 @@ MOST_STEPS = 1000
 STEPS = {"joint": 100, "refine": 400}  # of each wavelength, where seconds do not say how many
 SHARE = {"joint": 0.1, "refine": 0.1}  # of the progress that comes before the stage
 TRACED = 0.4  # and is done when the many frames are there
-FEW_FRAMES = 6  # fewer leave parts of the pupil out, whose views they cannot show besides the whole
 # Shares of the seconds, where these are few: the first stage takes no more of them, and some frames are there by then.
 FIRST, LATEST = 0.1, 0.6
 LEAST_STEPS = 10  # of all frames together, for which looks at all views are worth their time

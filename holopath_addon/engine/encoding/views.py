@@ -21,7 +21,7 @@ COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
 MOST_BYTES = 1 << 30  # of transfer functions that are kept
 TOGETHER = 1 << 25  # bytes of spectra that are looked at together
 LEAST_MET = 0.25  # of a cone of light, as in a corner: what would have to be brighter still stays dark
-FEW_FRAMES, MORE_PARTS = (
+USUAL_FRAMES, MORE_PARTS = (
     8,
     3.0,
 )  # parts of the pupil are as many times more as frames, but so many times at most
@@ -58,7 +58,7 @@ class ViewKind:
         """At each depth: the more frames, the more parts they can show besides the whole."""
         if self.radius >= 1:
             return self.each
-        return round(self.each * min(max(1.0, frames / FEW_FRAMES), MORE_PARTS))
+        return round(self.each * min(max(1.0, frames / USUAL_FRAMES), MORE_PARTS))
 
 
 # A few frames cannot show all views exactly. These weights are worth most: halves and quarters gain nearly as much from
