@@ -308,8 +308,8 @@ class Settings:
     frames: int = _setting(
         8,
         "Frames",
-        "Time-multiplexed frames per color: 1 for an SLM of 60 pictures a second or of 180 in colors, 3 for one of 540, "
-        "8 and more for fast ones. More have less speckle and take longer",
+        "Time-multiplexed frames per color: 1 for an SLM of 60 pictures a second or of 180 in colors, 3 for one of "
+        "540, 8 and more for fast ones. More have less speckle and take longer",
         advice="what your SLM shows: 1 for most, 8 and more for fast ones; a display's preset brings its own",
         section="quality",
         bounds=(1, 256),

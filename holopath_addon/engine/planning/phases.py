@@ -205,10 +205,11 @@ def _chosen(plan, settings, method, seconds, along):
 
 def _few(settings, eyebox):
     """What few frames show, in words."""
-    looked = "the pupil as a whole" if not eyebox else "the pupil as a whole and its parts"
+    frames = "one frame averages" if settings.frames == 1 else f"{settings.frames} frames average"
+    looked = f"and {eyebox:g} of its parts" if eyebox else "as a whole"
     return (
-        f"{settings.frames} frames cannot average speckle, so that their descent begins with phases of randomness "
-        f"{settings.randomness:g} and goes towards what {looked} sees"
+        f"{frames} little speckle, so that phases begin with randomness {settings.randomness:g} and the pupil counts "
+        f"{looked}"
     )
 
 

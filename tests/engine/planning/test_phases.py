@@ -120,7 +120,7 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
         engine.Settings(frames=1, randomness=0.2),
         eyebox=0.5,
     )
-    assert (wide.randomness, wide.eyebox) == (0.2, 0.5) and "its parts" in wide.reason
+    assert (wide.randomness, wide.eyebox) == (0.2, 0.5) and "0.5 of its parts" in wide.reason
     assert chosen(frames=1, seconds=0.5).randomness is None  # for there is no time for more frames
     assert chosen(frames=2, phase_field="designed").randomness is None
 
