@@ -233,13 +233,12 @@ def raw(scene):
 
 def test_files_of_other_versions(settings, tmp_path):
     """Choices that this version does not know are at their defaults, and so is what a file lacks."""
-    settings.frames = 3
-    settings.bits = 10
     enums = [p.identifier for p in settings.bl_rna.properties if p.type == "ENUM"]
     for name in enums:
         setattr(settings, name, other(settings, settings.bl_rna.properties[name]))
         raw(bpy.context.scene)[name] = 99
     settings.resolution_x, settings.resolution_y = 100, 50
+    settings.frames, settings.bits = 3, 10
     del raw(bpy.context.scene)["bits"]
     raw(bpy.context.scene)["of_a_later_version"] = 1.0
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))

@@ -28,6 +28,7 @@ TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
 # Of `together`.
 LONGEST = 0.2  # radians; from 0.3 on some scenes find no rest
+LONGEST_SMOOTH = 0.3  # from phases of a given randomness, which are farther from their end; from 0.6 on none rests
 DARKEST = 1e-3  # of a target's root mean square: amplitudes that the slope of the root is divided by
 WARM_UP, WARM_SHARE = 20, 0.1  # steps, or share of all, until they are as long
 FEW_LEVELS = (
@@ -103,6 +104,7 @@ def together(
     phases: Phases,
     views: Views,
     gain: float,
+    longest: float,
     levels: Levels | None,
     effort: Effort,
     seconds: float | None,
@@ -121,6 +123,8 @@ def together(
     views : Views
     gain : float
         Amplitude of the light sent in, to begin with.
+    longest : float
+        Step, radians.
     levels : Levels or None
         That phases are to have. Ever more pixels come to their levels in the second half.
     effort : Effort
@@ -157,7 +161,7 @@ def together(
                         queue += rng.permutation(numbers).tolist()
                     chosen.append((queue.pop(), kind.weight / kind.looks))
             back = seen.gradient(phases.light, chosen)
-            rate = LONGEST * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
+            rate = longest * max(0.5 * (1 + math.cos(math.pi * done)), least_rate)
             phases.descend(back, even, rate * min(1, max((steps + 1) / WARM_UP, done / WARM_SHARE)), PARTLY)
             steps += 1
             done = steps / effort.max_steps

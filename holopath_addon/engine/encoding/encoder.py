@@ -521,6 +521,7 @@ class _Work:
         if method == "refine":
             views.unvignette()
         effort = replace(self._asked.effort, max_steps=self._asked.together)
+        longest = descent.LONGEST if self._asked.randomness is None else descent.LONGEST_SMOOTH
         groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["together"])
         left = len(groups) * (len(self.colours) - number)
         for place, group in enumerate(groups):
@@ -531,7 +532,7 @@ class _Work:
 
             with self._stage(method, colour) as stage, self._phases(group, colour) as phases:
                 seconds = None if self._asked.seconds is None else self._left(1) / (left - place)
-                what = phases, views, self.gains[colour], self._coarse[colour], effort, seconds
+                what = phases, views, self.gains[colour], longest, self._coarse[colour], effort, seconds
                 gains.append(descent.together(*what, told, stage))
         self.gains[colour] = float(np.mean(gains))
 

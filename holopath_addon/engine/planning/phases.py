@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything.
 ENOUGH, ALL = (96, 100), (192, 400)
-FEW_ENOUGH = 96, 250  # of few frames, which begin far from their end
+FEW_ENOUGH = 96, 400  # of few frames, which begin far from their end
 # Where seconds do: the first frames, if none were traced along, and whole sets beside them, of which the most are
 # chosen that fit. And steps from which on phases are better than those of `joint`, with frames traced along and without
 # (docs/measurements.md, Seconds of encoding).
