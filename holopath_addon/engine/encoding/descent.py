@@ -28,7 +28,9 @@ TYPICAL = 80  # steps of Adam, for its progress
 WINDOW = 5  # steps whose mean loss is compared with that of those before
 # Of `together`.
 LONGEST = 0.2  # radians; from 0.3 on some scenes find no rest
-LONGEST_SMOOTH = 0.3  # from phases of a given randomness, which are farther from their end; from 0.6 on none rests
+LONGEST_SMOOTH = (
+    0.3  # from phases of a given randomness, which are farther from their end; from 0.6 on none rests
+)
 DARKEST = 1e-3  # of a target's root mean square: amplitudes that the slope of the root is divided by
 WARM_UP, WARM_SHARE = 20, 0.1  # steps, or share of all, until they are as long
 FEW_LEVELS = (

@@ -398,17 +398,15 @@ class _Work:
     def begin(self):
         """Phases to start with."""
         data, start, randomness = self.field.data, self._asked.start, self._asked.randomness
-        if randomness is not None and isinstance(start, str):
-            frames, _, rows, columns = data.shape
-            phases = randomness * np.angle(random_phasors(frames, rows, columns, self._asked.effort.seed))
-            self.phases[:, self.colours] = np.mod(phases, 2 * math.pi)[:, None]
-            for colour in self.colours:
-                self.gains[colour] = self._gain(colour)
-            return
         for colour in self.colours:
             display = self._displays[colour]
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
+            elif randomness is not None:
+                seed = self._asked.effort.seed
+                for frame, phasors in enumerate(random_phasors(len(data), *data.shape[-2:], seed)):
+                    # amid a turn, for displays blur phases over its ends
+                    self.phases[frame, colour] = math.pi + randomness * np.angle(phasors)
             elif display is not None:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
@@ -418,6 +416,8 @@ class _Work:
                 self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
             else:
                 self.phases[:, colour] = np.mod(np.angle(data[:, colour]), 2 * math.pi)
+            if randomness is not None:  # nothing comes before all frames together
+                self.gains[colour] = self._gain(colour)
 
     def sgd(self, colour, on=None):
         """Each frame for itself; `on` goes on with it, from one share of the progress to another until it is over."""

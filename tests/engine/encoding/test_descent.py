@@ -490,6 +490,84 @@ def test_refined_phases_are_nearest_to_the_mean_of_many_frames():
     assert 1 / (1 + 1 / 4) < brightness[3] < 1.05  # of four frames' speckle the squared error is least there
 
 
+def between_planes(frames, seed, size=64):
+    """Frames of two textures at 1.1 and 1.9 mm, with random phases, at the SLM."""
+    rng = np.random.default_rng(seed)
+    columns = np.indices((size, size))[1]
+    data = 0
+    for distance, amplitude in ((1.1e-3, columns % 12 < 6), (1.9e-3, columns % 20 < 8)):
+        half = columns < size // 2 if distance < 1.5e-3 else columns >= size // 2
+        there = half * (0.3 + 0.7 * amplitude) * np.exp(2j * np.pi * rng.random((frames, size, size)))
+        data = data + np.fft.ifft2(
+            np.fft.fft2(there) * transfer_function((size, size), PITCH, GREEN, -distance)
+        )
+    return data[:, None]
+
+
+def test_one_frame_that_is_hardly_random_shows_more():
+    """By the mean of many frames: from phases of a random field one frame shows speckle, whatever it goes towards."""
+    more, field = between_planes(48, 1), wave_field(between_planes(1, 2))
+    wanted = engine.reconstruct(wave_field(more), [0.5, 1.0, math.inf])
+
+    def decibels(**options):
+        phase = engine.encode(field, "refine", many=many(more, 24), max_steps=120, **options)
+        seen = engine.reconstruct(phase.field(), [0.5, 1.0, math.inf])
+        return np.mean([engine.psnr(a, b, 6) for a, b in zip(seen, wanted, strict=True)])
+
+    smooth, rough = decibels(randomness=0.0), decibels()
+    assert smooth > rough + 2.5  # 3.4, deviation 0.25
+    assert (
+        decibels(randomness=0.0, eyebox=1.0) < smooth - 0.5
+    )  # parts of the pupil want what one frame has not
+    assert decibels(randomness=1.0) < smooth - 2.4
+
+
+def test_phases_begin_as_random_as_they_should():
+    """And each frame for itself is left out; frames have maps of their own."""
+
+    def at_once(done, message):
+        if "All frames" in message:
+            raise engine.Cancelled
+
+    field = wave_field(smooth(2, shape=(32, 32)))
+    for randomness in (0.0, 0.25, 1.0):
+        with pytest.raises(engine.Cancelled) as stop:
+            engine.encode(
+                field,
+                "refine",
+                at_once,
+                many=many(smooth(4, 1, (32, 32))),
+                randomness=randomness,
+                max_steps=10**9,
+            )
+        kept = stop.value.kept
+        assert [stage["stage"] for stage in kept.report["stages"]] == ["many frames", "refine"]
+        turned = np.abs(kept.data - math.pi)
+        # one step that warms up is shorter than 0.02
+        assert turned.max() < randomness * math.pi + 0.02 and turned.max() >= 0.95 * randomness * math.pi
+        assert (np.abs(kept.data[0] - kept.data[1]).max() > 0.1) == (randomness > 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"randomness": 1.5}, "randomness of an encoding is from 0 to 1"),
+        ({"eyebox": -0.1}, "eyebox of an encoding is from 0 to 1"),
+        ({"method": "sgd", "randomness": 0.2}, "sgd begins with the field's phases"),
+    ],
+)
+def test_randomness_and_eyebox_that_do_not_fit(options, words):
+    with pytest.raises(engine.InvalidInput, match=words):
+        engine.encode(wave_field(smooth(2, shape=(32, 32))), **{"method": "joint", **options})
+
+
+def test_the_whole_pupil_alone():
+    views = Views((32, 32), PITCH, GREEN, 1e-3, 4e-3, 3, 0, eyebox=0)
+    assert len(views.kinds) == 1 and views.kinds[0][0].weight == 1 and len(views) == len(views.kinds[0][1])
+    weights = [kind.weight for kind, _ in Views((32, 32), PITCH, GREEN, 1e-3, 4e-3, 3, 0, eyebox=0.5).kinds]
+    assert weights == pytest.approx([0.95, 0.025, 0.025])
+
+
 def test_refinement_that_finds_no_rest_keeps_its_start(monkeypatch):
     data = smooth(3, shape=(32, 32))  # which is what they should be like
     field = wave_field(data)
