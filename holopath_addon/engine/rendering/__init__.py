@@ -94,7 +94,7 @@ def render(
     fields, errors, passes, rays = [], [], None, {}
     for group, at in zip(planned.groups, parts(stages["waves"], len(planned.groups)), strict=True):
         with planned.recording(group) as recording:
-            fields.append(_waves(recording, sets, at))
+            fields.append(_waves(recording, sets, planned.straight, at))
         errors.append(recording.error)
         passes, rays = recording.passes, added(rays, recording.rays_traced)
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
@@ -106,13 +106,13 @@ def render(
     return replace(rendered, more=field[settings.frames :]) if more else rendered
 
 
-def _waves(recording, sets, progress):
+def _waves(recording, sets, straight, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
     stages = Stages(progress, DESPECKLED if recording.settings.despeckle else PLAIN)
     lighting = named(stages["radiance"], "Radiance")
     lighting(0.0)
     radiance = recording.radiance(lighting)
-    return at_slm(recording, Tracing(recording, radiance, *sets), stages["fields"])
+    return at_slm(recording, Tracing(recording, radiance, *sets, straight=straight), stages["fields"])
 
 
 def baked_picture(

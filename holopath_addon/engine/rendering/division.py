@@ -377,7 +377,8 @@ class DividedRender:
                 with planned.recording(planned.groups[group]) as recording:
                     radiance, recording.rays_traced = self._radiance(group, recording), {}
                     what = planned.plan.planes[plane], radiance, self._phasors(phasors), blocks
-                    for block, pixels, values in recording.trace(*what, lambda done: None):
+                    straight = planned.straight if phasors == OWN else 0.0
+                    for block, pixels, values in recording.trace(*what, lambda done: None, straight):
                         rows.append([*place, block.start, block.stop, block.count, offset])
                         stream.write(pixels.astype("<u4").tobytes())
                         stream.write(values.astype("<c8").tobytes())

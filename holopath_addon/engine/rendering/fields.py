@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..progress import Stages, named, parts
+from ..progress import Stages, named, parts, stage
 from ..waves import despeckle
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
 from ..waves.propagation import carrier, moved, padded_shape, transfer_function
@@ -66,10 +66,19 @@ class Tracing:
     radiance : RadianceMap or PathsPerRay
     *sets : numpy.ndarray, complex64, shape (frames, rows, columns)
         Phasors of the hologram's own frames, and of others that share their rays.
+    straight : float
+        Of the first set's light, see `straight_share`. The others are designed; they share all rays if this is so, too,
+        for which it is 0, else the light alone.
     """
 
-    def __init__(self, recording: Recording, radiance: RadianceMap | PathsPerRay, *sets: np.ndarray) -> None:
-        self.hologram = recording.hologram
+    def __init__(
+        self,
+        recording: Recording,
+        radiance: RadianceMap | PathsPerRay,
+        *sets: np.ndarray,
+        straight: float = 0.0,
+    ) -> None:
+        self.hologram, self._straight = recording.hologram, straight
         self._recording, self._radiance, self._sets = recording, radiance, sets
         self._own = sets[0] if len(sets) == 1 else np.concatenate(sets)
         self._last = OWN, self._own
@@ -89,8 +98,14 @@ class Tracing:
         return np.repeat(kept, [len(each) for each in sets])
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
-        tracing = named(progress, "Wave tracing")
-        self._recording.record(plane, self._radiance, self._phasors(number), tracing, out)
+        phasors, straight = self._phasors(number), self._straight if number == OWN else 0.0
+        count = len(phasors)
+        own = len(self._sets[0]) if straight else count
+        for first, last, share in ((0, own, straight), (own, count, 0.0)):
+            if first < last:
+                some, told = slice(first, last), stage(progress, first / count, last / count)
+                what = phasors[some], named(told, "Wave tracing"), out[some]
+                self._recording.record(plane, self._radiance, *what, share)
 
 
 def kept_energy(phasors: np.ndarray, estimator: str) -> float:

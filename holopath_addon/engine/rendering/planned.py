@@ -11,7 +11,7 @@ import numpy as np
 
 from ..planning import planner
 from ..scene import variants
-from ..waves.phase_fields import phasors_of
+from ..waves.phase_fields import phasors_of, straight_share
 from ..window import widened
 
 if TYPE_CHECKING:
@@ -75,6 +75,12 @@ class PlannedRender:
         with self.clock("phase fields"):
             size = settings.frames, hologram.height, hologram.width
             return phasors_of(settings.phase_field, *size, settings.seed, settings.randomness)
+
+    @property
+    def straight(self) -> float:
+        """Share of even surfaces' light that these send straight on, see `straight_share`."""
+        settings = self.settings
+        return straight_share(settings.randomness) if settings.phase_field == "smooth" else 0.0
 
     def bake(self, store: BakeStore | None, progress: Progress) -> None:
         """Have the baked light that the plan asks for."""

@@ -43,6 +43,8 @@ class ImagePoint:
         Whether the ray sees anything, in the branch asked for.
     branch : mitsuba.UInt32
         Number of the branch taken.
+    other_way : mitsuba.Bool
+        Whether the last choice of the branch was the second of two ways.
     weight : mitsuba.Color3f or None
         Share of the radiance that comes through; None for all of it.
     whole : mitsuba.Bool
@@ -69,6 +71,7 @@ class ImagePoint:
     surface: mi.PreliminaryIntersection3f
     exists: mi.Bool
     branch: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+    other_way: mi.Bool = field(default_factory=lambda: mi.Bool(False))
     weight: mi.Color3f | None = None
     whole: mi.Bool = field(default_factory=lambda: mi.Bool(True))
     path: mi.Float

@@ -257,6 +257,7 @@ class SpecularChains:
             surface=chain.surface,
             exists=chain.ended,
             branch=branch & (used - 1),
+            other_way=(branch & (used >> 1)) != 0,
             weight=chain.weight,
             whole=chain.whole,
             path=path,

@@ -22,6 +22,12 @@ LEVELS = (256, 768)  # fewest and most depths of a table
 # depth steps in which the outermost ray walks a pixel: the kernel's phase then errs by 0.03 rad
 LEVELS_A_GRAIN = 16
 FIT_STEPS = 4  # more gain little
+SMOOTH_STEPS = 8  # the same for surfaces in phase
+# What light in phase is of: half of it goes straight on, from even parts of surfaces; the rest as textures spread it,
+# with a power that falls by the square of frequencies from this one on, cycles a pixel. And what all else counts at
+# least, as a share of all.
+STRAIGHT, TEXTURE, LEAST_WEIGHT = 0.5, 0.04, 0.05
+TINY = 1e-30  # stands for nothing where something is divided by it
 WIDENED = 2  # grains by which levels that are computed together differ in reach at most
 TOGETHER = 64  # and how many these are at most,
 MOST_BINS = 1 << 20  # and how many bins of their spectra
@@ -163,7 +169,7 @@ class Lattice:
         return np.stack([offsets[:, j], offsets[:, i]]), share.astype(np.float32)
 
 
-def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarray:
+def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: float = 0.0) -> np.ndarray:
     """W(dz, o) = K(dz, o) / shares(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
 
     K is the carrier-free, band-limited kernel that takes the field of a grain at distance dz behind the
@@ -175,7 +181,21 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarra
     field anyway: it gains 1 to 5 dB where the kernel is few grains wide. Each depth thereby becomes an exact discrete
     convolution at one ray a grain.
 
+    That is for random phases, whose light goes everywhere. Of surfaces in phase an even one's goes straight on, and a
+    kernel that is cut rings there: over depth their brightness would be off by half. So the fit is weighted by the
+    power P(f) of their light, by conjugate gradients (`_Grid.power`). And W makes the brightness of an even surface
+    whose phases send the share s of its light straight on, and the rest everywhere, what it is,
+    s |H(0)|^2 + (1 - s) E / (pi/4) = 1, where H is the cut kernel's spectrum (Wiener-Khinchin theorem).
+
     Beside the table memory is 16 bytes a bin for a handful of arrays of `MOST_BINS` at most, whatever the depth.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    pitch, wavelength : float
+        Metres.
+    straight : float
+        s, see `straight_share`; 0 for random phases.
 
     Returns
     -------
@@ -184,6 +204,7 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarra
     offsets = lattice.offsets(pitch)
     farthest = int(offsets.max()) + 1
     grid = _Grid.of(farthest, pitch, wavelength)
+    power = grid.power(straight)
     together = max(1, min(TOGETHER, MOST_BINS // grid.detour.size))
     table = np.zeros((lattice.levels, farthest, farthest), np.complex64)
     sides, first = offsets.max(1) + 1, 0
@@ -191,7 +212,7 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarra
         last = min(np.searchsorted(sides, sides[first] + WIDENED, "right"), first + together)
         levels, side = np.arange(first, last), sides[last - 1]
         dz = (levels + 0.5) / lattice.levels * lattice.depth_limit
-        exact, within = grid.kernels(dz, side), grid.within(side)
+        exact, within = grid.kernels(dz, side, grid.band), grid.within(side, grid.band)
         images = np.where(np.arange(side) == 0, 1.0, 2.0)
         images = np.outer(images, images)
         cell, share = lattice.shares(offsets[levels])
@@ -199,9 +220,16 @@ def kernel_table(lattice: Lattice, pitch: float, wavelength: float) -> np.ndarra
         shares = np.bincount(cell.ravel(), share.ravel(), exact.size).reshape(exact.shape) / images
         reached = shares > 0
         kernel = exact * reached
-        for _ in range(FIT_STEPS):
-            kernel += (exact - within(kernel)) * reached
+        if straight:
+            weighted = grid.kernels(dz, side, power), grid.within(side, power)
+            kernel = _fitted(kernel, *weighted, reached, images)
+        else:
+            for _ in range(FIT_STEPS):
+                kernel += (exact - within(kernel)) * reached
         energy = (images * (kernel.conj() * within(kernel)).real).sum((1, 2))
+        if straight:
+            ahead = np.abs((images * kernel).sum((1, 2))) ** 2
+            energy = straight * (math.pi / 4) * ahead + (1 - straight) * energy
         kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.where(reached, shares, 1)
         table[levels, :side, :side] = kernel
         first = last
@@ -242,11 +270,24 @@ class _Grid:
             u / (1 + np.sqrt(np.maximum(1 - u, 0))) / wavelength,
         )
 
-    def kernels(self, dz, side):
-        """The exact kernel of each distance, as far as `side`; distances are evenly spaced."""
+    def power(self, straight):
+        """Power spectrum of a surface's light within the band, of which a share is in phase; its mean is 1."""
+        bins = np.arange(len(self.band))
+        images = np.where((bins == 0) | (bins == len(bins) - 1), 1.0, 2.0)
+        images = np.outer(images, images) * self.band
+        f = bins / (2 * (len(bins) - 1))
+        texture = self.band / (1 + (f[:, None] ** 2 + f**2) / TEXTURE**2)
+        in_phase = (1 - STRAIGHT) * texture * (images.sum() / (texture * images).sum())
+        in_phase[0, 0] += STRAIGHT * images.sum()
+        return straight * in_phase + max(1 - straight, LEAST_WEIGHT) * self.band
+
+    def kernels(self, dz, side, power):
+        """The exact kernel of each distance, as far as `side`, as light of a power spectrum meets it; distances are
+        evenly spaced.
+        """
         # half the memory; sums in double precision are the same, to the table's last bit, whatever library takes them
         spectrum = np.empty((len(dz), *self.detour.shape), np.complex64)
-        wave = np.exp(2j * math.pi * dz[0] * self.detour) * self.band
+        wave = np.exp(2j * math.pi * dz[0] * self.detour) * power
         # a product is a tenth of the work of an exponential
         step = np.exp(2j * math.pi * (dz[1] - dz[0]) * self.detour) if len(dz) > 1 else 1.0
         for of_level in spectrum:
@@ -254,17 +295,36 @@ class _Grid:
             wave *= step
         return _along_both(self.to_space[:side], spectrum)
 
-    def within(self, side):
-        """What takes even images of `side` pixels through the band and back.
+    def within(self, side, power):
+        """What multiplies spectra of even images of `side` pixels by a power, as the band is one.
 
-        That is a convolution with the transform of the band, hence one matrix, which is less work than the way to the
+        That is a convolution with the transform of the power, hence one matrix, which is less work than the way to the
         spectrum as long as it is small.
         """
         if side > SMALL:
             there, back = self.to_frequency[:, :side], self.to_space[:side]
-            return lambda images: _along_both(back, _along_both(there, images) * self.band)
-        matrix = _convolution(self.to_space @ self.band @ self.to_space.T, side)
+            return lambda images: _along_both(back, _along_both(there, images) * power)
+        matrix = _convolution(self.to_space @ power @ self.to_space.T, side)
         return lambda images: _times(matrix, images)
+
+
+def _fitted(kernel, exact, within, reached, images):
+    """Kernels on what is `reached` that are nearer to exact ones than these, of a stack, by conjugate gradients."""
+
+    def inner(a, b):
+        return (images * (a.conj() * b).real).sum((1, 2))[:, None, None]
+
+    rest = (exact - within(kernel)) * reached
+    step, size = rest, inner(rest, rest)
+    for _ in range(SMOOTH_STEPS):
+        turned = within(step) * reached
+        # where few grains are reached, nothing is left to do
+        length = size / np.maximum(inner(step, turned), TINY)
+        kernel = kernel + length * step
+        rest = rest - length * turned
+        before, size = size, inner(rest, rest)
+        step = rest + size / np.maximum(before, TINY) * step
+    return kernel
 
 
 def _convolution(kernel, side):

@@ -119,11 +119,13 @@ class Recording:
         phasors: np.ndarray,
         progress: PartProgress,
         out: np.ndarray,
+        straight: float = 0.0,
     ) -> None:
         """Add the wave field on a recording plane, see `trace` and `wave_tracer.add_pixels`."""
         blocks = self.blocks(plane, radiance, len(phasors))
         with ThreadPoolExecutor(threads()) as executor:
-            for block, pixels, values in self.trace(plane, radiance, phasors, blocks, progress):
+            traced = self.trace(plane, radiance, phasors, blocks, progress, straight)
+            for block, pixels, values in traced:
                 with self.clock("wave tracing"):
                     add_pixels(out[block.start : block.stop], self.hologram, pixels, values, executor)
 
@@ -139,13 +141,16 @@ class Recording:
         phasors: np.ndarray,
         blocks: Sequence[Block],
         progress: PartProgress,
+        straight: float = 0.0,
     ) -> Iterator[tuple[Block, np.ndarray, np.ndarray]]:
         """The wave field on a recording plane, as `wave_tracer.trace_blocks`; all blocks or some.
 
-        Seconds and rays are counted.
+        Phasors send the share `straight` of the light of even surfaces straight on, see `straight_share`. Seconds and
+        rays are counted.
         """
         with self.clock("kernel tables"):
-            parts = {number: self._part(plane, radiance, number) for number in {b.part for b in blocks}}
+            numbers = {block.part for block in blocks}
+            parts = {number: self._part(plane, radiance, number, straight) for number in numbers}
         count = sum(block.rays for block in blocks)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
         what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.settings.seed
@@ -172,15 +177,18 @@ class Recording:
             self._kept_regions[plane] = regions
         return self._kept_regions[plane]
 
-    def _part(self, plane, radiance, number):
+    def _part(self, plane, radiance, number, straight):
         """The `Part` of a region of a plane."""
-        if (plane, number) not in self._parts:
+        if (plane, number, straight) not in self._parts:
             region = self._regions(plane, radiance)[number]
             seen = plane.slab, plane.images
             rays = Rays(self.hologram, self.camera, self.mapping, plane.z, region.depth_limit, *seen)
-            estimator = self._estimator(region.depth_limit, plane.rays)
-            self._parts[plane, number] = Part(region.pixels, rays, estimator, self._optics(plane, region))
-        return self._parts[plane, number]
+            optics = self._optics(plane, region)
+            estimator = self._estimator(region.depth_limit, plane.rays, straight)
+            in_phase = straight > 0 and optics.branches > 1
+            part = Part(region.pixels, rays, estimator, optics, in_phase)
+            self._parts[plane, number, straight] = part
+        return self._parts[plane, number, straight]
 
     def _optics(self, plane, region):
         """How rays of a region are followed."""
@@ -203,15 +211,15 @@ class Recording:
         hologram, plan = self.hologram, self.plan
         return Lattice.of(self.max_slope, depth_limit, hologram.pitch, plan.cone, most, plan.levels)
 
-    def _estimator(self, depth_limit, most):
+    def _estimator(self, depth_limit, most, straight):
         hologram = self.hologram
         if self.settings.estimator == "paper":
             return RandomEstimator(hologram, most, self.settings.seed)
-        if depth_limit not in self._estimators:
+        if (depth_limit, straight) not in self._estimators:
             lattice = self._lattice(depth_limit, most)
-            tables = [kernel_table(lattice, hologram.pitch, w) for w in hologram.wavelengths]
-            self._estimators[depth_limit] = LatticeEstimator(hologram, lattice, tables)
-        return self._estimators[depth_limit]
+            tables = [kernel_table(lattice, hologram.pitch, w, straight) for w in hologram.wavelengths]
+            self._estimators[depth_limit, straight] = LatticeEstimator(hologram, lattice, tables)
+        return self._estimators[depth_limit, straight]
 
     def silhouette(self, plane: RecordingPlane) -> np.ndarray:
         """What share of each pixel of the canvas a slab's surfaces cover, beyond what farther planes see, from 0 to 1.

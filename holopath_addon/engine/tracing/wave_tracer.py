@@ -49,12 +49,15 @@ class Part:
     rays : Rays
     estimator : LatticeEstimator or RandomEstimator
     optics : FirstHits or SpecularChains
+    in_phase : bool
+        Whether surfaces are in phase, in part: branches are then apart by phases of their own.
     """
 
     pixels: np.ndarray
     rays: Rays
     estimator: LatticeEstimator | RandomEstimator
     optics: FirstHits | SpecularChains
+    in_phase: bool = False
 
     @property
     def rays_per_pixel(self) -> int:
@@ -195,6 +198,8 @@ def trace_blocks(
                 scene, rays, sampler, seen, grain, (slope_x, slope_y), channels
             )  # s5
             kernel = estimator.kernel(place, offset, dz, tilt)  # s7
+            if part.in_phase:
+                kernel = _apart(kernel, seen)
             amplitude = [dr.select(seen.exists, a, 0) for a in amplitude]
             if share is not None:
                 amplitude = [a * share for a in amplitude]
@@ -243,6 +248,19 @@ def trace_blocks(
             done += each.work
             progress(done / work)
         del left[: len(joined)], values
+
+
+def _apart(kernel, seen):
+    """The kernel of each wavelength, turned by a quarter for the other way of a branch: intensities of the two add up.
+
+    Of the three branches of a clear pane the faint ones, reflected in front and behind, are a half turn apart.
+    """
+    opposite = (seen.branch > 0) & ~seen.other_way
+    turned = []
+    for real, imag in zip(kernel[::2], kernel[1::2], strict=True):
+        for straight, quarter in ((real, -imag), (imag, real)):
+            turned.append(dr.select(seen.other_way, quarter, dr.select(opposite, -straight, straight)))
+    return turned
 
 
 def _as_numpy(field, frames, colours, size):
