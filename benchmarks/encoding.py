@@ -17,7 +17,7 @@ from holopath_addon import engine, pipeline
 from holopath_addon.engine.encoding import descent
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import ComplexTarget
-from holopath_addon.engine.encoding.views import KINDS, STEP, Views
+from holopath_addon.engine.encoding.views import Views, step_transforms
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
@@ -396,7 +396,7 @@ def cost(sizes=SIZES):
             seen = descent.Seen(phases.light, views, 1.0)
             chosen = [
                 (number, kind.weight / kind.looks)
-                for kind, numbers in zip(KINDS, views.kinds, strict=True)
+                for kind, numbers in views.kinds
                 for number in numbers[: kind.looks]
             ]
             even = np.ones(frames, np.complex64)
@@ -411,7 +411,7 @@ def cost(sizes=SIZES):
             text = []
             for name, step, count, grid in (
                 ("sgd", sgd, 2, shape),
-                ("joint", joint, round(STEP), views.padded),
+                ("joint", joint, round(step_transforms(1.0)), views.padded),
             ):
                 whole, alone = _medians(step, _ffts(np.ones((frames, *grid), np.complex64), count, threads))
                 text.append(f"{name} {whole:7.1f} ({count} FFTs {alone:7.1f}, ratio {whole / alone:.2f})")

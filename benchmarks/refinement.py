@@ -8,7 +8,8 @@ import numpy as np
 import scipy.fft
 
 from holopath_addon import engine, pipeline
-from holopath_addon.engine.encoding import descent, views
+from holopath_addon.engine.encoding import views
+from holopath_addon.engine.waves.phase_fields import randomness_for
 from holopath_addon.engine.waves.propagation import FreeSpace
 
 from .chart import looks
@@ -81,9 +82,12 @@ class Subject:
         """As a field, all that refinement goes towards."""
         return replace(field, data=np.concatenate([data for _, data in self._more]))
 
-    def refined(self, field, kinds=views.KINDS, **options):
-        """The light of phases."""
-        with mock.patch.object(views, "KINDS", kinds), mock.patch.object(descent, "KINDS", kinds):
+    def refined(self, field, kinds=None, **options):
+        """The light of phases, by some `ViewKind` or those that so many frames have."""
+        options |= {"randomness": randomness_for(len(field.data))}
+        with mock.patch.object(
+            views, "kinds_for", views.kinds_for if kinds is None else lambda eyebox: kinds
+        ):
             return engine.encode(field, "refine", many=lambda _: self._more, **options).field()
 
     def row(self, label, light):
@@ -104,7 +108,7 @@ def weights(hologram, count=None, weights=WEIGHTS, numbers=PARTS, frames=8):
     lines = [
         f"weights over views: M = {frames}; PSNR in dB, mean and worst of eleven views, and of each kind"
     ]
-    whole, *some = views.KINDS
+    whole, *some = views.kinds_for(1.0)
     for name, scene in tuple(subjects().items())[:count]:
         subject = Subject(scene, hologram)
         field = subject.field(frames)

@@ -403,10 +403,10 @@ class _Work:
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
             elif randomness is not None:
-                seed = self._asked.effort.seed
-                for frame, phasors in enumerate(random_phasors(len(data), *data.shape[-2:], seed)):
-                    # amid a turn, for displays blur phases over its ends
-                    self.phases[frame, colour] = math.pi + randomness * np.angle(phasors)
+                frames, _, rows, columns = data.shape
+                begun = random_phasors(frames, rows, columns, self._asked.effort.seed, randomness)
+                # amid a turn, for displays blur phases over its ends
+                self.phases[:, colour] = math.pi + np.angle(begun)
             elif display is not None:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)

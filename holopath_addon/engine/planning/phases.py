@@ -12,7 +12,7 @@ from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
-from ..waves.phase_fields import SETS
+from ..waves.phase_fields import SETS, randomness_for
 from .planner import resolved
 
 if TYPE_CHECKING:
@@ -131,10 +131,11 @@ def plan_encoding(
     chosen = _chosen(plan, settings, method, seconds, along)
     memory, own = plan.phases_memory.get(chosen.method, 0.0), resolved(settings)
     chosen = replace(chosen, memory_bytes=memory, eyebox=eyebox_for(own.frames) if eyebox is None else eyebox)
-    if chosen.method != "refine" or own.phase_field != "smooth":
+    randomness = _randomness(settings)
+    if chosen.method != "refine" or randomness is None:
         return chosen
-    reason = f"{chosen.reason}; {_few(own, chosen.eyebox)}"
-    return replace(chosen, randomness=own.randomness, reason=reason)
+    reason = f"{chosen.reason}; {_few(own.frames, randomness, chosen.eyebox)}"
+    return replace(chosen, randomness=randomness, reason=reason)
 
 
 def frames_along(
@@ -178,7 +179,7 @@ def _chosen(plan, settings, method, seconds, along):
     if not own:
         reason = "other people's methods have no more frames to go towards"
         return EncodingPlan(plain, 0, 0, seconds or 0.0, reason)
-    if not several and method == "auto" and resolved(settings).phase_field != "smooth":
+    if not several and method == "auto" and _randomness(settings) is None:
         reason = "one frame keeps its speckle, whatever it goes towards"
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     if seconds is not None:
@@ -195,7 +196,7 @@ def _chosen(plan, settings, method, seconds, along):
         better = _upwards(costs.better(*ENOUGH))
         return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
-    few = resolved(settings).phase_field == "smooth"
+    few = _randomness(settings) is not None
     frames, steps = ALL if most else FEW_ENOUGH if few else ENOUGH
     frames = max(frames, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
@@ -203,12 +204,19 @@ def _chosen(plan, settings, method, seconds, along):
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
 
 
-def _few(settings, eyebox):
+def _randomness(settings):
+    """Of the phases that a descent begins with; None for those of the field."""
+    if settings.randomness is not None:
+        return settings.randomness
+    return randomness_for(resolved(settings).frames) if settings.phase_field in ("auto", "smooth") else None
+
+
+def _few(frames, randomness, eyebox):
     """What few frames show, in words."""
-    frames = "one frame averages" if settings.frames == 1 else f"{settings.frames} frames average"
+    frames = "one frame averages" if frames == 1 else f"{frames} frames average"
     looked = f"and {eyebox:g} of its parts" if eyebox else "as a whole"
     return (
-        f"{frames} little speckle, so that phases begin with randomness {settings.randomness:g} and the pupil counts "
+        f"{frames} little speckle, so that phases begin with randomness {randomness:g} and the pupil counts "
         f"{looked}"
     )
 

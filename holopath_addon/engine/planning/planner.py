@@ -14,11 +14,10 @@ from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import (
-    FEW_FRAMES,
     REACH,
     SETS,
+    SMOOTH_FRAMES,
     frames_for,
-    randomness_for,
     speckle_contrast,
     straight_share,
 )
@@ -191,14 +190,14 @@ def resolved(settings: Settings) -> Settings:
         kind = "designed" if kind == "auto" else kind
         frames = frames_for(kind, settings.speckle, randomness)
     if kind == "auto":
-        kind = "smooth" if frames < FEW_FRAMES and estimator == "lattice" else "designed"
+        kind = "smooth" if frames <= SMOOTH_FRAMES and estimator == "lattice" else "designed"
     if kind == "smooth" and settings.method not in BASELINES:
         if estimator == "paper":
             raise InvalidInput(
                 "Smooth phase fields need the estimator lattice: leave out the method direct or the estimator paper, "
                 "or choose the phase fields random."
             )
-        randomness = randomness_for(frames) if randomness is None else randomness
+        randomness = randomness or 0.0
     elif randomness is not None and settings.method not in BASELINES:
         raise InvalidInput(
             f"A randomness is of smooth phase fields, not of {kind} ones: leave it out, or choose the phase fields "

@@ -22,8 +22,9 @@ REACH = (
     60.0  # largest defocus wavelength z / pitch^2 that they serve; beyond, they are as good as random ones
 )
 GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over that of independent frames
-FEW_FRAMES = 6  # from which on designed maps show more than smooth ones
-FITTING = (0.0, 0.3, 0.4, 0.5)  # randomness of as many frames as its place, from one on, and of more
+SMOOTH_FRAMES = 2  # up to which a field shows more with all surfaces in phase than with designed maps
+FEW_FRAMES = 6  # from which on phases show more where they begin with those of a designed field
+FITTING = (0.0, 0.3, 0.4, 0.5)  # randomness that phases begin with, by the number of frames from one on
 
 
 def phasors_of(
@@ -49,8 +50,8 @@ def phasors_of(
     return random_phasors(frames, height, width, seed, 1.0 if randomness is None else randomness)
 
 
-def randomness_for(frames: int) -> float:
-    """Randomness of smooth phase fields at which so many frames look best; the optimum is flat.
+def randomness_for(frames: int) -> float | None:
+    """Randomness of the phases that a descent of so many frames had best begin with; the optimum is flat.
 
     Parameters
     ----------
@@ -58,10 +59,10 @@ def randomness_for(frames: int) -> float:
 
     Returns
     -------
-    float
-        From 0 to 1.
+    float or None
+        From 0 to 1; None from `FEW_FRAMES` on, where it had best begin with a field of designed phases.
     """
-    return FITTING[min(frames, len(FITTING)) - 1]
+    return None if frames >= FEW_FRAMES else FITTING[min(frames, len(FITTING)) - 1]
 
 
 def straight_share(randomness: float) -> float:
@@ -152,7 +153,7 @@ def speckle_contrast(kind: str, frames: int, randomness: float | None = None) ->
     kind : {'designed', 'random', 'smooth'}
     frames : int
     randomness : float, optional
-        Of smooth fields, 0 to 1; as `randomness_for` has it where not given.
+        Of smooth fields, 0 to 1; 0 where not given.
 
     Returns
     -------
@@ -161,7 +162,7 @@ def speckle_contrast(kind: str, frames: int, randomness: float | None = None) ->
     if kind == "designed":
         gain = float(np.interp(math.log(frames), np.log(SETS), GAIN))
     elif kind == "smooth":
-        gain = 1 - straight_share(randomness_for(frames) if randomness is None else randomness) ** 2
+        gain = 1 - straight_share(randomness or 0.0) ** 2
     else:
         gain = 1.0
     return math.sqrt(gain / frames)
