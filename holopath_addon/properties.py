@@ -342,6 +342,12 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         description="Also find the phases of each frame, as the section Hologram says and for the device's calibration",
         default=False,
     )
+    animation_in_turn: BoolProperty(
+        name="From the Frame Before",
+        description="Begin a frame's phases with those of the frame before, which flickers less where frames per color "
+        "are few. Frames are then made in turn, also by several processes",
+        default=False,
+    )
     focus_auto: BoolProperty(
         name="Auto",
         description="Focus on the middle of the view at every render; off once a focus is chosen",

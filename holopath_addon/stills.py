@@ -29,7 +29,15 @@ SHEET_PATHS = 16  # and of the thin lens's picture on a contact sheet
 NOISY = 0.2  # dB of uncertainty that a user is warned of
 
 # Of what a still is asked: what the wave field does not depend on, and names for the user.
-_PHASES = {"encoded", "encoding_bits", "encoding_levels", "encoding_display", "encode_seconds", "eyebox"}
+_PHASES = {
+    "encoded",
+    "encoding_bits",
+    "encoding_levels",
+    "encoding_display",
+    "encode_seconds",
+    "eyebox",
+    "phases_before",
+}
 _VIEW = {"focus_asked", "pupil_m", "compared", "rgbd", "light_field", "quilt", "contact_sheet", *_PHASES}
 _NAMES = {
     "scene_digest": "scene",
@@ -42,6 +50,7 @@ _NAMES = {
     "encoding_display": "fitted display",
     "encode_seconds": "seconds of the encoding",
     "eyebox": "eyebox",
+    "phases_before": "phases of the frame before",
     "rgbd": "picture with depth",
     "light_field": "light field",
     "quilt": "quilt",
@@ -88,6 +97,8 @@ class Still:
         That encoding may take, see `engine.plan_encoding`.
     eyebox : float or None
         Weight of parts of the pupil in the phases, see `engine.plan_encoding`.
+    phases_before : Path or None
+        Folder of the hologram whose phases those of this still begin with: the frame's before.
     levels : list of engine.Levels, or None
         That the SLM has at each wavelength.
     display : list of engine.DisplayModel, or None
@@ -117,6 +128,7 @@ class Still:
     method: str | None = None
     encode_seconds: float | None = None
     eyebox: float | None = None
+    phases_before: Path | None = None
     levels: list | None = None
     quilt: tuple | None = None
     display: list | None = None
@@ -145,6 +157,7 @@ class Still:
             "quilt": self.quilt and list(self.quilt),
             "encode_seconds": self.encode_seconds,
             "eyebox": self.eyebox,
+            "phases_before": self.phases_before and self.phases_before.parent.name,
             "contact_sheet": self.contact_sheet,
         }
 
@@ -301,6 +314,10 @@ def _encode(still, field, progress, stoppable):
     try:
         what = field, still.encode, progress, still.scene, still.settings, still.store
         options = {"bits": still.bits, "levels": still.levels, "display": still.display}
+        if still.phases_before is not None:
+            before = engine.PhaseHologram.load(still.phases_before)
+            if before.data.shape == field.data.shape:
+                options["start"] = before
         phase = pipeline.encode(*what, seconds=still.encode_seconds, eyebox=still.eyebox, **options)
         advice = phase.report["plan"]["advice"]
         return phase, [f"{advice} See --encode-seconds."] if advice else []

@@ -100,6 +100,33 @@ def test_every_frame_is_a_still(moving, tmp_path, capfd):
     assert abs(first - second).max() > 0.1 * abs(second).max()
 
 
+def test_phases_begin_with_the_frame_before(moving, tmp_path, monkeypatch):
+    """In turn, whoever makes the frames: the third, which is as the second, goes on from it and shows more."""
+    begun, encode = [], engine.encode
+
+    def seen(field, method="auto", progress=None, **options):
+        begun.append(options.get("start"))
+        return encode(field, method, progress, **{**options, "many": None, "max_steps": 30}, **{})
+
+    monkeypatch.setattr(engine, "encode", seen)
+    monkeypatch.setattr(engine, "frames_along", lambda *_: 0)
+    assert animate(moving(), tmp_path / "out", "--encode", "joint", "--encode-start", "before") == 0
+    assert begun[0] is None
+    for before, name in zip(begun[1:], FRAMES, strict=False):
+        phases = engine.PhaseHologram.load(tmp_path / "out" / name / "hologram").data
+        np.testing.assert_array_equal(before.data, phases)
+    loss = [
+        json.loads((tmp_path / "out" / name / "report.json").read_text())["encoding"]["stages"][-1]["loss"]
+        for name in FRAMES[1:]
+    ]
+    assert loss[1] <= loss[0]
+
+
+def test_frames_before_that_there_are_not(moving, tmp_path, capfd):
+    assert animate(moving(), tmp_path / "out", "--encode-start", "before") == 2
+    assert "--encode-start before is for phases of an animation" in capfd.readouterr().err
+
+
 def test_goes_on_where_it_was_cancelled(moving, renders, tmp_path, capfd):
     out, blend = tmp_path / "out", moving()
     renders.cancelled = (2,)

@@ -43,6 +43,8 @@ class AnimationFrames:
         ``finished(folder, report)`` of each frame that this process makes.
     say : callable
         ``say(text)`` of what was there before.
+    in_turn : bool
+        Whether the phases of a frame begin with those of the frame before, which is then made first.
 
     Attributes
     ----------
@@ -62,19 +64,26 @@ class AnimationFrames:
         still: Callable[[], Still],
         finished: Callable[[Path, dict], None],
         say: Callable[[str], None],
+        in_turn: bool = False,
     ) -> None:
         self.names: list[str] = []
         self._source, self._job, self._encode, self._still = source, job, encode, still
         self._finished, self._say = finished, say
         self._light = JobLight(out / LIGHT, job, store) if method in DECIDED else None
         self._folders = {number: output.frame_folder(out, number) for number in numbers}
+        self._before = dict(zip(list(numbers)[1:], numbers, strict=False)) if in_turn else {}
 
     @cached_property
     def units(self) -> dict[str, Unit]:
         """By name, in order."""
         needs = () if self._light is None else (LIGHT,)
         found = [
-            Unit(folder.name, partial(self._make, number), partial(self._made, folder), needs)
+            Unit(
+                folder.name,
+                partial(self._make, number),
+                partial(self._made, folder),
+                (*needs, *(self._folders[n].name for n in [self._before.get(number)] if n is not None)),
+            )
             for number, folder in self._folders.items()
         ]
         if self._light is not None:
@@ -95,6 +104,8 @@ class AnimationFrames:
             at(0.0, "Exporting the scene")
             self._source.go_to(number)
             still = self._alike(self._still(), at)
+            if number in self._before:
+                still = replace(still, phases_before=self._folders[self._before[number]] / "hologram")
             spent = time.perf_counter() - began
             result, report = stills.update(
                 folder, still, stage(at, 0.05, 1.0), spent, lambda text: self._say(f"{folder.name}: {text}")

@@ -291,6 +291,13 @@ def add_encoding(parser):
     add_levels(parser)
     add_encode_seconds(parser)
     add_eyebox(parser)
+    parser.add_argument(
+        "--encode-start",
+        choices=("own", "before"),
+        default="own",
+        help="what phases of an animation's frames begin with: each for itself (default), or with those of the frame "
+        "before, which flickers less; frames are then made in turn",
+    )
 
 
 def add_encode_seconds(parser):
@@ -505,6 +512,13 @@ def load(args, source):
 def check_encoding(args, settings, hologram):
     """Levels and display model by which phases are to be found; what cannot be encoded is refused before a render."""
     method, levels, display = args.encode, levels_of(args, hologram), display_of(args, hologram.wavelengths)
+    if args.encode_start == "before" and (
+        method in ("none", "dpac") or not (args.animation or args.frame_range)
+    ):
+        raise engine.InvalidInput(
+            "--encode-start before is for phases of an animation by descent: add --animation and --encode auto, or "
+            "leave it out."
+        )
     if levels is not None and args.bits is not None:
         raise engine.InvalidInput("Levels that were measured have a number of their own: leave out --bits.")
     for name in ("correction", "variation") if display is not None else ():
@@ -672,6 +686,7 @@ def _frames(args, out, say, saved):
         lambda: still_of(args, source, job.digest),
         finished,
         say,
+        args.encode_start == "before",
     )
     return Work(out, job, frames.units, frames.names)
 

@@ -328,6 +328,8 @@ def _encoding(props):
     eyebox = properties.eyebox_of(props)
     if eyebox is not None and props.encoding not in ("dpac", "sgd"):
         words += ["--eyebox", repr(eyebox)]
+    if props.animation_in_turn and props.encoding != "dpac":
+        words += ["--encode-start", "before"]
     if props.device.calibration:
         return [*words, "--response", str(Path(bpy.path.abspath(props.device.calibration)).absolute())]
     return words if props.bits >= ENOUGH_BITS else [*words, "--bits", str(props.bits)]

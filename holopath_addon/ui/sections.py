@@ -215,6 +215,8 @@ def animation(layout: UILayout, context: Context) -> None:
     props = properties.of(context.scene)
     layout.prop(props, "animation_folder", text="Folder")
     layout.prop(props, "animation_encodes")
+    if props.animation_encodes and props.encoding != "dpac":
+        layout.prop(props, "animation_in_turn")
     layout.use_property_split = False
     work = background.current
     column = layout.column(align=True)

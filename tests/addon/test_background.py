@@ -74,6 +74,13 @@ def test_phases_of_each_frame_where_they_are_wanted(moving, tmp_path):
     props.encoding, props.limit_encoding, props.encode_seconds, props.bits = "auto", True, 5.0, 4
     words = background._words(props, Path("a.blend"), out)
     assert words[-6:] == ["--encode", "auto", "--encode-seconds", "5.0", "--bits", "4"]
+    props.animation_in_turn, props.eyebox_auto, props.eyebox = True, False, 0.5
+    assert background._words(props, Path("a.blend"), out)[-6:-2] == [
+        "--eyebox",
+        "0.5",
+        "--encode-start",
+        "before",
+    ]
     props.device.calibration = "//my.json"
     assert background._words(props, Path("a.blend"), out)[-2:-1] == ["--response"]
 
