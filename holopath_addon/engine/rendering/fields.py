@@ -67,7 +67,7 @@ class Tracing:
     *sets : numpy.ndarray, complex64, shape (frames, rows, columns)
         Phasors of the hologram's own frames, and of others that share their rays.
     straight : float
-        Of the first set's light, see `straight_share`; the others are designed, for which it is 0. Sets of another kernel
+        Of the first set's light, see `straight_share`; of the others, designed ones, it is 0. Sets of another kernel
         or another period share the light of rays alone.
     """
 
