@@ -31,7 +31,7 @@ VIEWS = {  # forward, up
 }
 WALLS = {(1, 0, 0): 0.8, (-1, 0, 0): 0.3, (0, 1, 0): 0.6, (0, -1, 0): 0.4, (0, 0, 1): 0.7, (0, 0, -1): 0.5}
 LAMP, BALL = (-0.7, -0.6, 0.3), (0.1, 0.7, 0.0)  # what the first view sees is a mirror, in part
-SETTINGS = engine.Settings(frames=3, quality="preview", method="full")
+SETTINGS = engine.Settings(frames=3, quality="preview", method="full", phase_field="designed")
 
 
 def axes(forward, up):

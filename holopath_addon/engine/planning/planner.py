@@ -86,7 +86,7 @@ def plan(
     if settings.method in BASELINES:
         # the least that tells the depths in view
         least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
-        least = resolved(replace(least, phase_field="random", randomness=None))
+        least = resolved(replace(least, phase_field="designed", randomness=None))
         return _of_baseline(_planned(scene, camera, hologram, least, None, []), settings, warnings)
     return _planned(scene, camera, hologram, settings, store, warnings)
 

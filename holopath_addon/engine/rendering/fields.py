@@ -67,8 +67,8 @@ class Tracing:
     *sets : numpy.ndarray, complex64, shape (frames, rows, columns)
         Phasors of the hologram's own frames, and of others that share their rays.
     straight : float
-        Of the first set's light, see `straight_share`. The others are designed; they share all rays if this is so, too,
-        for which it is 0, else the light alone.
+        Of the first set's light, see `straight_share`; of the others, designed ones, it is 0. Sets of another kernel
+        or another period share the light of rays alone.
     """
 
     def __init__(
@@ -80,32 +80,34 @@ class Tracing:
     ) -> None:
         self.hologram, self._straight = recording.hologram, straight
         self._recording, self._radiance, self._sets = recording, radiance, sets
-        self._own = sets[0] if len(sets) == 1 else np.concatenate(sets)
+        together = not straight and len({each.shape[1:] for each in sets}) == 1
+        self._own = [np.concatenate(sets) if len(sets) > 1 else sets[0]] if together else list(sets)
         self._last = OWN, self._own
 
     def _phasors(self, number):
+        """Those that share their rays, a list."""
         if number != self._last[0]:
-            self._last = number, phasors_numbered(number, self._own)
+            own = number == OWN
+            self._last = number, self._own if own else [phasors_numbered(number, self._own[0])]
         return self._last[1]
 
     def frames(self, number: int) -> int:
-        return len(self._phasors(number))
+        return sum(map(len, self._phasors(number)))
 
     def recordable(self, number: int) -> np.ndarray:
-        sets = self._sets if number == OWN else (self._phasors(number),)
+        sets = self._sets if number == OWN else self._phasors(number)
         with self._recording.clock("phase fields"):
             kept = [kept_energy(each, self._recording.settings.estimator) for each in sets]
         return np.repeat(kept, [len(each) for each in sets])
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
-        phasors, straight = self._phasors(number), self._straight if number == OWN else 0.0
-        count = len(phasors)
-        own = len(self._sets[0]) if straight else count
-        for first, last, share in ((0, own, straight), (own, count, 0.0)):
-            if first < last:
-                some, told = slice(first, last), stage(progress, first / count, last / count)
-                what = phasors[some], named(told, "Wave tracing"), out[some]
-                self._recording.record(plane, self._radiance, *what, share)
+        first, count = 0, self.frames(number)
+        for phasors in self._phasors(number):
+            last = first + len(phasors)
+            told = named(stage(progress, first / count, last / count), "Wave tracing")
+            straight = self._straight if number == OWN and not first else 0.0
+            self._recording.record(plane, self._radiance, phasors, told, out[first:last], straight)
+            first = last
 
 
 def kept_energy(phasors: np.ndarray, estimator: str) -> float:

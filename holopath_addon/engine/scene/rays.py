@@ -43,8 +43,8 @@ class ImagePoint:
         Whether the ray sees anything, in the branch asked for.
     branch : mitsuba.UInt32
         Number of the branch taken.
-    other_way : mitsuba.Bool
-        Whether the last choice of the branch was the second of two ways.
+    aside : mitsuba.UInt32
+        Bits of the choices, the first one's last, at which the branch took the way that is mostly the weaker one.
     weight : mitsuba.Color3f or None
         Share of the radiance that comes through; None for all of it.
     whole : mitsuba.Bool
@@ -71,7 +71,7 @@ class ImagePoint:
     surface: mi.PreliminaryIntersection3f
     exists: mi.Bool
     branch: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
-    other_way: mi.Bool = field(default_factory=lambda: mi.Bool(False))
+    aside: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
     weight: mi.Color3f | None = None
     whole: mi.Bool = field(default_factory=lambda: mi.Bool(True))
     path: mi.Float

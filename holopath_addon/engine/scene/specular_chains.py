@@ -164,6 +164,8 @@ class _Chain:
         The optical length before the last piece, and the index of refraction on it.
     hits, splits : mitsuba.UInt32
         Surfaces on the way, and bits of the branch number that have chosen.
+    aside : mitsuba.UInt32
+        Bits of these choices that were to go on, not to stay, or to be reflected, not transmitted.
     whole, ended, straight, active : mitsuba.Bool
         Whether P shows all its light, whether there is a P, whether the ray was never bent, whether it is to go on.
     moves : list
@@ -181,6 +183,7 @@ class _Chain:
     index: mi.Float = field(default_factory=lambda: mi.Float(1))
     hits: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
     splits: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+    aside: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
     whole: mi.Bool = field(default_factory=lambda: mi.Bool(True))
     ended: mi.Bool = field(default_factory=lambda: mi.Bool(False))
     straight: mi.Bool = field(default_factory=lambda: mi.Bool(True))
@@ -257,7 +260,7 @@ class SpecularChains:
             surface=chain.surface,
             exists=chain.ended,
             branch=branch & (used - 1),
-            other_way=(branch & (used >> 1)) != 0,
+            aside=chain.aside,
             weight=chain.weight,
             whole=chain.whole,
             path=path,
@@ -327,6 +330,7 @@ class SpecularChains:
         divides = chain.active & leaves & scatters & free
         stays = ~leaves | (scatters & ~(free & chain.chooses(branch)))
         chain.whole &= ~(divides & stays)
+        chain.aside |= dr.select(divides & ~stays, 1 << chain.splits, 0)
         chain.splits = dr.select(divides, chain.splits + 1, chain.splits)
         chain.ended |= chain.active & stays
         chain.active &= ~stays & (chain.hits < self.most_hits)
@@ -334,6 +338,7 @@ class SpecularChains:
         divides = chain.active & reflected.exists & transmitted.exists & free & (chain.splits < self.splits)
         stronger = dr.max(transmitted.weight) > dr.max(reflected.weight)
         through = dr.select(divides, chain.chooses(branch), stronger)
+        chain.aside |= dr.select(divides & ~through, 1 << chain.splits, 0)
         chain.splits = dr.select(divides, chain.splits + 1, chain.splits)
         return dr.select(chain.active, self._onward(scene, chain, si, reflected, transmitted, through), chain)
 

@@ -177,7 +177,7 @@ class Recording:
             self._kept_regions[plane] = regions
         return self._kept_regions[plane]
 
-    def _part(self, plane, radiance, number, straight):
+    def _part(self, plane, radiance, number, straight=0.0):
         """The `Part` of a region of a plane."""
         if (plane, number, straight) not in self._parts:
             region = self._regions(plane, radiance)[number]

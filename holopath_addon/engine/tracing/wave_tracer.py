@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 CHUNK_RAYS = 1 << 22  # of a block; well below a second on two cores
 BRANCH_SHIFT = 37  # pixels; farther than phases are correlated
+STRIPE = 16  # pixels, a power of two: wide enough that stripes stay what they are out of focus
 FRAMES_TOGETHER = 32  # accumulators of one kernel; more frames trace again
 
 
@@ -199,7 +200,7 @@ def trace_blocks(
             )  # s5
             kernel = estimator.kernel(place, offset, dz, tilt)  # s7
             if part.in_phase:
-                kernel = _apart(kernel, seen)
+                kernel = _apart(kernel, seen.aside, grain_column)
             amplitude = [dr.select(seen.exists, a, 0) for a in amplitude]
             if share is not None:
                 amplitude = [a * share for a in amplitude]
@@ -250,16 +251,19 @@ def trace_blocks(
         del left[: len(joined)], values
 
 
-def _apart(kernel, seen):
-    """The kernel of each wavelength, turned by a quarter for the other way of a branch: intensities of the two add up.
+def _apart(kernel, aside, column):
+    """The kernel of each wavelength, turned by a quarter for what is seen `aside`: intensities add up.
 
-    Of the three branches of a clear pane the faint ones, reflected in front and behind, are a half turn apart.
+    What is so by the second choice, as is the reflection in the back of a pane, is turned forth and back in stripes:
+    added to what is so by the first its mean is right, too, and it stays apart from the strongest.
     """
-    opposite = (seen.branch > 0) & ~seen.other_way
+    first, second = (aside & 1) != 0, (aside & 2) != 0
+    negative = second & ((column & STRIPE) != 0)
     turned = []
     for real, imag in zip(kernel[::2], kernel[1::2], strict=True):
         for straight, quarter in ((real, -imag), (imag, real)):
-            turned.append(dr.select(seen.other_way, quarter, dr.select(opposite, -straight, straight)))
+            value = dr.select(first != second, quarter, straight)
+            turned.append(dr.select(negative, -value, value))
     return turned
 
 

@@ -10,10 +10,13 @@ from holopath_addon.engine.waves.phase_fields import (
     GAIN,
     SETS,
     designed_phasors,
+    phasors_of,
     pixel_transmission,
     random_phasors,
+    randomness_for,
     recordable_fraction,
     speckle_contrast,
+    straight_share,
 )
 from holopath_addon.engine.waves.phase_fields.design import Design, Recipe, invent
 from holopath_addon.engine.waves.supervision import Frames
@@ -99,6 +102,37 @@ def test_the_first_frames_alone_are_better_than_random_ones(frames):
     assert contrasts(phasors, 5).mean() < 0.95 / math.sqrt(frames)
 
 
+@pytest.mark.parametrize("randomness", [0.0, 0.3, 0.5, 1.0])
+def test_smooth_fields_send_a_share_of_light_straight_on_and_the_rest_everywhere(randomness):
+    """Of an even surface, sinc(r)^2 of it; the rest is as much in the middle of the pupil as at its rim."""
+    phasors = phasors_of("smooth", 4, 128, 128, 0, randomness)
+    power = np.mean([np.abs(np.fft.fft2(p) / p.size) ** 2 for p in phasors], axis=0)
+    share = (math.sin(math.pi * randomness) / (math.pi * randomness)) ** 2 if randomness else 1.0
+    assert power[0, 0] == pytest.approx(share, abs=0.01) == straight_share(randomness)
+    if randomness:
+        power[0, 0] = power[0, 1]
+        f = np.hypot(np.fft.fftfreq(128)[:, None], np.fft.fftfreq(128))
+        rings = [power[(f >= low) & (f < low + 0.1)].mean() for low in (0, 0.1, 0.2, 0.3, 0.4)]
+        assert rings == pytest.approx(5 * [np.mean(rings)], rel=0.05)
+
+
+def test_speckle_of_smooth_fields_out_of_focus():
+    """Partially developed: against that of an even plane, which is a wave and its scattered rest."""
+    for randomness in (0.3, 0.6):
+        phasors = phasors_of("smooth", 1, 256, 256, 0, randomness)
+        assert contrasts(phasors, 5)[[0, -1]].mean() == pytest.approx(
+            speckle_contrast("smooth", 1, randomness), rel=0.08
+        )
+
+
+def test_smooth_fields_end_in_random_ones():
+    one, other = phasors_of("smooth", 2, 32, 48, 5, 1.0), phasors_of("random", 2, 32, 48, 5)
+    np.testing.assert_array_equal(one, other)
+    assert (phasors_of("smooth", 2, 32, 48, 5, 0.0) == 1).all()
+    degrees = [randomness_for(frames) for frames in range(1, 9)]
+    assert degrees == sorted(degrees) and degrees[0] == 0
+
+
 @pytest.mark.parametrize("frames", SETS)
 def test_light_fills_the_pupil_evenly(frames):
     """Parts of the pupil of half its diameter, anywhere in it, pass their share within 3 %."""
@@ -129,6 +163,8 @@ def test_a_seed_moves_the_maps():
 def test_predicted_contrast_of_textured_pictures():
     """The plan's figures are those of the shipped maps, in pictures that were not designed for."""
     assert speckle_contrast("random", 9) == pytest.approx(1 / 3)
+    assert speckle_contrast("smooth", 9, 1.0) == pytest.approx(1 / 3)
+    assert speckle_contrast("smooth", 9, 0.0) == 0
     with Frames() as threads:
         for count, gain in zip(SETS, GAIN, strict=True):
             maps = np.angle(designed_phasors(count))

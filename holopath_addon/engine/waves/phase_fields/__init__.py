@@ -80,7 +80,7 @@ def straight_share(randomness: float) -> float:
     float
         1 for fields in phase, 0 for random ones.
     """
-    return float(np.sinc(randomness) ** 2)
+    return round(float(np.sinc(randomness) ** 2), 12)  # exactly 0 at 1
 
 
 def designed_phasors(frames: int, seed: int = 0) -> np.ndarray:
