@@ -106,7 +106,7 @@ def test_phases_begin_with_the_frame_before(moving, tmp_path, monkeypatch):
 
     def seen(field, method="auto", progress=None, **options):
         begun.append(options.get("start"))
-        return encode(field, method, progress, **{**options, "many": None, "max_steps": 30}, **{})
+        return encode(field, method, progress, **{**options, "many": None, "max_steps": 30})
 
     monkeypatch.setattr(engine, "encode", seen)
     monkeypatch.setattr(engine, "frames_along", lambda *_: 0)
