@@ -7,6 +7,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.waves.phase_fields import (
+    FEW_FRAMES,
     GAIN,
     SETS,
     designed_phasors,
@@ -129,8 +130,8 @@ def test_smooth_fields_end_in_random_ones():
     one, other = phasors_of("smooth", 2, 32, 48, 5, 1.0), phasors_of("random", 2, 32, 48, 5)
     np.testing.assert_array_equal(one, other)
     assert (phasors_of("smooth", 2, 32, 48, 5, 0.0) == 1).all()
-    degrees = [randomness_for(frames) for frames in range(1, 9)]
-    assert degrees == sorted(degrees) and degrees[0] == 0
+    degrees = [randomness_for(frames) for frames in range(1, FEW_FRAMES)]
+    assert degrees == sorted(degrees) and degrees[0] == 0 and randomness_for(FEW_FRAMES) is None
 
 
 @pytest.mark.parametrize("frames", SETS)
