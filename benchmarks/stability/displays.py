@@ -276,7 +276,8 @@ def frames_random(frames):
 
 def frames_designed(frames):
     """Two planes: the more frames, the nearer to the truth; on one recording plane for both."""
-    field = engine.render(planes(), camera(), display(), replace(SETTINGS, frames=frames, planes=1))
+    settings = replace(SETTINGS, frames=frames, planes=1, phase_field="designed")
+    field = engine.render(planes(), camera(), display(), settings)
     pictures, edge = engine.reconstruct(field, FOCUS), border(display(), 6e-3)
     psnr = [engine.psnr(p, t, edge) for p, t in zip(pictures, frames_truth(), strict=True)]
     inner = slice(edge, -edge)

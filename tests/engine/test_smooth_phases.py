@@ -113,11 +113,12 @@ def test_one_frame_shows_a_picture(build, camera):
         (1, {"phase_field": "random"}, "random", None),
         (1, {"method": "direct"}, "designed", None),
         (8, {"speckle": 0.4}, "designed", None),
+        (3, {"despeckle": 5}, "designed", None),
     ],
     ids=str,
 )
 def test_few_frames_choose_smooth_phases(frames, chosen, kind, randomness):
-    """But where speckle is wished for, or random rays are, whose kernel is of random phases."""
+    """But where so much speckle is wished for, or less by steps, or random rays are, whose cone ends sharply."""
     chosen = {"speckle": None, **chosen}
     settings = resolved(engine.Settings(frames=frames, **chosen))
     assert (settings.phase_field, settings.randomness) == (kind, randomness)

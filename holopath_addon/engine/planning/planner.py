@@ -190,7 +190,9 @@ def resolved(settings: Settings) -> Settings:
         kind = "designed" if kind == "auto" else kind
         frames = frames_for(kind, settings.speckle, randomness)
     if kind == "auto":
-        kind = "smooth" if frames <= SMOOTH_FRAMES and estimator == "lattice" else "designed"
+        # steps against speckle gain most on designed ones, and spoil what is smooth
+        smooth = frames <= SMOOTH_FRAMES and estimator == "lattice" and not settings.despeckle
+        kind = "smooth" if smooth else "designed"
     if kind == "smooth" and settings.method not in BASELINES:
         if estimator == "paper":
             raise InvalidInput(
