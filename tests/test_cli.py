@@ -603,7 +603,17 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
 
     monkeypatch.setattr(cli.Progress, "__call__", progress)
     out = tmp_path / "out"
-    words = ["render", str(xml), *SMALL, *GREEN, "--encode", "joint", "--compare-reference", "--out", str(out)]
+    words = [
+        "render",
+        str(xml),
+        *SMALL,
+        *GREEN,
+        "--encode",
+        "joint",
+        "--compare-reference",
+        "--out",
+        str(out),
+    ]
     refused(cli.main(words), capfd.readouterr().err, 1, "holds the render")
     assert engine.PhaseHologram.load(out / "hologram").report["stopped"]
     report = json.loads((out / "report.json").read_text())
