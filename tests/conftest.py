@@ -132,6 +132,37 @@ def backend():
     return variants.activate()
 
 
+@pytest.fixture(scope="module")
+def one_thread():
+    """Dr.Jit computes with the caller's thread alone.
+
+    Its other one waits busily for 5 ms after each launch: beside short programs that took a sixth of all tests' time.
+    Mitsuba would wait for it in vain where it reads or writes OpenEXR files: not for tests that do.
+    """
+    from holopath_addon import output
+    from holopath_addon.engine.scene import variants
+
+    limit = variants._limit_threads
+
+    def alone():
+        import drjit
+
+        if drjit.thread_count() != 1:
+            drjit.set_thread_count(1)
+
+    def refused(*_):
+        pytest.fail("Mitsuba writes OpenEXR files with a second thread: move this test out of this folder.")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(variants, "_limit_threads", alone)
+        patch.setattr(output, "encode_exr", refused)
+        if "drjit" in sys.modules:
+            alone()
+        yield
+    if "drjit" in sys.modules:
+        limit()
+
+
 @pytest.fixture
 def empty_scene():
     """The scene of a new Blender file with nothing in it."""

@@ -33,6 +33,8 @@ WALLS = {(1, 0, 0): 0.8, (-1, 0, 0): 0.3, (0, 1, 0): 0.6, (0, -1, 0): 0.4, (0, 0
 LAMP, BALL = (-0.7, -0.6, 0.3), (0.1, 0.7, 0.0)  # what the first view sees is a mirror, in part
 SETTINGS = engine.Settings(frames=3, quality="preview", method="full", phase_field="designed")
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 
 def axes(forward, up):
     """Right, up and forward unit vectors of a view."""
@@ -139,7 +141,11 @@ def test_all_axes_in_turn(source, fields, view):
     assert image.mean() == pytest.approx(picture.mean(), rel=0.06)
 
 
-@pytest.mark.parametrize(("path", "view"), [(kind, v) for kind in WRITERS for v in LATER], indirect=["path"])
+@pytest.mark.parametrize(
+    ("path", "view"),
+    [("xml", v) for v in LATER] + [pytest.param("blend", v, marks=pytest.mark.slow) for v in LATER],
+    indirect=["path"],
+)
 def test_again_after_others(source, fields, view):
     """The same to the last bit, as far as the test before found it."""
     found, size = fields.get(view) or (digest(render(source, view)[1]), (16, 16))

@@ -20,6 +20,7 @@ from tests.patience import NEVER, SOON
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["--resolution", "64x64", "--frames", "2", "--quality", "preview"]
+GREEN = ["--wavelengths", "516.5"]
 SCENE = """<scene version="3.0.0">
 <sensor type="{sensor}" id="viewer"><float name="fov" value="40"/>{offset}
  <transform name="to_world"><lookat origin="0.2,0,0" target="0,0.1,1" up="0,1,0"/></transform>
@@ -230,8 +231,8 @@ def test_wrong_llvm(xml, tmp_path):
 
 def test_full_disk(xml, tmp_path):
     full = tmp_path / "full"
-    words = [xml, "--resolution", "256x256", "--frames", "4", "--quality", "preview", "--out", full]
-    limit = 1 << 20  # bytes a file; the field takes 6 MiB
+    words = [xml, "--resolution", "128x128", "--frames", "4", "--quality", "preview", "--out", full]
+    limit = 1 << 20  # bytes a file; the field takes 1.5 MiB
 
     def set_limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
@@ -259,9 +260,10 @@ def test_folder_that_cannot_be_made(xml, tmp_path, capfd):
 def test_interrupt(number, method, at, tmp_path):
     pytest.importorskip("bpy")
     out = tmp_path / "out"
-    # each stage takes longer than the two seconds between lines
+    # each stage takes seconds, and is told at once to who attends
     words = ["--resolution", "512x512", "--quality", "full", "--frames", "50", "--method", method]
-    process = start("render", "demo:planes", *words, "--no-cache", "--out", out)
+    words += ["--no-cache", "--attended", "--out", out]
+    process = start("render", "demo:planes", *words, stdin=subprocess.PIPE)
     heard = ""
     while not re.search(at, heard):
         line = process.stderr.readline()
@@ -456,7 +458,7 @@ def test_encode(rendered, xml, tmp_path, capfd):
 def test_contact_sheet(xml, tmp_path):
     """All at a glance, as the files have it; and a render with phases has pictures of what they show."""
     out = tmp_path / "out"
-    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--focus", "0.5m,1m,2m", "--out", str(out)]
+    words = ["render", str(xml), *SMALL, *GREEN, "--focus", "0.5m,1m,2m", "--out", str(out)]
     words += ["--encode", "dpac", "--contact-sheet", "a.png", "--compare-reference", "--quiet"]
     assert cli.main(words) == 0
     sheet, side, gap = read(out / "a.png"), 64, output.SHEET_GAP
@@ -485,8 +487,9 @@ def test_contact_sheet(xml, tmp_path):
     ("count", "phases", "rows"),
     [(1, True, 1), (2, True, 2), (4, False, 3), (5, True, 3)],
 )
-def test_contact_sheets_of_any_number(count, phases, rows, backend, tmp_path):
+def test_contact_sheets_of_any_number(count, phases, rows, backend, tmp_path, monkeypatch):
     """Pictures in pairs, the middle one beside the lens's; large ones are made smaller, phases are cut."""
+    monkeypatch.setattr(output, "SHEET_SIDE", 64)
     shape, gap = (output.SHEET_SIDE * 2, output.SHEET_SIDE * 2 - 6), output.SHEET_GAP
     pictures = [np.full((*shape, 3), n + 1.0) for n in range(count)]
     data = output.contact_sheet(pictures, np.ones((*shape, 3)), np.zeros(shape) if phases else None)
@@ -513,7 +516,7 @@ def test_encoding_afterwards_is_encoding_with_the_render(xml, tmp_path, capfd):
 def test_encoding_afterwards_of_a_scene_that_is_another(xml, tmp_path, capfd):
     """The scene that the report names is opened, where it is what it was; else phases go towards the field alone."""
     out, later = tmp_path / "out", tmp_path / "later"
-    assert cli.main(["render", str(xml), *SMALL, "--out", str(out), "--quiet"]) == 0
+    assert cli.main(["render", str(xml), *SMALL, *GREEN, "--out", str(out), "--quiet"]) == 0
     assert cli.main(["encode", str(out), "--out", str(later), "--max-steps", "2", "--quiet"]) == 0
     assert capfd.readouterr().err == ""
     assert engine.PhaseHologram.load(later).method == "refine"
@@ -600,7 +603,17 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
 
     monkeypatch.setattr(cli.Progress, "__call__", progress)
     out = tmp_path / "out"
-    words = ["render", str(xml), *SMALL, "--encode", "joint", "--compare-reference", "--out", str(out)]
+    words = [
+        "render",
+        str(xml),
+        *SMALL,
+        *GREEN,
+        "--encode",
+        "joint",
+        "--compare-reference",
+        "--out",
+        str(out),
+    ]
     refused(cli.main(words), capfd.readouterr().err, 1, "holds the render")
     assert engine.PhaseHologram.load(out / "hologram").report["stopped"]
     report = json.loads((out / "report.json").read_text())
@@ -620,7 +633,7 @@ def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, monkeypatch, meth
         return traced(*words)
 
     monkeypatch.setattr(engine, "many_frames", many_frames)
-    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--method", method, "--encode", "auto"]
+    words = ["render", str(xml), *SMALL, *GREEN, "--method", method, "--encode", "auto"]
     assert cli.main([*words, "--out", str(out), "--quiet"]) == 0
     phase = engine.PhaseHologram.load(out / "hologram")
     assert phase.method == "refine"
@@ -632,7 +645,7 @@ def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, monkeypatch, meth
 def test_seconds_of_encoding(xml, tmp_path, capfd):
     """As many as are given, of all of it; `plan` tells, and a render in another time is encoded anew alone."""
     out = tmp_path / "out"
-    words = [str(xml), *SMALL, "--wavelengths", "516.5"]
+    words = [str(xml), *SMALL, *GREEN]
     render = ["render", *words, "--quiet", "--out", str(out)]
     for encode, seconds, says in (
         ("none", "1", "add --encode auto"),
@@ -770,7 +783,7 @@ def test_a_response_means_the_same_when_encoding_and_when_looking(rendered, tmp_
 
 def test_replaces_only_its_own(xml, tmp_path, capfd, monkeypatch):
     out = tmp_path / "out"
-    words = ["render", str(xml), *SMALL, "--wavelengths", "516.5", "--out", str(out), "--quiet"]
+    words = ["render", str(xml), *SMALL, *GREEN, "--out", str(out), "--quiet"]
     assert cli.main(words) == 0
     first = (out / "report.json").read_bytes()
     assert len(os.listdir(out / "reconstruction")) == 6  # three depths found by themselves
@@ -871,7 +884,7 @@ def test_baked_light_is_kept(tmp_path, capfd):
     """A second run takes it from the folder that is named; without one nothing is kept."""
     (tmp_path / "lit.xml").write_text(LIT)
     folder = tmp_path / "baked"
-    words = [str(tmp_path / "lit.xml"), *SMALL, "--resolution", "32x32", "--method", "fast"]
+    words = [str(tmp_path / "lit.xml"), *SMALL, *GREEN, "--resolution", "32x32", "--method", "fast"]
 
     def bake_of(*more):
         out = tmp_path / "out"

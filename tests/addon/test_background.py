@@ -56,8 +56,11 @@ def panel(scene):
 
 
 def test_renders_the_scene_as_it_is_and_nothing_twice(moving, tmp_path):
-    out = tmp_path / "out"
+    """With phases, as the section Hologram says."""
+    props, out = moving.holopath, tmp_path / "out"
+    props.encoding, props.animation_encodes = "dpac", True
     assert bpy.ops.holopath.render_animation() == {"FINISHED"}
+    assert engine.PhaseHologram.load(out / "frame_0001" / "hologram").method == "dpac"
     made = fields(out)
     assert sorted(path.name for path in out.iterdir()) == ["frame_0001", "frame_0002", "job.json", "light"]
     assert bpy.data.filepath == "" and "2 Frames Done" in panel(moving).words
@@ -65,13 +68,10 @@ def test_renders_the_scene_as_it_is_and_nothing_twice(moving, tmp_path):
     assert fields(out) == made and background.current.finished == 2
 
 
-def test_phases_of_each_frame_where_they_are_wanted(moving, tmp_path):
-    """As the section Hologram says; a frame that has no phases yet is made anew."""
+def test_words_of_phases(moving, tmp_path):
     props, out = moving.holopath, tmp_path / "out"
-    props.encoding, props.animation_encodes, moving.frame_end = "dpac", True, 1
-    assert bpy.ops.holopath.render_animation() == {"FINISHED"}
-    assert engine.PhaseHologram.load(out / "frame_0001" / "hologram").method == "dpac"
-    props.encoding, props.limit_encoding, props.encode_seconds, props.bits = "auto", True, 5.0, 4
+    props.animation_encodes, props.encoding = True, "auto"
+    props.limit_encoding, props.encode_seconds, props.bits = True, 5.0, 4
     words = background._words(props, Path("a.blend"), out)
     assert words[-6:] == ["--encode", "auto", "--encode-seconds", "5.0", "--bits", "4"]
     props.animation_in_turn, props.eyebox_auto, props.eyebox = True, False, 0.5

@@ -406,6 +406,7 @@ def test_a_failure_outlives_the_picture_that_comes_back(scene):
 
 def test_encode_and_save(scene, tmp_path):
     assert not bpy.ops.holopath.encode.poll() and not bpy.ops.holopath.save_hologram.poll()
+    scene.holopath.encoding = "sgd"
     bpy.ops.holopath.render_hologram()
     assert bpy.ops.holopath.encode() == {"FINISHED"}
     phase = session.current.phase
@@ -466,7 +467,7 @@ def test_refocus_the_hologram(scene):
 
 def test_encode_with_more_frames(scene):
     """Of the scene as it was rendered, whatever has become of it since."""
-    scene.holopath.frames = 2
+    scene.holopath.frames, scene.holopath.colours = 2, "MONO"
     bpy.ops.holopath.render_hologram()
     for thing in list(scene.objects):
         bpy.data.objects.remove(thing)

@@ -7,6 +7,11 @@ from benchmarks.scenes import FOV, Scenes
 from holopath_addon import engine
 
 
+@pytest.fixture(scope="module", autouse=True)
+def alone(one_thread):
+    """No test here has Mitsuba read or write an OpenEXR file."""
+
+
 @pytest.fixture(scope="session")
 def build(backend):
     """Builders of small scenes; metres."""

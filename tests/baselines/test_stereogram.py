@@ -47,7 +47,7 @@ def test_the_wave_of_a_plane_is_that_of_its_pixels(build, camera, height):
         assert np.linalg.norm(ours) == pytest.approx(np.linalg.norm(exact), rel=0.05)
 
 
-@pytest.mark.parametrize("depth", [0.5, 0.8, 2.0])
+@pytest.mark.parametrize("depth", [0.5, pytest.param(0.8, marks=pytest.mark.slow), 2.0])
 def test_a_plane_is_as_bright_as_it_should_be(build, camera, depth):
     """With something at both ends of the volume, so that the plane lies at any height over the hogels'."""
     half = 0.5 * np.tan(FOV / 2)

@@ -6,6 +6,11 @@ import pytest
 from benchmarks.scenes import FOV, GREEN, Scenes
 
 
+@pytest.fixture(scope="module", autouse=True)
+def alone(one_thread):
+    """No test here has Mitsuba read or write an OpenEXR file."""
+
+
 @pytest.fixture(scope="session")
 def build(backend):
     """Builders of small scenes; metres."""

@@ -20,7 +20,7 @@ def border_of(field, depth):
     )
 
 
-def compare(scene, camera, hologram, settings, focus, spp=128, pupil=None):
+def compare(scene, camera, hologram, settings, focus, spp=48, pupil=None):
     """Field, then per focus depth: border, picture, reference."""
     field = engine.render(scene, camera, hologram, settings)
     pictures = engine.reconstruct(field, focus, pupil)
@@ -136,7 +136,7 @@ def test_points_refocus_at_their_depth(build, mode, fov, depths):
         scene = build.scene(dot=build.plane(place, build.emissive(build.grey(1.0)), 1.2 * pixel * place))
         field = engine.render(scene, camera, hologram, engine.Settings(frames=8))
         truth = float(field.mapping.depth_to_z(depth))
-        z = truth + np.linspace(-1.5e-3, 1.5e-3, 61)
+        z = truth + np.linspace(-1.5e-3, 1.5e-3, 41)
         z = z[z > field.mapping.z_far]  # nothing lies beyond infinity
         pictures = engine.reconstruct(field, field.mapping.z_to_depth(z))[..., 0].astype(np.float64)
         sharpness = (pictures**2).sum((1, 2)) / pictures.sum((1, 2)) ** 2

@@ -11,6 +11,11 @@ bpy = pytest.importorskip("bpy")
 from benchmarks.stage import Stage  # noqa: E402
 
 
+@pytest.fixture(scope="module", autouse=True)
+def alone(one_thread):
+    """No test here has Mitsuba read or write an OpenEXR file."""
+
+
 @pytest.fixture
 def stage():
     """An empty scene with a camera at the origin's +z, looking down, and shortcuts to fill it."""

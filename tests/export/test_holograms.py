@@ -24,7 +24,7 @@ GREEN = 516.5e-9
         pytest.param(PRINCIPLED, {"Roughness": 0.0, "Alpha": 0.5}, marks=pytest.mark.slow),
         pytest.param(PRINCIPLED, {"Roughness": 0.8, "Alpha": 0.5}, marks=pytest.mark.slow),
         pytest.param("ShaderNodeBsdfGlass", {"Roughness": 0.0}, marks=pytest.mark.slow),
-        ("ShaderNodeBsdfGlass", {"Roughness": 0.3}),
+        pytest.param("ShaderNodeBsdfGlass", {"Roughness": 0.3}, marks=pytest.mark.slow),
         pytest.param("ShaderNodeBsdfAnisotropic", {"Roughness": 0.1}, marks=pytest.mark.slow),
         pytest.param("ShaderNodeBsdfDiffuse", {}, marks=pytest.mark.slow),
         pytest.param("ShaderNodeEmission", {"Strength": 0.7}, marks=pytest.mark.slow),

@@ -165,6 +165,7 @@ def test_all_open_the_job_while_one_makes_what_they_need(tmp_path):
     assert any(early)
 
 
+@pytest.mark.slow  # what one unit lacks of five is made above
 def test_what_is_done_is_not_made_again(tmp_path):
     asked = Asked(tmp_path, 0, "a", "b")
     for name in "ab":
@@ -200,7 +201,6 @@ def test_cancelled_nothing_half_done_stays(tmp_path):
     assert "a" in names(tmp_path) and not [name for name in names(tmp_path) if name.startswith(".")]
 
 
-@pytest.mark.slow
 @pytest.mark.slow
 def test_a_worker_killed_three_times(tmp_path):
     asked, killed = Asked(tmp_path, 1, "a", "b", "c"), []

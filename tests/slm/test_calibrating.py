@@ -213,7 +213,11 @@ WORDS = "calibrate --driver virtual --wavelength 520 --pitch 8 --distances 0.5,1
 
 
 def test_command(tmp_path, monkeypatch, capsys):
-    """On the virtual bench, as far as a stage that is short."""
+    """On the virtual bench, whose source is a few points here, as far as a stage that is short."""
+    bench_of = slm.mis_set
+    monkeypatch.setattr(
+        slm, "mis_set", lambda *words: (replace(bench_of(*words)[0], source=THIRD), bench_of(*words)[1])
+    )
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
     monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
     assert cli.main([*WORDS, "--out", str(tmp_path / "my.json")]) == 0

@@ -52,9 +52,9 @@ def small():
     return engine.PhaseHologram(data, volume, engine.Camera(np.eye(4), 0.7), 0.5, "dpac", (1,))
 
 
-def screenshot(left):
+def screenshot(left, top=0, width=WIDTH, height=HEIGHT):
     with mss.MSS() as screen:
-        grabbed = screen.grab({"left": left, "top": 0, "width": WIDTH, "height": HEIGHT})
+        grabbed = screen.grab({"left": left, "top": top, "width": width, "height": height})
     return np.asarray(grabbed)[..., 2::-1]
 
 
@@ -147,8 +147,8 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
     try:
         assert (driver.info.name, driver.info.width, driver.info.height) == (SECOND, WIDTH, HEIGHT)
         assert not screenshot(WIDTH).any()
-        sent = pictures(6)
-        for number, which in enumerate((0, 1, 2, 3, 0, 4, 5)):  # one of them again
+        sent = pictures(4)
+        for number, which in enumerate((0, 1, 2, 0, 3)):  # one of them again
             show(driver, number, sent[which])
             told.wait(number)
             pixels = sent[which].pixels
@@ -158,7 +158,7 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
         assert (screenshot(0) == before).all()
     finally:
         driver.close()
-    assert not (screenshot(WIDTH) == sent[5].pixels).all(), "the window is still there"
+    assert not (screenshot(WIDTH) == sent[3].pixels).all(), "the window is still there"
 
 
 def test_a_hologram(two_monitors):
@@ -169,7 +169,7 @@ def test_a_hologram(two_monitors):
     taken = []
 
     def look(counts):
-        if counts.shown >= 30 and not taken:
+        if counts.shown >= 5 and not taken:
             taken.append(screenshot(WIDTH))
             raise engine.Cancelled
 

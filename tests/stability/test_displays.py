@@ -49,6 +49,7 @@ SLOW = {
     "distance": "a picture too far for the aperture, here; test_rendering: points refocus at their depth",
     "wavelength": "test_rendering: each wavelength shows its channel",
     "pitch": "size, here; test_slabs",
+    "encoder's rate": "test_descent: phases by the rate that is used",
 }
 
 
@@ -96,7 +97,8 @@ def test_a_picture_too_far_for_the_aperture():
     assert far["brightness"] == pytest.approx(1, abs=0.05)
 
 
-def test_speckle_of_random_fields():
+@pytest.mark.slow
+def test_speckle_of_random_fields():  # test_rendering: speckle contrast falls as the root of the frames
     for figures in few("frames, random fields"):
         assert figures["speckle"] == pytest.approx(1, abs=0.05)
         assert figures["brightness"] == pytest.approx(1, abs=0.05)
@@ -111,7 +113,8 @@ def test_fewer_and_more_rays_than_needed():  # test_planner: too few rays are wa
     assert more == pytest.approx(enough, rel=1e-6)  # graphics cards add up in any order
 
 
-def test_the_scale_of_what_is_encoded():
+@pytest.mark.slow
+def test_the_scale_of_what_is_encoded():  # test_descent: how bright the field is does not matter
     for figures in few("target's scale"):
         for name in ("dpac", "sgd", "joint"):
             assert figures[f"{name} brightness"] == pytest.approx(1, abs=0.05)

@@ -31,6 +31,7 @@ SLOW = {
     "distance from the origin": "test_single_precision_is_warned_of, here",
     "size of a lamp": "test_rendering: planes under a lamp",
     "recording plane": "test_displays: distance, and test_slabs",
+    "slanted through the recording plane": "test_rendering: slanted plane, strip by strip",
     "slope": "test_rendering: brightness over slope",
     "seeds": "test_radiance_cache: any seed; test_phase_fields: an even plane at any focus",
     "infinity": "test_rendering: points refocus at their depth, the sky is at infinity",
@@ -90,7 +91,8 @@ def test_too_many_rays_are_refused_in_a_sentence(backend):
 
 
 @pytest.mark.parametrize(
-    ("scale", "metres", "warns"), [(1, 0, False), (1e-3, 0, True), (1, 100, False), (1, 1e3, True)]
+    ("scale", "metres", "warns"),
+    [pytest.param(1, 0, False, marks=pytest.mark.slow), (1e-3, 0, True), (1, 100, False), (1, 1e3, True)],
 )
 def test_single_precision_is_warned_of(backend, scale, metres, warns):
     place = (metres, metres, -metres)

@@ -586,10 +586,12 @@ def test_plan_chooses_and_tells_why(build, camera):
 
     cached, why = light(build.scene(a=build.plane(1.0, build.emissive(build.grey(1.0)))))
     assert not cached and why[0].value == "paths of this view"
-    cached, why = light(build.closed_box(), replace(HOLOGRAM, width=1024, height=1024), frames=FRAMES)
+    box = build.closed_box()
+    cached, why = light(box, replace(HOLOGRAM, width=1024, height=1024), frames=FRAMES)
     assert cached and why[0].value == "radiance cache" and "to be baked" in why[0].reason
-    assert light(build.closed_box(), method="full")[0] is False
-    assert light(build.closed_box(), method="fast")[0] is True
-    assert light(build.closed_box(), method="fast", max_depth=1)[0] is False
+    quick = {"quality": "preview"}
+    assert light(box, method="full", **quick)[0] is False
+    assert light(box, method="fast", **quick)[0] is True
+    assert light(box, method="fast", max_depth=1, **quick)[0] is False
     with pytest.raises(engine.InvalidInput, match="choose one of auto, full, fast, direct"):
         engine.Settings(method="slow")

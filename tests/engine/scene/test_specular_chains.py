@@ -84,7 +84,7 @@ def test_ball_lens_has_its_paraxial_focus(build):
     assert on_axis(build, scene, branch=3) == pytest.approx(image, abs=5e-3)
 
 
-def views(scene, camera, hologram, focus, truth=None, spp=96, **settings):
+def views(scene, camera, hologram, focus, truth=None, spp=48, **settings):
     """PSNR and brightness ratio at each focus depth; against `truth` where it is known, or Mitsuba's own is not it."""
     field = engine.render(scene, camera, hologram, engine.Settings(frames=24, **settings))
     assert np.isfinite(field.data).all()
@@ -120,7 +120,7 @@ def test_convex_mirror_beats_the_optical_path(build, camera, small):
     scene = build.scene(mirror=sphere_mirror(build, 0.3), lamp=behind(build, 0.5, texture=128))
     image = 1 + 1 / (2 / 0.3 + 1 / 1.5)
     display = replace(small, near=1.0)
-    truth = engine.reference(scene, camera, display, [image], spp=96, near=1.0)
+    truth = engine.reference(scene, camera, display, [image], spp=48, near=1.0)
     (ours,), ratios = views(scene, camera, display, [image], truth)
     assert ratios == pytest.approx([1], abs=0.03)
     (paper,), _ = views(scene, camera, display, [image], truth, virtual_image="opl")
