@@ -16,7 +16,7 @@ from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.modulator import Levels, wrapped
-from ..waves.phase_fields import FEW_FRAMES, random_phasors
+from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import circular_band, filtered
 from ..waves.supervision import Frames
 from . import descent
@@ -82,7 +82,7 @@ def encode(
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame for itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths and
         through parts of the pupil all over the volume. ``refine``: instead, so that it is that of `many` frames.
-        ``auto``: `joint` where there are several frames, else `sgd`. Where its seconds are too few for any more frames,
+        ``auto``: `joint` where there are several frames, of `randomness_for` them, else `sgd`. Where its seconds are too few for any more frames,
         `refine` is `joint`.
     progress : callable, optional
         ``progress(done, message)`` with the PSNR so far, may raise `Cancelled`; what is done by then is in the
@@ -139,6 +139,8 @@ def encode(
     """
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
+        if method == "joint" and randomness is None and start == "arg":
+            randomness = randomness_for(len(field.data))
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
     asked = _Asked(
