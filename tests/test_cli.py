@@ -460,6 +460,7 @@ def test_contact_sheet(xml, tmp_path):
     out = tmp_path / "out"
     words = ["render", str(xml), *SMALL, *GREEN, "--focus", "0.5m,1m,2m", "--out", str(out)]
     words += ["--encode", "dpac", "--contact-sheet", "a.png", "--compare-reference", "--quiet"]
+    words += ["--phase-field", "designed"]
     assert cli.main(words) == 0
     sheet, side, gap = read(out / "a.png"), 64, output.SHEET_GAP
     assert sheet.shape == (2 * side + gap, 4 * side + 2 * gap, 3)
