@@ -86,7 +86,7 @@ ESTIMATORS = choices(
     ("paper", "Paper", "Random directions with a spherical wave, as published"),
 )
 PHASE_FIELDS = choices(
-    ("auto", "Auto", "Smooth with one or two frames, which cannot average speckle; designed with more"),
+    ("auto", "Auto", "Smooth with up to five frames, which cannot average speckle; designed with more"),
     (
         "smooth",
         "Smooth",

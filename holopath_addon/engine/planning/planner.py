@@ -14,9 +14,9 @@ from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
 from ..waves.phase_fields import (
+    FEW_FRAMES,
     REACH,
     SETS,
-    SMOOTH_FRAMES,
     frames_for,
     speckle_contrast,
     straight_share,
@@ -191,7 +191,7 @@ def resolved(settings: Settings) -> Settings:
         frames = frames_for(kind, settings.speckle, randomness)
     if kind == "auto":
         # steps against speckle gain most on designed ones, and spoil what is smooth
-        smooth = frames <= SMOOTH_FRAMES and estimator == "lattice" and not settings.despeckle
+        smooth = frames < FEW_FRAMES and estimator == "lattice" and not settings.despeckle
         kind = "smooth" if smooth else "designed"
     if kind == "smooth" and settings.method not in BASELINES:
         if estimator == "paper":

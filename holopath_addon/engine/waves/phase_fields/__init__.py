@@ -22,8 +22,9 @@ REACH = (
     60.0  # largest defocus wavelength z / pitch^2 that they serve; beyond, they are as good as random ones
 )
 GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over that of independent frames
-SMOOTH_FRAMES = 2  # up to which a field shows more with all surfaces in phase than with designed maps
-FEW_FRAMES = 6  # from which on phases show more where they begin with those of a designed field
+# From which on fields show more with designed maps than with all surfaces in phase, and phases where they begin with
+# those of a designed field.
+FEW_FRAMES = 6
 FITTING = (0.0, 0.3, 0.4, 0.5)  # randomness that phases begin with, by the number of frames from one on
 
 
