@@ -82,9 +82,8 @@ def encode(
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame for itself against its complex field (paper
         section 5). ``joint``: then all frames together, so that their mean intensity is the field's at depths and
         through parts of the pupil all over the volume. ``refine``: instead, so that it is that of `many` frames.
-        ``auto``: `joint` where there are several frames, of `randomness_for` them, else `sgd`. Where its seconds are
-        too few for any more frames,
-        `refine` is `joint`.
+        ``auto``: `joint` where there are several frames, which begins with their `randomness_for` where they are few,
+        else `sgd`. Where its seconds are too few for any more frames, `refine` is `joint`.
     progress : callable, optional
         ``progress(done, message)`` with the PSNR so far, may raise `Cancelled`; what is done by then is in the
         attribute `kept` of the `Cancelled` that this raises.
