@@ -19,7 +19,7 @@ from holopath_addon import engine
 from ..parts import attempt
 from . import analysis, looks, measure, pictures
 from .looks import HEADLINE, PUPILS
-from .methods import FRAMES, SHOWN_BUDGETS, methods
+from .methods import SHOWN_BUDGETS, methods
 from .scenes import SCENES
 
 PAGE, IMAGES = Path("docs/chart.md"), Path("docs/images")
@@ -279,10 +279,13 @@ def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceili
     text += ["## Frames\n", picture("chart-frames.png", "PSNR of phases over frames")]
     text.append(
         f"The best phases within {max(SHOWN_BUDGETS)} s, and dashed within {min(SHOWN_BUDGETS)} s. In the tables, "
-        "means over all scenes of the chart, empty where one scene takes longer; *in focus* and *out of focus* are "
+        "means over all scenes, empty where one of them takes longer; *in focus* and *out of focus* are "
         "pixels in front, middle and back.\n"
     )
-    for frames in FRAMES:
+    measured = {
+        m for best in shown.get(max(SHOWN_BUDGETS), {}).values() for own in best.values() for m in own
+    }
+    for frames in sorted(measured):
         text += [f"**M = {frames}**, dB\n"]
         text += attempt(
             faults, f"M = {frames}", lambda frames=frames: _frame_table(shown, frames), instead=[]
@@ -366,7 +369,10 @@ FRAME_COLUMNS = {
 
 
 def _frame_table(shown, frames):
-    """Means over scenes of what so many frames show, within each budget."""
+    """Means over the scenes of which so many frames were measured, within each budget."""
+    most = shown.get(max(shown, default=0), {})
+    scenes = [scene for scene, best in most.items() if any(frames in own for own in best.values())]
+    shown = {budget: {scene: best[scene] for scene in scenes} for budget, best in shown.items()}
     names = dict.fromkeys(name for best in shown.values() for own in best.values() for name in own)
     header = [f"{what}, {budget} s" for budget in shown for what in FRAME_COLUMNS]
     body = [

@@ -60,6 +60,7 @@ def test_a_tiny_chart_is_written_and_kept(backend, tiny, monkeypatch):
     first = page[page.index("\n| ") :]
     assert page.index("## What a 60 Hz SLM shows") < page.index(first) < page.index("## Frames")
     one = by["phases", 1]
+    assert "**M = 1**, dB" in page and "**M = 3**, dB" not in page
     assert f"| rgbd | {one['psnr']:.1f} / {one['psnr_worst']:.1f} |" in first
     chart = json.loads((tiny.folder / "chart.json").read_text())
     assert (chart["machine"], chart["date"], chart["commit"], chart["command"]) == (
@@ -159,7 +160,7 @@ def test_what_is_missing_is_named(tiny, monkeypatch):
     }
     made = report.Made("a machine", "2026-01-01", "abc", "a command", seconds)
     _, faults = report.write(tiny, records, made)
-    assert len(faults) == 4
+    assert len(faults) == 6
     assert faults[0] == "planes: rgbd, draft, M = 1: MemoryError: too | large"
     page = (tiny.folder / "chart.md").read_text()
     assert "| planes | rgbd | draft | 8 | MemoryError: too / large |" in page
