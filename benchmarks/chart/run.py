@@ -142,7 +142,7 @@ def quick(pixels=256):
         "polygon": ("preview",),
         "rgbd": ("preview", SHOWN),
         "gaussian": ("preview",),
-        "focal-stack": ("draft", "preview"),
+        "focal-stack": ("preview",),
         "direct": ("512 rays",),
         "auto": ("draft", "preview", "balanced", "preview, encoded 5 s", "balanced, encoded"),
     }
