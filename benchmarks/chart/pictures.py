@@ -145,7 +145,13 @@ def _legend(figure, axes):
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             labels.setdefault(label, handle)
-    figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=6, fontsize=8)
+    figure.legend(
+        labels.values(),
+        labels.keys(),
+        loc="outside lower center",
+        ncols=min(6, 3 * axes.shape[1]),
+        fontsize=8,
+    )
 
 
 def _convergence(records, scenes, colours, path):
