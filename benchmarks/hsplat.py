@@ -16,7 +16,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.baselines import BaselineInput, gaussians, layers, shots
+from holopath_addon.engine.baselines import FEW_FRAMES, BaselineInput, gaussians, layers, shots
 
 from .chart import looks
 from .chart.figures import figures
@@ -34,7 +34,7 @@ EMPTY = {
 }
 
 
-def run(folder, pixels="96", frames="4", *names):
+def run(folder, pixels="96", frames="8", *names):
     """PSNR and seconds of both, one color.
 
     Parameters
@@ -167,5 +167,6 @@ def _splatted(algorithms, hologram, disks, random):
             wave = algorithms.alpha_wave_blending(primitives, cfg)[0, 0].numpy()
         rows, columns = hologram.height, hologram.width
         top, left = (PAD - 1) * rows // 2, (PAD - 1) * columns // 2
-        out.append(layers.GAIN * np.conj(wave[top : top + rows, left : left + columns]).astype(np.complex64))
+        gain = layers.gain_for(FEW_FRAMES)  # of random phases
+        out.append(gain * np.conj(wave[top : top + rows, left : left + columns]).astype(np.complex64))
     return np.stack(out)

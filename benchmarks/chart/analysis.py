@@ -80,6 +80,48 @@ def compare(records, budgets=BUDGETS):
     return rows
 
 
+def over_frames(records, shown, budget):
+    """What phases of each method show within a budget, by frames.
+
+    Parameters
+    ----------
+    records : list of dict
+        Of one scene.
+    shown : dict of str to sequence of str
+        Efforts of each method that are phases.
+    budget : float
+        Seconds.
+
+    Returns
+    -------
+    dict of str to (dict of int to dict)
+        By method and frames, the record with the largest mean PSNR of those that took no longer.
+    """
+    best = {}
+    for record in records:
+        if record["effort"] in shown[record["method"]]:
+            own = best.setdefault(record["method"], {})
+            other = own.get(record["frames"])
+            if record["seconds"] <= budget and (other is None or record["psnr"] > other["psnr"]):
+                own[record["frames"]] = record
+    return best
+
+
+def mean_over_scenes(best, figure, method, frames):
+    """Mean of a figure over scenes; None where one of them has none within the budget.
+
+    Parameters
+    ----------
+    best : dict of str to dict
+        By scene, of `over_frames`.
+    figure, method : str
+    frames : int
+    """
+    records = [own.get(method, {}).get(frames) for own in best.values()]
+    values = [record and record[figure] for record in records]
+    return None if not values or None in values else float(np.mean(values))
+
+
 def ratios(records, usual):
     """Seconds by frames, and those of the most over those of one frame.
 

@@ -22,7 +22,8 @@ def figures(pictures, truth, hologram):
     -------
     dict
         ``psnr`` and ``ssim``, means over `HEADLINE`, ``psnr_worst`` and ``ssim_worst`` of these, ``pictures``, PSNR
-        and SSIM of each look, ``psnr_defocus``, of what is out of focus, and ``speckle``, the contrast in the middle.
+        and SSIM of each look, ``psnr_focus`` and ``psnr_defocus``, of what is in focus and of what is not, and
+        ``speckle``, the contrast in the middle.
     """
     border, names = border_of(hologram), (*HEADLINE, *PUPILS)
     each = {
@@ -37,18 +38,19 @@ def figures(pictures, truth, hologram):
         "ssim": float(np.mean(ssim)),
         "ssim_worst": min(ssim),
         "pictures": each,
-        "psnr_defocus": _defocus(pictures, truth, border),
+        "psnr_focus": _psnr_where(pictures, truth, border, ~truth["blurred"]),
+        "psnr_defocus": _psnr_where(pictures, truth, border, truth["blurred"]),
         "speckle": speckle_contrast(pictures[middle], truth["pictures"][middle].mean(0), border),
     }
 
 
-def _defocus(pictures, truth, border):
-    """PSNR in dB of all pixels out of focus in front, middle and back together; None where all is sharp."""
+def _psnr_where(pictures, truth, border, chosen):
+    """PSNR in dB of chosen pixels, [3, y, x], in front, middle and back together; None where there are none."""
     inner = slice(border, -border or None)
     squares = []
-    for name, blurred in zip(("front", "middle", "back"), truth["blurred"], strict=True):
+    for name, pixels in zip(("front", "middle", "back"), chosen, strict=True):
         number = HEADLINE.index(name)
         errors = squared_error(pictures[number], truth["pictures"][number], border)
-        squares.append(errors[blurred[inner, inner]].ravel())
+        squares.append(errors[pixels[inner, inner]].ravel())
     squares = np.concatenate(squares)
     return float(-10 * np.log10(max(squares.mean(), 1e-12))) if squares.size else None

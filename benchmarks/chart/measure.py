@@ -27,7 +27,7 @@ from holopath_addon.engine.viewing.metrics import display_values
 from ..parts import sentence_of
 from . import looks, peers
 from .figures import figures
-from .methods import M, methods, warmed
+from .methods import SHOWN_BUDGETS, M, methods, warmed
 from .scenes import SCENES, built
 
 SHORT = 10.0
@@ -194,16 +194,16 @@ def run(task, tell=_tell):
     if task.method == "reference":
         return
     method = methods(hologram)[task.method]
-    gave_up = None
+    gave_up = {}  # why, by frames
     for effort, frames in task.records:
         if (earlier := kept(task, effort, frames)) and not is_fault(earlier):
             continue
-        if gave_up:
-            result = {"failed": gave_up}
+        if frames in gave_up:
+            result = {"failed": gave_up[frames]}
         else:
             result = _measured(task, method, effort, frames, scene, camera, hologram, truth)
         if result.get("failed", "").startswith(OVER):
-            gave_up = result["failed"]
+            gave_up[frames] = result["failed"]
         record = {
             "method": task.method,
             "kind": method.kind,
@@ -234,16 +234,19 @@ def line_of(record):
 
 def _measured(task, method, effort, frames, scene, camera, hologram, truth):
     settings, encoding = method.settings(effort, frames), method.encoding(effort)
-    view, clock = (scene, camera, hologram), Stages(task.limit)
+    limit = task.limit
+    if frames != M and effort in method.shown:  # nothing is told of more seconds
+        limit = min(limit, max(SHOWN_BUDGETS))
+    view, clock = (scene, camera, hologram), Stages(limit)
     try:
-        warm = _rendered(method, *view, warmed(settings), encoding, Stages(task.limit))
+        warm = _rendered(method, *view, warmed(settings), encoding, Stages(limit))
         if encoding:
-            _encode(warm, encoding | {"max_steps": 1}, Stages(task.limit), scene, settings)
+            _encode(method, warm, encoding | {"max_steps": 1}, Stages(limit), scene, settings)
         free()
         seconds, field = _timed(method, *view, settings, encoding, clock)
         peak = peak_bytes()
         if seconds < SHORT:
-            again, field = _timed(method, *view, settings, encoding, Stages(task.limit))
+            again, field = _timed(method, *view, settings, encoding, Stages(limit))
             seconds = min(seconds, again)
         result = {"seconds": seconds, "peak_bytes": peak, "stages": clock.seconds, "psnr": None}
         if truth is None:
@@ -256,7 +259,7 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
             path.parent.mkdir(parents=True, exist_ok=True)
             np.savez_compressed(path, **shown(pictures, truth, looks.border_of(hologram)))
     except engine.Cancelled:
-        return {"failed": f"{OVER}{task.limit:g} s"}
+        return {"failed": f"{OVER}{limit:g} s"}
     except Exception as error:  # one method's fault is no other's
         return {"failed": sentence_of(error)}
     result["phase_loss_db"] = None
@@ -275,11 +278,13 @@ def _timed(method, scene, camera, hologram, settings, encoding, clock):
     start = time.perf_counter()
     field = _rendered(method, scene, camera, hologram, settings, encoding, clock, plan)
     if encoding:
-        field = _encode(field, encoding, clock, scene, settings).field()
+        field = _encode(method, field, encoding, clock, scene, settings).field()
     return time.perf_counter() - start, field
 
 
-def _encode(field, encoding, clock, scene, settings):
+def _encode(method, field, encoding, clock, scene, settings):
+    """Phases; those of other methods take nothing more of the scene."""
+    scene = scene if method.kind == "ours" else None
     return pipeline.encode(field, progress=clock, scene=scene, settings=settings, **encoding)
 
 
@@ -288,7 +293,7 @@ def _rendered(method, scene, camera, hologram, settings, encoding, clock, plan=N
     clock.start()
     along = 0
     if encoding:
-        plan = engine.plan(scene, camera, hologram, settings)
+        plan = plan or engine.plan(scene, camera, hologram, settings)
         along = engine.frames_along(plan, settings, hologram, **encoding)
     if method.kind == "peer":
         return peers.render(method.name, scene, camera, hologram, settings, plan, clock)

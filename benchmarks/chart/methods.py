@@ -9,7 +9,7 @@ from holopath_addon.engine.settings import BASELINES
 from . import peers
 
 FRAMES = (1, 3, 8, 24)
-M = 8  # frames of all figures but the seconds over frames
+M = 8  # frames of all figures but those that tell frames apart
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class Method:
         The effort of the seconds over frames, of the phase-only loss and of Table 1.
     phases : bool
         Whether what it finds are phases already.
+    shown : tuple of str
+        Efforts that are phases, which an SLM of any number of frames shows: each of `FRAMES` is measured.
     """
 
     name: str
@@ -34,10 +36,12 @@ class Method:
     efforts: dict
     usual: str = "balanced"
     phases: bool = False
+    shown: tuple = ()
 
     def __post_init__(self):
-        if self.usual not in self.efforts:
-            raise ValueError(f"{self.name} has no effort {self.usual!r}: it has {', '.join(self.efforts)}.")
+        for effort in (self.usual, *self.shown):
+            if effort not in self.efforts:
+                raise ValueError(f"{self.name} has no effort {effort!r}: it has {', '.join(self.efforts)}.")
 
     def settings(self, effort, frames):
         """The `engine.Settings` of an effort."""
@@ -75,6 +79,10 @@ MORE = {
     "balanced, encoded": {"quality": "balanced", "encode": {"method": "auto"}},
     "high, encoded 80 s": {"quality": "high", "encode": {"method": "auto", "seconds": 80.0}},
 }
+MORE_SHOWN = "preview, encoded 5 s", "balanced, encoded 20 s", "high, encoded 80 s"
+# Light of other methods as phases: `sgd` takes a second or so, and of few frames shows as much as other encodings.
+SHOWN = "phases"
+SHOWN_BUDGETS = (10, 100)  # seconds of phases of any number of frames
 PAPER = {"estimator": "paper", "phase_field": "random", "virtual_image": "opl"}
 
 
@@ -83,11 +91,18 @@ def _rays(counts, usual, **settings):
     return {f"{count} rays": settings | {"spp": count} for count in counts}, f"{usual} rays"
 
 
+def _with_phases(efforts, usual):
+    """Efforts, and the usual one's light as phases."""
+    return efforts | {SHOWN: efforts[usual] | {"encode": {"method": "sgd"}}}
+
+
 def methods(hologram):
     """All methods for a hologram, by name."""
     supervised = ("rgbd-sgd", "focal-stack", "light-field")
     baselines = [
-        Method(name, "baseline", DESCENTS if name in supervised else QUALITIES, phases=name in supervised)
+        Method(name, "baseline", DESCENTS, phases=True, shown=tuple(DESCENTS))
+        if name in supervised
+        else Method(name, "baseline", _with_phases(QUALITIES, "balanced"), shown=(SHOWN,))
         for name in BASELINES
         if name != "network"  # takes a user's own weights, and there are none
     ]
@@ -96,12 +111,17 @@ def methods(hologram):
     opl = {"balanced": {"method": "auto", "virtual_image": "opl"}}
     every = [
         *baselines,
-        *(Method(name, "peer", {"balanced": QUALITIES["balanced"]}) for name in peers.PEERS),
-        Method("direct", "paper", direct, usual_direct),
-        Method("paper", "paper", paper, usual_paper),
+        *(
+            Method(
+                name, "peer", _with_phases({"balanced": QUALITIES["balanced"]}, "balanced"), shown=(SHOWN,)
+            )
+            for name in peers.PEERS
+        ),
+        Method("direct", "paper", _with_phases(direct, usual_direct), usual_direct, shown=(SHOWN,)),
+        Method("paper", "paper", _with_phases(paper, usual_paper), usual_paper, shown=(SHOWN,)),
         Method("full", "ours", QUALITIES),
         Method("fast", "ours", QUALITIES),
-        Method("auto", "ours", QUALITIES | MORE),
+        Method("auto", "ours", QUALITIES | MORE, shown=MORE_SHOWN),
         Method("auto-opl", "ours", opl),
     ]
     return {method.name: method for method in every}

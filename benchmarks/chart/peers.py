@@ -9,8 +9,8 @@ import time
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.baselines import BaselineInput, layers, shots
-from holopath_addon.engine.waves.propagation import padded_shape
+from holopath_addon.engine.baselines import FEW_FRAMES, BaselineInput, layers, shots
+from holopath_addon.engine.waves.propagation import carrier, padded_shape
 
 PEERS = {"rgbd-torchoptics": "torchoptics", "rgbd-odak": "odak"}
 
@@ -44,7 +44,9 @@ def render(name, scene, camera, hologram, settings, plan=None, progress=None):
     out = np.empty((settings.frames, *radiance.shape), np.complex64)
     for k, wavelength in enumerate(hologram.wavelengths):
         padded = padded_shape(job.shape, hologram.pitch, wavelength, max(map(abs, steps)))
-        amplitude = np.sqrt(radiance[k]) * np.float32(layers.GAIN)
+        amplitude = np.sqrt(radiance[k]) * np.float32(layers.gain_for(settings.frames))
+        if settings.frames < FEW_FRAMES:  # these libraries' waves have their carrier
+            amplitude = amplitude * np.array([carrier(wavelength, z - depths[0]) for z in depths])[number]
         sources = np.stack([amplitude * layers.random_phasor(job, m, k) for m in range(settings.frames)])
         waves = np.where(number == 0, sources, 0)
         for layer, step in enumerate(steps, 1):

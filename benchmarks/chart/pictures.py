@@ -7,7 +7,7 @@ import numpy as np
 from ..parts import attempt
 from . import looks, measure
 from .analysis import pareto
-from .methods import FRAMES, M
+from .methods import FRAMES, SHOWN, M
 from .scenes import SCENES
 
 OURS = {
@@ -22,7 +22,7 @@ CLOSE = 120  # pixels along the side of a close-up
 COLUMNS = 4
 
 
-def draw(chart, records, triangles, table, ratios, folder, faults):
+def draw(chart, records, triangles, table, shown, folder, faults):
     """Write all pictures that there is something for; one that fails is left out.
 
     Parameters
@@ -33,8 +33,8 @@ def draw(chart, records, triangles, table, ratios, folder, faults):
         Seconds by method and triangles.
     table : (list of str, dict)
         Of `analysis.table_1`.
-    ratios : dict
-        Of `analysis.ratios`.
+    shown : dict of int to dict
+        By seconds and scene, of `analysis.over_frames`.
     folder : path
     faults : list of str
         Takes what failed and why.
@@ -58,8 +58,8 @@ def draw(chart, records, triangles, table, ratios, folder, faults):
         files["chart-convergence.png"] = lambda path: _convergence(records, scenes, colours, path)
     if table[1]:
         files["chart-table-1.png"] = lambda path: _table(table[0], table[1], path)
-    if ratios:
-        files["chart-frames.png"] = lambda path: _frames(ratios, path)
+    if any(any(own.values()) for own in shown.get(max(shown, default=0), {}).values()):
+        files["chart-frames.png"] = lambda path: _frames(shown, scenes, colours, path)
     if triangles:
         files["chart-triangles.png"] = lambda path: _triangles(triangles, colours, path)
     for scene in scenes:
@@ -95,10 +95,10 @@ def _save(figure, path, dpi=80):
 
 
 def _own(records, scene):
-    """Records of M frames of a scene by method, in order of their efforts."""
+    """Records of M frames of a scene by method, in order of their efforts, but for fields' phases."""
     by_method = {}
     for record in records:
-        if record["scene"] == scene and record["frames"] == M:
+        if record["scene"] == scene and record["frames"] == M and record["effort"] != SHOWN:
             by_method.setdefault(record["method"], []).append(record)
     return by_method
 
@@ -145,7 +145,13 @@ def _legend(figure, axes):
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             labels.setdefault(label, handle)
-    figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=6, fontsize=8)
+    figure.legend(
+        labels.values(),
+        labels.keys(),
+        loc="outside lower center",
+        ncols=min(6, 3 * axes.shape[1]),
+        fontsize=8,
+    )
 
 
 def _convergence(records, scenes, colours, path):
@@ -166,27 +172,40 @@ def _convergence(records, scenes, colours, path):
     _save(figure, path)
 
 
-def _frames(ratios, path):
-    """Bars of seconds over frames, and above them the ratio of the most to one."""
-    scenes = list(dict.fromkeys(scene for scene, _ in ratios))
-    figure, axes = _panels(1, len(scenes), width=12, height=2.8)
-    for axis, scene in zip(axes.flat, scenes, strict=True):
-        own = {method: row for (s, method), row in ratios.items() if s == scene}
-        for k, m in enumerate(FRAMES):
-            places = [(x + 0.2 * (k - 1.5), row[0][m]) for x, row in enumerate(own.values()) if m in row[0]]
-            if places:
-                axis.bar(*zip(*places, strict=True), width=0.2, label=f"M = {m}")
-        for x, (seconds, ratio) in enumerate(own.values()):
-            if ratio:
-                axis.annotate(
-                    f"x {ratio:.1f}", (x, max(seconds.values())), ha="center", va="bottom", fontsize=8
-                )
-        axis.set_yscale("log")
-        axis.margins(y=0.15)
-        axis.set_xticks(range(len(own)), own, fontsize=8, rotation=20)
-        axis.set_ylabel("seconds", fontsize=8)
-        axis.set_title(f"{scene}; above the bars M = 24 / M = 1", fontsize=10)
-    axes.flat[0].legend(fontsize=8, ncols=4)
+def _frames(shown, scenes, colours, path):
+    """PSNR of phases over frames: mean above, worst below; within the most seconds, and dashed the fewest."""
+    from matplotlib.ticker import NullLocator
+
+    figure, axes = _panels(len(scenes), 2)
+    for axis in axes.flat:
+        axis.set_visible(False)
+    columns = axes.shape[1]
+    for number, scene in enumerate(scenes):
+        for below, figure_name in enumerate(("psnr", "psnr_worst")):
+            axis = axes[2 * (number // columns) + below, number % columns]
+            axis.set_visible(True)
+            for budget, style in ((max(shown), "o-"), (min(shown), ".--")):
+                for name, own in shown[budget][scene].items():
+                    places = [(m, own[m][figure_name]) for m in sorted(own)]
+                    if places:
+                        width = 2.2 if name == "auto" else 1
+                        label = name if budget == max(shown) else None
+                        axis.plot(
+                            *zip(*places, strict=True),
+                            style,
+                            color=colours[name],
+                            lw=width,
+                            ms=4,
+                            label=label,
+                        )
+            axis.set_xscale("log")
+            axis.set_xticks(FRAMES, FRAMES)
+            axis.xaxis.set_minor_locator(NullLocator())
+            axis.set_title(f"{scene}, {'worst' if below else 'mean'}", fontsize=10)
+            axis.set_xlabel("frames", fontsize=8)
+            axis.set_ylabel("PSNR, dB", fontsize=8)
+            axis.grid(alpha=0.3)
+    _legend(figure, axes)
     _save(figure, path)
 
 

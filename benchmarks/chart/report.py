@@ -19,7 +19,7 @@ from holopath_addon import engine
 from ..parts import attempt
 from . import analysis, looks, measure, pictures
 from .looks import HEADLINE, PUPILS
-from .methods import methods
+from .methods import SHOWN_BUDGETS, methods
 from .scenes import SCENES
 
 PAGE, IMAGES = Path("docs/chart.md"), Path("docs/images")
@@ -30,6 +30,7 @@ PLAIN = (
     "psnr_worst",
     "ssim",
     "ssim_worst",
+    "psnr_focus",
     "psnr_defocus",
     "speckle",
     "phase_loss_db",
@@ -57,7 +58,8 @@ process that has the scene, Python and its libraries included. **Speckle** is de
 reference in 16 x 16 patches, lit pixels only, the median. *Out of focus* are the pixels whose blur is over two pixels
 in radius. Methods that find phases are compared by the light of these; those that find a complex field by that field,
 and the phase-only loss says what phases in its place lose (`sgd`, mean of three foci). Efforts of ours that are
-*encoded* are phases, too, of the default encoding, in the seconds that it was given or in its own time.
+*encoded* are phases, too, of the default encoding, in the seconds that it was given or in its own time. The effort
+*phases* of other methods is their usual one's field as phases, by `sgd`.
 
 All methods have diffuse light as Mitsuba's path tracer finds it: those that start from pictures take them with mirrors,
 glass and gloss in them. A learned network is not in the chart: the method `network` takes a user's own.
@@ -157,8 +159,11 @@ def write(chart, records, made, docs=False):
     attempt(faults, "chart.csv", lambda: _write_csv(folder / "chart.csv", figures))
     ratios = attempt(faults, "ratios", lambda: analysis.ratios(figures, usual), instead={})
     table = attempt(faults, "Table 1", lambda: analysis.table_1(figures, usual), instead=([], {}))
-    names = pictures.draw(chart, figures, triangles, table, ratios, folder, faults)
-    page = _page(chart, figures, triangles, budgets, failed, made, ratios, table, ceilings, names, faults)
+    shown = attempt(faults, "frames", lambda: _shown(figures, known), instead={})
+    names = pictures.draw(chart, figures, triangles, table, shown, folder, faults)
+    page = _page(
+        chart, figures, triangles, budgets, failed, made, ratios, table, ceilings, shown, names, faults
+    )
     (folder / "chart.md").write_text(page.replace("](IMAGES/", "]("))
     if docs:
         IMAGES.mkdir(parents=True, exist_ok=True)
@@ -174,9 +179,21 @@ def write(chart, records, made, docs=False):
         f"{record['scene']}: {record['method']}: {record['lacks']}" for record in figures if "lacks" in record
     ]
     tables = attempt(
-        faults, "tables", lambda: _told(chart, figures, triangles, budgets, failed, made, ratios), instead=[]
+        faults,
+        "tables",
+        lambda: _told(chart, figures, triangles, budgets, failed, made, ratios, shown),
+        instead=[],
     )
     return "\n".join(tables), faults
+
+
+def _shown(records, known):
+    """By seconds and scene, what phases of each method show by frames."""
+    efforts = {name: method.shown for name, method in known.items()}
+    return {
+        budget: {s: analysis.over_frames(_of(records, s), efforts, budget) for s in _scenes(records)}
+        for budget in SHOWN_BUDGETS
+    }
 
 
 def _scenes(records):
@@ -235,7 +252,7 @@ def _rows(header, rows):
     return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
 
 
-def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceilings, names, faults):
+def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceilings, shown, names, faults):
     """The page, its pictures in IMAGES; of pictures those `names` that were drawn."""
 
     def picture(name, what):
@@ -250,6 +267,30 @@ def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceili
     if not records and not failed:
         text.append("Nothing has been measured yet: `make chart` writes the tables and pictures here.\n")
         return "\n".join(text)
+    text.append("## What a 60 Hz SLM shows\n")
+    text.append(
+        f"One frame, phases: best PSNR in dB within {max(SHOWN_BUDGETS)} s, mean / worst. Most SLMs show 60 to 180 "
+        "pictures a second, which are one to three frames a color. Methods that find a complex field are compared by "
+        "the phases that `sgd` finds for it, in the seconds of both. With fewer than six frames other people's "
+        "methods begin with phases that are hardly random, for random ones show more speckle than picture; stereogram, "
+        "light-field and the paper's estimator stay random.\n"
+    )
+    text += [*attempt(faults, "one frame", lambda: _one_frame_table(shown), instead=[]), ""]
+    text += ["## Frames\n", picture("chart-frames.png", "PSNR of phases over frames")]
+    text.append(
+        f"The best phases within {max(SHOWN_BUDGETS)} s, and dashed within {min(SHOWN_BUDGETS)} s. In the tables, "
+        "means over all scenes, empty where one of them takes longer; *in focus* and *out of focus* are "
+        "pixels in front, middle and back.\n"
+    )
+    measured = {
+        m for best in shown.get(max(SHOWN_BUDGETS), {}).values() for own in best.values() for m in own
+    }
+    for frames in sorted(measured):
+        text += [f"**M = {frames}**, dB\n"]
+        text += attempt(
+            faults, f"M = {frames}", lambda frames=frames: _frame_table(shown, frames), instead=[]
+        )
+        text.append("")
     text += ["## Seconds and PSNR\n", picture("chart-seconds.png", "PSNR over seconds")]
     text.append("Each line is a method at its efforts, M = 8; rings mark what no other beats in both.\n")
     text.append("## Within a budget\n")
@@ -266,7 +307,7 @@ def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceili
             instead=[],
         )
     if ratios:
-        text += ["## Seconds over frames\n", picture("chart-frames.png", "Seconds over frames")]
+        text.append("## Seconds over frames\n")
         text += attempt(faults, "seconds over frames", lambda: _frames_table(ratios), instead=[])
     text += ["\n## The paper's Table 1, measured\n", picture("chart-table-1.png", "Table 1")]
     text.append(
@@ -298,6 +339,48 @@ def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceili
             + [["", "", "", "", _cell(fault)] for fault in faults],
         )
     return "\n".join(text) + "\n"
+
+
+def _one_frame_table(shown):
+    """What phases of one frame show of each scene within the most seconds, and where `auto` is ahead."""
+    best = shown.get(max(shown, default=0), {})
+    names = list(dict.fromkeys(name for own in best.values() for name in own))
+
+    def pair(own, name):
+        record = own.get(name, {}).get(1)
+        return "" if record is None else f"{record['psnr']:.1f} / {record['psnr_worst']:.1f}"
+
+    def ahead(own, figure):
+        values = {name: records[1][figure] for name, records in own.items() if 1 in records}
+        return "" if "auto" not in values else "yes" if values["auto"] == max(values.values()) else "no"
+
+    body = [[name, *(pair(own, name) for own in best.values())] for name in names]
+    figures = ("psnr", "psnr_worst")
+    body.append(["*auto ahead*", *(" / ".join(ahead(own, f) for f in figures) for own in best.values())])
+    return _rows(["method", *best], body)
+
+
+FRAME_COLUMNS = {
+    "mean": "psnr",
+    "worst": "psnr_worst",
+    "in focus": "psnr_focus",
+    "out of focus": "psnr_defocus",
+}
+
+
+def _frame_table(shown, frames):
+    """Means over the scenes of which so many frames were measured, within each budget."""
+    most = shown.get(max(shown, default=0), {})
+    scenes = [scene for scene, best in most.items() if any(frames in own for own in best.values())]
+    shown = {budget: {scene: best[scene] for scene in scenes} for budget, best in shown.items()}
+    names = dict.fromkeys(name for best in shown.values() for own in best.values() for name in own)
+    header = [f"{what}, {budget} s" for budget in shown for what in FRAME_COLUMNS]
+    body = [
+        [name, *(_number(analysis.mean_over_scenes(best, figure, name, frames))
+                 for best in shown.values() for figure in FRAME_COLUMNS.values())]
+        for name in names
+    ]  # fmt: skip
+    return _rows(["method", *header], body)
 
 
 def _cell(text):
@@ -382,7 +465,7 @@ def _triangles_table(triangles):
 def _all_figures(records):
     header = ["scene", "method", "effort", "M", "s", "GB", "PSNR", "worst", "SSIM"]
     header += ["front, middle, back", "views", "pupil 1/2, 1/4"]
-    header += ["out of focus", "speckle", "phase-only loss"]
+    header += ["in focus", "out of focus", "speckle", "phase-only loss"]
     body = []
     for r in records:
         shown = (("front", "middle", "back"), ("view-left", "view-right"), PUPILS)
@@ -392,17 +475,23 @@ def _all_figures(records):
         body.append(
             [r["scene"], r["method"], r["effort"], str(r["frames"]), _seconds(r["seconds"])]
             + [_number(r["peak_bytes"] / 1e9, 2), _number(r["psnr"], 2), _number(r["psnr_worst"], 2)]
-            + [_number(r["ssim"], 3), foci, views, pupils, _number(r["psnr_defocus"])]
+            + [_number(r["ssim"], 3), foci, views, pupils]
+            + [_number(r["psnr_focus"]), _number(r["psnr_defocus"])]
             + [_number(r["speckle"], 3), _number(r["phase_loss_db"], 2)]
         )
     return _rows(header, body)
 
 
-def _told(chart, records, triangles, budgets, failed, made, ratios):
+def _told(chart, records, triangles, budgets, failed, made, ratios, shown):
     """The tables for the terminal."""
     lines = [
         f"chart: {chart.name}, {chart.hologram.width} x {chart.hologram.height}, {len(records)} records, "
         f"{made.seconds:.0f} s; {made.machine}, {made.date}, commit {made.commit}"
+    ]
+    lines += [
+        "",
+        f"One frame, phases, within {max(SHOWN_BUDGETS)} s, dB, mean / worst",
+        *_one_frame_table(shown),
     ]
     for scene, rows in budgets.items():
         lines += ["", f"{scene}: best PSNR within a budget, dB, mean / worst", *_budget_table(rows)]

@@ -13,13 +13,13 @@ from holopath_addon import engine
 
 from ..parts import Incomplete, sentence_of
 from . import measure, report
-from .methods import FRAMES, M, methods
+from .methods import FRAMES, SHOWN, M, methods
 from .scenes import SCENES, TRIANGLES
 
 FOLDER = Path("build/chart")
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 TIMED = ("point", "polygon", "gaussian", "auto")  # over triangles
-OVER_FRAMES = ("planes", "mirror")  # scenes in which seconds over frames are found
+OVER_FRAMES = ("planes", "mirror")  # scenes in which seconds of the usual efforts over frames are found
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,9 @@ class Chart:
     efforts : dict of str to tuple
         Of methods that are not given all of theirs.
     frames : dict of str to tuple
-        Numbers of frames, other than `M`, of each scene.
+        Numbers of frames, other than `M`, of each scene, for the usual efforts.
+    shown : dict of str to tuple
+        The same of efforts that are phases.
     triangles : tuple of int
         Of the hills.
     loss : bool
@@ -57,6 +59,7 @@ class Chart:
     methods: tuple
     efforts: dict
     frames: dict
+    shown: dict
     triangles: tuple = ()
     loss: bool = False
     apart: bool = True
@@ -69,6 +72,7 @@ class Chart:
             (self.scenes, SCENES, "scene"),
             (self.methods, known, "method"),
             (self.frames, self.scenes, "scene of this chart"),
+            (self.shown, self.scenes, "scene of this chart"),
             (self.efforts, self.methods, "method of this chart"),
         ):
             for name in names:
@@ -82,7 +86,9 @@ class Chart:
     def usual(self, method):
         """The effort of figures that have one only."""
         efforts = self.efforts_of(method)
-        return method.usual if method.usual in efforts else efforts[-1]
+        if method.usual in efforts:
+            return method.usual
+        return ([effort for effort in efforts if not method.encoding(effort)] or efforts)[-1]
 
     def efforts_of(self, method):
         """Names of a method's efforts in this chart, from the least."""
@@ -90,9 +96,15 @@ class Chart:
 
     def records(self, scene, method):
         """Effort and frames of each record of a scene and method, in order of work."""
-        several = {M, *self.frames.get(scene, ())}
-        usual = self.usual(method)
-        return [(e, m) for e in self.efforts_of(method) for m in sorted(several if e == usual else {M})]
+        usual, records = self.usual(method), []
+        for effort in self.efforts_of(method):
+            several = {M}
+            if effort == usual:
+                several.update(self.frames.get(scene, ()))
+            if effort in method.shown:
+                several.update(self.shown.get(scene, ()))
+            records += [(effort, frames) for frames in sorted(several)]
+        return records
 
     def task(self, scene, method, records):
         """The `measure.Task` of a scene and the name of a method."""
@@ -119,7 +131,7 @@ def full(pixels=256):
     others = tuple(m for m in FRAMES if m != M)
     return Chart(
         "full", hologram, 256, 300.0, tuple(SCENES), tuple(methods(hologram)), {},
-        dict.fromkeys(OVER_FRAMES, others), TRIANGLES, loss=True,
+        dict.fromkeys(OVER_FRAMES, others), dict.fromkeys(SCENES, others), TRIANGLES, loss=True,
     )  # fmt: skip
 
 
@@ -128,15 +140,16 @@ def quick(pixels=256):
     hologram = _hologram(pixels)
     efforts = {
         "polygon": ("preview",),
-        "rgbd": ("preview",),
+        "rgbd": ("preview", SHOWN),
         "gaussian": ("preview",),
-        "focal-stack": ("draft", "preview"),
+        "focal-stack": ("preview",),
         "direct": ("512 rays",),
-        "auto": ("draft", "preview", "balanced", "balanced, encoded"),
+        "auto": ("draft", "preview", "balanced", "preview, encoded 5 s", "balanced, encoded"),
     }
     return Chart(
         "quick", hologram, 16, 60.0, ("planes", "mirror"), tuple(efforts), efforts, {"planes": (1, 24)},
-        (2_000, 200_000), folder=FOLDER / "quick",  # a chart in little must not put out hours of work
+        {"planes": (1, 3)}, (2_000, 200_000),
+        folder=FOLDER / "quick",  # a chart in little must not put out hours of work
     )  # fmt: skip
 
 

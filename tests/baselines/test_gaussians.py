@@ -150,7 +150,7 @@ def test_large_ones_fill_the_pupil():
     z = np.full((SIDE, SIDE), 1e-3)
     surface = Gaussians.of(np.full((1, SIDE, SIDE), 1.0), z, 1e-6)
     assert (surface.side == 8).all()
-    wave = blended(job(4), surface, np.array([1e-3]), quiet)
+    wave = blended(job(6), surface, np.array([1e-3]), quiet)
     power = np.mean(np.abs(np.fft.fft2(wave[:, 0])) ** 2, axis=0)
     f = np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE), np.fft.fftfreq(SIDE)))
     rim, middle = power[(f > 0.35) & (f < 0.45)].mean(), power[f < 0.1].mean()
@@ -160,12 +160,12 @@ def test_large_ones_fill_the_pupil():
 def test_frames_and_colours_are_independent_and_repeatable():
     surface = Gaussians.of(np.full((2, SIDE, SIDE), 1.0), np.full((SIDE, SIDE), 1e-3), 1e-6)
     two = (GREEN, 516.4e-9)
-    wave = blended(job(2, two), surface, np.array([1e-3]), quiet)
-    np.testing.assert_array_equal(wave, blended(job(2, two), surface, np.array([1e-3]), quiet))
-    other = blended(job(1, two, seed=1), surface, np.array([1e-3]), quiet)
-    waves = [w / np.linalg.norm(w) for w in (*wave.reshape(4, -1), other[0, 0].ravel())]
+    wave = blended(job(6, two), surface, np.array([1e-3]), quiet)
+    np.testing.assert_array_equal(wave, blended(job(6, two), surface, np.array([1e-3]), quiet))
+    other = blended(job(6, two, seed=1), surface, np.array([1e-3]), quiet)
+    waves = [w / np.linalg.norm(w) for w in (*wave.reshape(12, -1), other[0, 0].ravel())]
     products = np.abs([[np.vdot(a, b) for a in waves] for b in waves])
-    assert (products[~np.eye(5, dtype=bool)] < 0.05).all()
+    assert (products[~np.eye(13, dtype=bool)] < 0.05).all()
 
 
 def test_pictures_of_two_planes(build, camera):

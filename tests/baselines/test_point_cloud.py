@@ -49,7 +49,7 @@ def scattered(count, low, high, seed=0):
 @pytest.mark.parametrize("plane_points", [10, 1e6])
 @pytest.mark.parametrize("low", [1e-3, -2e-3])
 def test_the_field_is_the_sum_of_the_points_waves(show, plane_points, low):
-    from holopath_addon.engine.baselines.layers import random_phasor
+    from holopath_addon.engine.baselines.layers import gain_for, random_phasor
     from holopath_addon.engine.baselines.point_cloud import slabs_of
 
     radiance, z = scattered(12, low, low + 5e-3)
@@ -62,7 +62,7 @@ def test_the_field_is_the_sum_of_the_points_waves(show, plane_points, low):
             wave = wave_at_slm(row, column, z[row, column], wavelength)
             for m in range(3):
                 phasor = random_phasor(job, m, 0)[row, column]
-                exact[m, k] += np.sqrt(4 / np.pi * radiance[k, row, column]) * phasor * wave
+                exact[m, k] += gain_for(3) * np.sqrt(radiance[k, row, column]) * phasor * wave
     for k in range(3):  # the table's waves are cut at the rim
         assert np.linalg.norm(field[:, k] - exact[:, k]) < 0.11 * np.linalg.norm(exact[:, k])
         assert np.linalg.norm(field[:, k]) == pytest.approx(np.linalg.norm(exact[:, k]), rel=0.01)
@@ -123,10 +123,10 @@ def test_frames_are_independent_however_they_are_grouped(show):
     rng = np.random.default_rng(1)
     radiance = rng.random((1, SIDE, SIDE), dtype=np.float32)
     z = rng.uniform(1e-3, 2e-3, (SIDE, SIDE))
-    whole, _ = show(radiance, z, 5, wavelengths=(GREEN,))
-    split, _ = show(radiance, z, 5, wavelengths=(GREEN,), FRAMES_TOGETHER=2, CHUNK_POINTS=1 << 18)
+    whole, _ = show(radiance, z, 6, wavelengths=(GREEN,))
+    split, _ = show(radiance, z, 6, wavelengths=(GREEN,), FRAMES_TOGETHER=2, CHUNK_POINTS=1 << 18)
     assert np.linalg.norm(whole - split) < 1e-5 * np.linalg.norm(whole)
-    frames = whole.reshape(5, -1)
+    frames = whole.reshape(6, -1)
     products = np.abs(frames @ frames.conj().T) / np.linalg.norm(frames[0]) ** 2
     np.testing.assert_allclose(np.diag(products), 1, atol=0.1)
     assert (products - np.diag(np.diag(products))).max() < 6 / SIDE

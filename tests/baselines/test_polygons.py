@@ -8,7 +8,7 @@ import pytest
 from benchmarks.scenes import GREEN
 from holopath_addon import engine
 from holopath_addon.engine.baselines import BaselineInput, polygons
-from holopath_addon.engine.baselines.layers import random_phasor
+from holopath_addon.engine.baselines.layers import gain_for, random_phasor
 
 PITCH, FAR, NEAR = 8e-6, 1e-3, 6e-3
 RED = 640e-9
@@ -56,7 +56,7 @@ def test_spectrum_of_a_tilted_triangle_is_that_of_its_plane_at_turned_frequencie
     fx, fy = f[None, :], -f[:, None]
     carrier_free = np.sqrt(1 / wavelength**2 - fx**2 - fy**2) - 1 / wavelength
     turned_x, turned_y = fx + slope[0] * carrier_free, fy + slope[1] * carrier_free
-    phasor = random_phasor(job, 0, 0) * math.sqrt(4 / math.pi)
+    phasor = random_phasor(job, 0, 0) * gain_for(1)
     expected = np.zeros((n, n), complex)
     for r, c in np.argwhere(triangle):
         expected += phasor[r, c] * np.exp(-2j * np.pi * (turned_x * x[r, c] + turned_y * y[r, c]))
@@ -127,13 +127,13 @@ def test_a_near_facet_blocks_a_far_one(monkeypatch):
 def test_frames_and_colours_have_phases_of_their_own(monkeypatch):
     side = 96
     plane = np.ones((side, side), np.float32), np.full((side, side), 2e-3)
-    field = field_of(monkeypatch, job_of(side, frames=4), plane)[:, 0].reshape(4, -1)
+    field = field_of(monkeypatch, job_of(side, frames=6), plane)[:, 0].reshape(6, -1)
     correlation = abs(field @ field.conj().T) / np.linalg.norm(field[0]) ** 2
     np.testing.assert_allclose(np.diag(correlation), 1, atol=0.05)
-    assert correlation[~np.eye(4, dtype=bool)].max() < 0.05
-    again = field_of(monkeypatch, job_of(side, frames=4), plane)[:, 0].reshape(4, -1)
+    assert correlation[~np.eye(6, dtype=bool)].max() < 0.05
+    again = field_of(monkeypatch, job_of(side, frames=6), plane)[:, 0].reshape(6, -1)
     np.testing.assert_array_equal(again, field)
-    other = field_of(monkeypatch, job_of(side, frames=4, seed=1), plane)[:, 0].reshape(4, -1)
+    other = field_of(monkeypatch, job_of(side, frames=6, seed=1), plane)[:, 0].reshape(6, -1)
     assert abs(np.vdot(other[0], field[0])) < 0.05 * np.linalg.norm(field[0]) ** 2
 
 

@@ -39,7 +39,7 @@ def test_the_wave_of_a_plane_is_that_of_its_pixels(build, camera, height):
     assert waves.shape == (2, 112, 144) and waves.dtype == np.complex64
     radiance = engine.Preview(scene, camera, 144, 112, max_depth=1).refine(16)[..., 1]
     for m, wave in enumerate(waves):
-        sources = np.sqrt(4 / np.pi * radiance) * random_phasor(job, m, 0)
+        sources = np.sqrt(4 / np.pi * radiance) * random_phasor(job, m, 0, 1.0)
         exact = propagate(sources, -height, PITCH, GREEN)[16:-16, 16:-16]
         ours = propagate(wave, 0.0, PITCH, GREEN)[16:-16, 16:-16]
         # but for a phase that a height's light has in common

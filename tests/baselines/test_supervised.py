@@ -52,6 +52,42 @@ def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
     assert mean == pytest.approx([0.8, 0.3][-len(colours) :], rel=0.05)
 
 
+@pytest.mark.parametrize("method", ["rgbd", "point", "polygon", "gaussian"])
+@pytest.mark.parametrize("frames", [1, 3])
+def test_a_plane_of_few_frames_is_as_bright(build, camera, method, frames):
+    """Whose phases are the same all over, or nearly: the band keeps more of their light than of random ones."""
+    wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    field = render(method, wall, camera, display(side=96), frames, spp=1)
+    assert inner(engine.reconstruct(field, [1.0])[0]).mean() == pytest.approx(0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("method", ["rgbd", "focal-stack"])
+def test_one_frame_shows_more_than_speckle(build, camera, method, monkeypatch):
+    """Several decibels more than phases that begin at random."""
+    from holopath_addon.engine.baselines import layers, supervised
+
+    scene, hologram, focus = card_before_wall(build), display(side=96), [0.5, 2.0]
+    truth = engine.reference(scene, camera, hologram, focus, spp=16, near=0.5, max_depth=1)
+
+    def quality():
+        seen = engine.reconstruct(render(method, scene, camera, hologram, 1), focus)
+        return np.mean([engine.psnr(*pair, BORDER) for pair in zip(seen, truth, strict=True)])
+
+    few = quality()
+    monkeypatch.setattr(layers, "randomness_for", lambda frames: 1.0)
+    monkeypatch.setattr(layers, "FEW_FRAMES", 0)
+    monkeypatch.setattr(supervised, "FEW_FRAMES", 0)
+    assert few > quality() + 4
+
+
+def test_layers_of_one_frame_meet_without_lines(build, camera):
+    """On a slanted plane, over several layers: their light adds up as one wave's."""
+    scene = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5)), slant=50))
+    field = render("rgbd", scene, camera, display(), 1, spp=1)
+    seen = inner(engine.reconstruct(field, [1.0])[0])[..., 0].mean(0)
+    assert seen.std() < 0.15 * seen.mean()
+
+
 def test_the_edge_of_a_layer_loses_what_leaves_the_slm(build, camera):
     """Of a small display not near its image this is much: as much as of any waves that spread over the cone."""
     wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
@@ -103,7 +139,7 @@ def test_a_card_hides_what_is_behind_it(build, camera, method):
 
 def test_layers_block_as_waves(build, camera):
     """Two layers by hand: what passes the near one is the far one's light, propagated, where the card is not."""
-    from holopath_addon.engine.baselines.layers import GAIN, random_phasor
+    from holopath_addon.engine.baselines.layers import gain_for, random_phasor
 
     half = 0.5 * np.tan(FOV / 2)
     scene = build.scene(
@@ -118,12 +154,14 @@ def test_layers_block_as_waves(build, camera):
     far, near = (float(field.mapping.depth_to_z(d)) for d in (2.0, 0.5))
 
     class Seed:
-        settings, shape = engine.Settings(), (SIDE, SIDE)
+        settings, shape = engine.Settings(frames=2), (SIDE, SIDE)
 
+    # phases are hardly random, beside that of a wave along the axis
+    axial = np.exp(2j * np.pi * (near - far) / GREEN)
     for m in range(2):
-        phasor = GAIN * random_phasor(Seed, m, 0)
+        phasor = gain_for(2) * random_phasor(Seed, m, 0)
         wave = propagate(np.where(card, 0, phasor), near - far, 8e-6, GREEN)
-        wave = propagate(np.where(card, 0.5 * phasor, wave), -near, 8e-6, GREEN)
+        wave = propagate(np.where(card, 0.5 * axial * phasor, wave), -near, 8e-6, GREEN)
         overlap = abs(np.vdot(wave, field.data[m, 0]))
         # layers are half a depth of focus thick, and surfaces lie anywhere in them
         assert overlap > 0.9 * np.linalg.norm(wave) * np.linalg.norm(field.data[m, 0])

@@ -2,7 +2,15 @@
 
 import pytest
 
-from benchmarks.chart.analysis import best_within, compare, pareto, ratios, table_1
+from benchmarks.chart.analysis import (
+    best_within,
+    compare,
+    mean_over_scenes,
+    over_frames,
+    pareto,
+    ratios,
+    table_1,
+)
 from benchmarks.chart.looks import HEADLINE
 
 
@@ -54,6 +62,28 @@ def test_auto_is_ahead_of_baselines_only_where_it_is():
     assert rows[30, "psnr"]["ahead"] is False and rows[30, "psnr"]["by"] == "focal-stack"
     assert rows[30, "psnr_worst"]["ahead"] is True
     assert rows[30, "psnr"]["best"] == {"auto": 25.0, "full": 40.0, "rgbd": 21.0, "focal-stack": 27.0}
+
+
+def test_phases_within_a_budget_are_the_best_of_their_frames():
+    """Of those that an SLM can show; a complex field does not count."""
+    records = [
+        record("auto", 1.0, 30.0, frames=1, effort="balanced"),
+        record("auto", 6.0, 19.0, frames=1, effort="encoded 5 s"),
+        record("auto", 50.0, 20.0, frames=1, effort="encoded 50 s"),
+        record("auto", 9.0, 23.0, frames=3, effort="encoded 5 s"),
+        record("rgbd", 20.0, 15.0, frames=1, effort="phases"),
+    ]
+    shown = {"auto": ("encoded 5 s", "encoded 50 s"), "rgbd": ("phases",)}
+    best = over_frames(records, shown, 10)
+    assert {name: {m: r["psnr"] for m, r in own.items()} for name, own in best.items()} == {
+        "auto": {1: 19.0, 3: 23.0},
+        "rgbd": {},
+    }
+    assert over_frames(records, shown, 100)["auto"][1]["psnr"] == 20.0
+    scenes = {"mirror": best, "tea": over_frames(records, shown, 100)}
+    assert mean_over_scenes(scenes, "psnr", "auto", 1) == 19.5
+    assert mean_over_scenes(scenes, "psnr", "rgbd", 1) is None  # not all scenes
+    assert mean_over_scenes({}, "psnr", "auto", 1) is None
 
 
 def test_frames_are_compared_at_one_effort():

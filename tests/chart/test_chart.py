@@ -18,7 +18,7 @@ GREEN = 516.5e-9
 def tiny(tmp_path):
     """Light of a volume so near the SLM that few pixels miss the aperture."""
     hologram = engine.Hologram(64, 64, 8e-6, (GREEN,), 0.1e-3, 0.5e-3)
-    efforts = {"auto": ("preview",), "rgbd": ("draft",)}
+    efforts = {"auto": ("preview",), "rgbd": ("draft", "phases")}
     return run.Chart(
         "tiny",
         hologram,
@@ -27,6 +27,7 @@ def tiny(tmp_path):
         ("planes",),
         ("rgbd", "auto"),
         efforts,
+        {"planes": (1,)},
         {"planes": (1,)},
         apart=False,
         folder=tmp_path,
@@ -37,34 +38,38 @@ def test_a_tiny_chart_is_written_and_kept(backend, tiny, monkeypatch):
     monkeypatch.setattr(measure, "SHORT", 0.0)
     told = []
     records, seconds = run.measured(tiny, tiny.scenes, tiny.methods, tell=told.append)
-    assert {(r["method"], r["frames"]) for r in records} == {
-        ("rgbd", 1),
-        ("rgbd", 8),
-        ("auto", 1),
-        ("auto", 8),
+    assert {(r["method"], r["effort"], r["frames"]) for r in records} == {
+        *(("rgbd", effort, m) for effort in ("draft", "phases") for m in (1, 8)),
+        *(("auto", "preview", m) for m in (1, 8)),
     }
     for record in records:
         assert 0 < record["seconds"] < NEVER
         assert 1e7 < record["peak_bytes"] < 1e11
         assert record["psnr_worst"] <= record["psnr"] < 40
         assert 0 < record["ssim"] < 1
-    by = {(r["method"], r["frames"]): r for r in records}
-    for method in tiny.methods:  # speckle falls with frames, and PSNR rises
-        assert by[method, 8]["psnr"] > by[method, 1]["psnr"] + 2
-        assert by[method, 8]["speckle"] < by[method, 1]["speckle"]
+    by = {(r["effort"], r["frames"]): r for r in records}
+    # speckle falls with frames, and PSNR rises, but of layers, which begin with smooth phases where frames are few
+    assert by["preview", 8]["psnr"] > by["preview", 1]["psnr"] + 2
+    assert by["preview", 8]["speckle"] < by["preview", 1]["speckle"]
+    assert by["phases", 1]["psnr"] < by["draft", 1]["psnr"]  # phases alone show less
 
     made = report.Made("a machine", "2026-01-01", "abc", "a command", seconds)
     tables, faults = report.write(tiny, records, made)
     assert "auto ahead" in tables and faults == []
+    page = (tiny.folder / "chart.md").read_text()
+    first = page[page.index("\n| ") :]
+    assert page.index("## What a 60 Hz SLM shows") < page.index(first) < page.index("## Frames")
+    one = by["phases", 1]
+    assert "**M = 1**, dB" in page and "**M = 3**, dB" not in page
+    assert f"| rgbd | {one['psnr']:.1f} / {one['psnr_worst']:.1f} |" in first
     chart = json.loads((tiny.folder / "chart.json").read_text())
     assert (chart["machine"], chart["date"], chart["commit"], chart["command"]) == (
         "a machine", "2026-01-01", "abc", "a command",
     )  # fmt: skip
-    assert len(chart["records"]) == 4
+    assert len(chart["records"]) == 6
     with (tiny.folder / "chart.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["psnr"]) for row in rows] == [record["psnr"] for record in chart["records"]]
-    page = (tiny.folder / "chart.md").read_text()
     for name in ("seconds.png", "convergence.png", "frames.png", "table-1.png", "closeups-planes.jpg"):
         start = b"\x89PNG" if name.endswith("png") else b"\xff\xd8\xff"
         assert (tiny.folder / f"chart-{name}").read_bytes().startswith(start)
@@ -155,7 +160,7 @@ def test_what_is_missing_is_named(tiny, monkeypatch):
     }
     made = report.Made("a machine", "2026-01-01", "abc", "a command", seconds)
     _, faults = report.write(tiny, records, made)
-    assert len(faults) == 4
+    assert len(faults) == 6
     assert faults[0] == "planes: rgbd, draft, M = 1: MemoryError: too | large"
     page = (tiny.folder / "chart.md").read_text()
     assert "| planes | rgbd | draft | 8 | MemoryError: too / large |" in page

@@ -61,6 +61,7 @@ def test_figures_of_pictures_with_known_errors(hologram):
     white = 0.77  # the 95th percentile; brighter pixels are cut
     expected = -20 * math.log10(0.02 / white)
     assert result["psnr_defocus"] == pytest.approx(expected, abs=0.5)
+    assert result["psnr_focus"] == pytest.approx(expected + 6, abs=0.5)
     whole = expected - 10 * math.log10((1 + 0.25) / 2)
     assert result["pictures"]["front"]["psnr"] == pytest.approx(whole, abs=0.5)
     assert result["psnr_worst"] == result["pictures"]["up"]["psnr"] == pytest.approx(whole - 12, abs=0.7)

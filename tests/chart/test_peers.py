@@ -5,6 +5,7 @@ import pytest
 from benchmarks.chart import peers
 from benchmarks.chart.scenes import built
 from holopath_addon import engine
+from holopath_addon.engine.waves.propagation import propagate
 
 
 @pytest.mark.oracle
@@ -22,6 +23,20 @@ def test_a_peer_shows_what_our_layers_show(backend, name):
     for picture, other in zip(pictures, others, strict=True):
         assert engine.psnr(other, picture, 8) > 30
         assert other.mean() == pytest.approx(picture.mean(), rel=0.03)
+
+
+@pytest.mark.parametrize("frames", [1, 6])
+def test_a_library_as_ours_shows_the_same(backend, monkeypatch, frames):
+    """However random the phases of layers are: by our own propagation in place of a library's."""
+    monkeypatch.setattr(peers, "_torchoptics", lambda waves, *how: propagate(waves, *how[:3]))
+    hologram = engine.Hologram(64, 64, 8e-6, (516.5e-9,), 0.5e-3, 1.5e-3)
+    scene, camera = built("planes", 64)
+    settings = engine.Settings(method="rgbd", frames=frames, spp=1)
+    ours = engine.render(scene, camera, hologram, settings)
+    theirs = peers.render("rgbd-torchoptics", scene, camera, hologram, settings)
+    pictures, others = (engine.reconstruct(field, (0.5, 1.0, 2.0)) for field in (ours, theirs))
+    for picture, other in zip(pictures, others, strict=True):
+        assert engine.psnr(other, picture, 8) > 30
 
 
 def test_a_library_that_is_not_there_is_told(monkeypatch):

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 
-from ..waves.supervision import blocks
+from ..waves.supervision import DARK, blocks
 
 if TYPE_CHECKING:
     from ..waves.pictures import Pictures
     from ..waves.supervision import Frames
+
+DARKEST = 1e-3  # of a target's root mean square: amplitudes that the slope of the root is divided by
 
 
 class FrameMean:
     """Light of all frames, compared with pictures.
 
     L = sum over pixels of w (g^2 I - t)^2, where I is the mean of the frames' intensities in a picture's plane, t what
-    is wanted there, and w = `Pictures.weight`, so that independent frames have the loss 1/m in any picture.
+    is wanted there, and w = `Pictures.weight`, so that independent frames have the loss 1/m in any picture. Or of
+    their amplitudes, L = sum over pixels of v (g sqrt(I) - sqrt(t))^2, with v = w t but for what is dark.
 
     Parameters
     ----------
@@ -26,12 +30,19 @@ class FrameMean:
     gain : float
         Amplitude of the light sent in.
     threads : Frames
+    amplitudes : bool
+        Whether these are compared rather than intensities.
     """
 
-    def __init__(self, pictures: Pictures, gain: float, threads: Frames) -> None:
-        self.pictures, self.gain = pictures, gain
+    def __init__(self, pictures: Pictures, gain: float, threads: Frames, amplitudes: bool = False) -> None:
+        self.pictures, self.gain, self.amplitudes = pictures, gain, amplitudes
         self._threads = threads
         self._waves = None
+
+    def weight(self, number: int) -> np.ndarray:
+        """Of the squared error of each pixel of a picture."""
+        weight, target = self.pictures.weight(number), self.pictures.wanted[number]
+        return weight * (target + DARK * target.mean()) if self.amplitudes else weight
 
     def gradient(self, light: np.ndarray, number: int) -> tuple[float, np.ndarray]:
         """Loss of a picture, and its gradient with respect to the light.
@@ -47,17 +58,24 @@ class FrameMean:
         waves = self._seen(light, transfer)
         target = pictures.wanted[number]
         scale = self.gain**2 / len(light)
-        error = np.empty(target.shape, light.real.dtype)
-        parts = blocks(target.shape)
+        error, factor = np.empty((2, *target.shape), light.real.dtype)
+        parts, dark = blocks(target.shape), DARKEST * math.sqrt(target.mean())
 
         def compare(part):
             block = parts[part]
-            error[block] = scale * _intensity(waves[:, block, :columns]) - target[block]
+            image = scale * _intensity(waves[:, block, :columns])
+            if self.amplitudes:
+                root = np.sqrt(image)
+                error[block] = root - np.sqrt(target[block])
+                factor[block] = scale / np.maximum(root, dark or 1)
+            else:
+                error[block] = image - target[block]
+                factor[block] = 2 * scale
 
         self._threads.each(compare, len(parts))
-        weighted = error * pictures.weight(number)
+        weighted = error * self.weight(number)
         loss = float((error * weighted).sum(dtype=np.float64))
-        slope = (2 * scale * weighted).astype(light.dtype)  # a product of unlike numbers is slower
+        slope = (factor * weighted).astype(light.dtype)  # a product of unlike numbers is slower
         adjoint = np.conj(transfer)
 
         def back(frame):

@@ -35,8 +35,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..waves.propagation import carrier, field_of, padded_shape, spectrum, transfer_function
-from .layers import GAIN, sliced
+from ..waves.propagation import field_of, padded_shape, spectrum
+from . import randomness_for
+from .layers import gain_for, sliced, step_transfer
 from .shots import picture_with_depth
 
 if TYPE_CHECKING:
@@ -180,6 +181,7 @@ def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progre
     """
     hologram, frames = job.hologram, job.settings.frames
     waves = np.zeros((frames, len(hologram.wavelengths), *job.shape), np.complex64)
+    turn = np.complex64(2j * math.pi * randomness_for(frames))
     bounds = [-math.inf, *(0.5 * (depths[1:] + depths[:-1])), math.inf]
     steps = [*np.diff(depths), -depths[-1]]
     padded = [padded_shape(job.shape, hologram.pitch, w, max(np.abs(steps))) for w in hologram.wavelengths]
@@ -188,12 +190,11 @@ def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progre
         where = np.nonzero(opacity)
         passed = np.sqrt(1 - opacity[where], dtype=np.float32)
         for k, wavelength in enumerate(hologram.wavelengths):
-            amplitude = GAIN * np.sqrt(light[k][where], dtype=np.float32)
-            transfer = transfer_function(padded[k], hologram.pitch, wavelength, step)
-            transfer *= carrier(wavelength, step)
+            amplitude = gain_for(frames) * np.sqrt(light[k][where], dtype=np.float32)
+            transfer = step_transfer(job, padded[k], wavelength, step)
             for m in range(frames):
                 rng = np.random.default_rng((job.settings.seed, m, k, layer))
-                phase = np.complex64(2j * math.pi) * rng.random(len(amplitude), dtype=np.float32)
+                phase = turn * rng.random(len(amplitude), dtype=np.float32)
                 waves[m, k][where] = passed * waves[m, k][where] + amplitude * np.exp(phase)
                 waves[m, k] = field_of(spectrum(waves[m, k], padded[k]) * transfer, job.shape)
             progress((layer + (k + 1) / len(hologram.wavelengths)) / len(steps), "Gaussians")

@@ -5,7 +5,9 @@ Shi et al., Nature 591, 234 (2021) call such targets occlusion-aware):
 
     U_k = P(U_(k-1), z_k - z_(k-1)) (1 - m_k) + m_k sqrt(L) exp(i phi)
 
-with P the band-limited angular spectrum method, m_k the pixels of layer k, L their radiance, phi random.
+with P the band-limited angular spectrum method, m_k the pixels of layer k, L their radiance, phi random. With
+few frames phi is hardly random, see `randomness_for`, and is then added to the phase k z of a wave along the axis: else
+layers that meet would be out of step.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..waves.propagation import carrier, field_of, padded_shape, spectrum, transfer_function
+from . import FEW_FRAMES, randomness_for
 from .shots import picture_with_depth
 
 if TYPE_CHECKING:
@@ -23,7 +26,6 @@ if TYPE_CHECKING:
     from . import BaselineInput
 
 MOST_LAYERS = 64
-GAIN = math.sqrt(4 / math.pi)  # of amplitudes with independent phases: the band keeps pi / 4 of their light
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
@@ -36,7 +38,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     hologram = job.hologram
     radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
     depths, number = sliced(job, z)
-    amplitude = np.sqrt(radiance) * np.float32(GAIN)
+    amplitude = np.sqrt(radiance) * np.float32(gain_for(job.settings.frames))
     out = np.empty((job.settings.frames, *radiance.shape), np.complex64)
     steps = [*np.diff(depths), -depths[-1]]
     for k, wavelength in enumerate(hologram.wavelengths):
@@ -44,8 +46,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         sources = np.stack([amplitude[k] * random_phasor(job, m, k) for m in range(len(out))])
         waves = np.where(number == 0, sources, 0)
         for layer, step in enumerate(steps, 1):
-            transfer = transfer_function(padded, hologram.pitch, wavelength, step)
-            transfer *= carrier(wavelength, step)
+            transfer = step_transfer(job, padded, wavelength, step)
             here = number == layer  # none at the SLM
             for m, source in enumerate(sources):
                 waves[m] = np.where(here, source, field_of(spectrum(waves[m], padded) * transfer, job.shape))
@@ -77,7 +78,31 @@ def sliced(job: BaselineInput, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low + (filled + 0.5) * (high - low) / count, number.reshape(z.shape)
 
 
-def random_phasor(job: BaselineInput, frame: int, colour: int) -> np.ndarray:
-    """exp(i phi) with phases independent from pixel to pixel, frame to frame and colour to colour."""
+def random_phasor(job: BaselineInput, frame: int, colour: int, randomness: float | None = None) -> np.ndarray:
+    """exp(i r phi) with phases phi independent from pixel to pixel, frame to frame and colour to colour.
+
+    The randomness r is by default `randomness_for` the frames.
+    """
     rng = np.random.default_rng((job.settings.seed, frame, colour))
-    return np.exp(np.complex64(2j * math.pi) * rng.random(job.shape, dtype=np.float32))
+    if randomness is None:
+        randomness = randomness_for(job.settings.frames)
+    turn = np.complex64(2j * math.pi * randomness)
+    return np.exp(turn * rng.random(job.shape, dtype=np.float32))
+
+
+def gain_for(frames: int) -> float:
+    """Of amplitudes with phases of `random_phasor`, for light within the band to be as bright as it should.
+
+    Of phases r phi, phi even from -pi to pi, sinc^2 r of the light is that of their mean, which the band keeps as a
+    whole. The rest is the same at all frequencies of the grid, of which the band is pi / 4.
+    """
+    coherent = float(np.sinc(randomness_for(frames))) ** 2
+    return math.sqrt(4 / (math.pi + (4 - math.pi) * coherent))
+
+
+def step_transfer(job: BaselineInput, padded: tuple[int, int], wavelength: float, step: float) -> np.ndarray:
+    """From the spectrum of a layer's wave to that on the next one, phases as of `random_phasor`."""
+    transfer = transfer_function(padded, job.hologram.pitch, wavelength, step)
+    if job.settings.frames >= FEW_FRAMES:
+        transfer *= carrier(wavelength, step)
+    return transfer

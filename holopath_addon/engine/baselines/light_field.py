@@ -51,7 +51,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
             wanted.wanted[number] = wanted.share(number) * view
         return wanted
 
-    return phases_for(job, pictures, stage(progress, 0.4, 1.0))
+    return phases_for(job, pictures, stage(progress, 0.4, 1.0), whole=False)
 
 
 def parts_of_pupil() -> list[tuple[float, float]]:

@@ -32,7 +32,7 @@ from ..slabs import depth_slabs
 from ..tracing.kernel_table import LEVELS, LEVELS_A_GRAIN
 from ..tracing.wave_tracer import FRAMES_TOGETHER
 from ..waves.propagation import field_of, padded_shape, spectrum, transfer_function
-from .layers import GAIN, random_phasor
+from .layers import gain_for, random_phasor
 from .shots import picture_with_depth
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     phasors = [
         packed_phasors([np.pad(random_phasor(job, m, 0), waves.margin) for m in group]) for group in groups
     ]
-    amplitude = np.sqrt(radiance) * np.float32(GAIN)
+    amplitude = np.sqrt(radiance) * np.float32(gain_for(job.settings.frames))
     out = np.zeros((len(frames), *radiance.shape), np.complex64)
     told = parts(stage(progress, 0.3, 1.0), len(planes))
     for number, of_plane in zip(reversed(range(len(planes))), told, strict=True):  # towards the SLM

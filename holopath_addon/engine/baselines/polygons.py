@@ -36,7 +36,7 @@ from scipy.ndimage import minimum_filter
 from scipy.special import jv
 
 from ..waves.propagation import circular_band, field_of, lag, propagate, spectrum, transfer_function
-from .layers import GAIN, random_phasor
+from .layers import gain_for, random_phasor
 from .shots import in_each_wavelength, picture_with_depth
 
 if TYPE_CHECKING:
@@ -88,8 +88,9 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         bessel = tilts(padded, hologram.pitch, wavelength, half)
         for m in range(frames):
             phasor = random_phasor(job, m, k)
+            gain = np.float32(gain_for(frames))
             light = [
-                np.sqrt(sheet.radiance[k]) * np.roll(phasor, number * BRANCH_SHIFT, (0, 1)) * np.float32(GAIN)
+                np.sqrt(sheet.radiance[k]) * np.roll(phasor, number * BRANCH_SHIFT, (0, 1)) * gain
                 for number, sheet in enumerate(sheets)
             ]
             begun = (k * frames + m) / (len(hologram.wavelengths) * frames)

@@ -126,7 +126,8 @@ def stereogram(job: BaselineInput, plane: float, k: int, side: int, progress: Pa
     (rows, columns), half = job.shape, side // 2
     across, upward, inside = frequencies(side)
     rays = _LightField(job, plane, k, side)
-    phasors = [random_phasor(job, m, k).ravel() for m in range(job.settings.frames)]
+    # however few: `point_energy` is that of points whose light does not add up
+    phasors = [random_phasor(job, m, k, 1.0).ravel() for m in range(job.settings.frames)]
     offset = np.arange(1 - half, half)
     # from frequencies to pixels to the right; rows go down where frequencies go up
     waves = window(offset, side)[:, None] * np.exp(2j * math.pi * np.outer(offset, across[0]))

@@ -1,8 +1,14 @@
-"""Phases that show given pictures, found by gradient descent from random ones: what methods from pictures share.
+"""Phases that show given pictures, found by gradient descent: what methods from pictures share.
 
 The frame mean of the light's intensity is compared with one picture after another, the phases follow by Adam (Peng et
 al., ACM TOG 39(6), 185 (2020); Choi et al., ACM TOG 40(6), 240 (2021), and with frames that are shown one after
 another SIGGRAPH 2022, 32). The light sent in is as bright as makes all pictures together as bright as they should be.
+
+Many frames begin with random phases. Few ones cannot average the speckle of these: they begin with phases that are
+hardly random, see `randomness_for`, and pictures are compared by their amplitudes, as Peng et al. do. At 256 x 256 and
+seven depths of the chart's suzanne, planes and tea, in 200 steps, focal stacks then show 18.8, 19.6 and 23.2 dB with
+one frame instead of 10.3, 10.0 and 8.9, and 23.1, 24.0 and 26.0 with three instead of 20.1, 19.4 and 17.4; by their
+intensities 13.2, 15.7 and 20.5 with one.
 """
 
 from __future__ import annotations
@@ -13,7 +19,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..encoding.phases import Phases
+from ..waves.phase_fields import random_phasors
 from ..waves.supervision import Frames
+from . import FEW_FRAMES, RANDOMNESS, randomness_for
 from .frame_mean import FrameMean
 
 if TYPE_CHECKING:
@@ -26,9 +34,12 @@ if TYPE_CHECKING:
 STEPS = {"draft": 30, "preview": 100, "balanced": 200, "high": 600}  # each a look at one picture
 RATE = 0.12  # radians, Adam's longest step; from 0.2 on it finds no rest
 MEMORY = 0.8  # of earlier slopes; at 0.9 focal stacks lose a decibel, at 0.6 light fields 2 % of their light
+FEW_RATE, FEW_MEMORY = 0.2, 0.6  # of few frames, by amplitudes: 0.1 to 0.4 dB more than with the others
 
 
-def phases_for(job: BaselineInput, pictures_of: Callable[[int], Pictures], progress: Progress) -> np.ndarray:
+def phases_for(
+    job: BaselineInput, pictures_of: Callable[[int], Pictures], progress: Progress, whole: bool = True
+) -> np.ndarray:
     """The light of phases that show pictures.
 
     Parameters
@@ -38,6 +49,9 @@ def phases_for(job: BaselineInput, pictures_of: Callable[[int], Pictures], progr
         ``pictures_of(k)`` gives the `Pictures` of wavelength number k.
     progress : callable
         ``progress(done, message)``, may raise.
+    whole : bool
+        Whether pictures are of the whole pupil. To show parts of it, phases begin at random however few frames there
+        are: with others these lose light, and gain nothing.
 
     Returns
     -------
@@ -46,14 +60,19 @@ def phases_for(job: BaselineInput, pictures_of: Callable[[int], Pictures], progr
     """
     frames, colours = job.settings.frames, len(job.hologram.wavelengths)
     out = np.empty((frames, colours, *job.shape), np.complex64)
-    rng = np.random.default_rng(job.settings.seed)
+    rng, seed = np.random.default_rng(job.settings.seed), job.settings.seed
+    few, randomness = whole and frames < FEW_FRAMES, randomness_for(frames, RANDOMNESS)
+    rate, memory = (FEW_RATE, FEW_MEMORY) if few else (RATE, MEMORY)
     steps = job.settings.fixed.get("steps", STEPS[job.settings.quality])  # in each wavelength
     with Frames() as threads:
         for k in range(colours):
             pictures = pictures_of(k)
-            start = rng.uniform(0, 2 * math.pi, (frames, *job.shape)).astype(np.float32)
-            phases, mean = Phases(start, threads), FrameMean(pictures, 1.0, threads)
-            brightness = _Brightness(mean, phases.light)
+            if few:
+                start = randomness * np.angle(random_phasors(frames, *job.shape, seed + k))
+            else:
+                start = rng.uniform(0, 2 * math.pi, (frames, *job.shape)).astype(np.float32)
+            phases, mean = Phases(start, threads), FrameMean(pictures, 1.0, threads, few)
+            brightness = (_AmplitudeBrightness if few else _Brightness)(mean, phases.light)
             numbers = []
             for step in range(steps):
                 numbers = numbers or list(rng.permutation(len(pictures)))
@@ -63,10 +82,10 @@ def phases_for(job: BaselineInput, pictures_of: Callable[[int], Pictures], progr
                 if not numbers:
                     brightness.adjust()
                 phases.descend(
-                    back, np.ones(frames, np.complex64), RATE * math.sqrt(1 - step / steps), MEMORY
+                    back, np.ones(frames, np.complex64), rate * math.sqrt(1 - step / steps), memory
                 )
                 progress((k + (step + 1) / steps) / colours, "Phases")
-            out[:, k] = mean.gain * phases.light
+            out[:, k] = brightness.of_light * phases.light
     return out
 
 
@@ -91,3 +110,43 @@ class _Brightness:
         """Set the gain."""
         shown, wanted = self.shown.sum(), self.wanted.sum()
         self.mean.gain *= math.sqrt(wanted / shown) if shown > 0 else 0.0
+
+    @property
+    def of_light(self):
+        """Amplitude of the light, in the end."""
+        return self.mean.gain
+
+
+class _AmplitudeBrightness:
+    """The gain of the least loss of amplitudes, g sum v I = sum v sqrt(I t), over all pictures.
+
+    In the end light has the energy of all pictures, g^2 sum v I = sum v t: of speckle the least loss is too dark.
+    """
+
+    def __init__(self, mean, light):
+        self.mean, pictures = mean, mean.pictures
+        self.wanted, self.shown, self.overlap = np.zeros((3, len(pictures)))
+        for number, picture in enumerate(pictures.wanted):
+            weight, image = mean.weight(number), mean.look(light, number)
+            self.wanted[number] = (weight * picture).sum(dtype=float)
+            self.shown[number] = (weight * image).sum(dtype=float)
+            self.overlap[number] = (weight * np.sqrt(image * picture)).sum(dtype=float)
+        self.adjust()
+
+    def seen(self, number, light, back, loss):
+        """Take note of a picture by what its gradient tells: Re<G, u> = sum v (g sqrt(I) - sqrt(t)) g sqrt(I)."""
+        gain, slope = self.mean.gain, np.vdot(light, back).real
+        overlap = self.wanted[number] + slope - loss
+        if gain:
+            self.overlap[number], self.shown[number] = overlap / gain, (slope + overlap) / gain**2
+
+    def adjust(self):
+        """Set the gain."""
+        shown = self.shown.sum()
+        self.mean.gain = float(self.overlap.sum() / shown) if shown > 0 else 0.0
+
+    @property
+    def of_light(self):
+        """Amplitude of the light, in the end."""
+        shown = self.shown.sum()
+        return math.sqrt(self.wanted.sum() / shown) if shown > 0 else 0.0
