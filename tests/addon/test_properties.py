@@ -65,6 +65,14 @@ def test_all_settings(settings):
     )
 
 
+def test_randomness_is_of_phases_that_may_be_smooth(settings):
+    """What was set for them is left where others are chosen, and does not count there."""
+    settings.set_randomness, settings.randomness = True, 0.25
+    for kind, randomness in (("auto", 0.25), ("smooth", 0.25), ("designed", None), ("random", None)):
+        settings.phase_field = kind
+        assert properties.settings_of(settings).randomness == randomness
+
+
 def test_depth_range(settings):
     """Near the SLM until somebody sets it, by hand, by script or by a display."""
     settings.resolution_x = 256
