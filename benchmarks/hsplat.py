@@ -16,7 +16,8 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.baselines import FEW_FRAMES, BaselineInput, gaussians, layers, shots
+from holopath_addon.engine.baselines import BaselineInput, gaussians, layers, shots
+from holopath_addon.engine.waves.phase_fields import FEW_FRAMES
 
 from .chart import looks
 from .chart.figures import figures

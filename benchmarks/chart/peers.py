@@ -9,7 +9,8 @@ import time
 import numpy as np
 
 from holopath_addon import engine
-from holopath_addon.engine.baselines import FEW_FRAMES, BaselineInput, layers, shots
+from holopath_addon.engine.baselines import BaselineInput, layers, shots
+from holopath_addon.engine.waves.phase_fields import FEW_FRAMES
 from holopath_addon.engine.waves.propagation import carrier, padded_shape
 
 PEERS = {"rgbd-torchoptics": "torchoptics", "rgbd-odak": "odak"}

@@ -74,7 +74,7 @@ def test_one_frame_shows_more_than_speckle(build, camera, method, monkeypatch):
         return np.mean([engine.psnr(*pair, BORDER) for pair in zip(seen, truth, strict=True)])
 
     few = quality()
-    monkeypatch.setattr(layers, "randomness_for", lambda frames: 1.0)
+    monkeypatch.setattr(layers, "light_randomness", lambda frames: 1.0)
     monkeypatch.setattr(layers, "FEW_FRAMES", 0)
     monkeypatch.setattr(supervised, "FEW_FRAMES", 0)
     assert few > quality() + 4

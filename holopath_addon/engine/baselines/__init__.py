@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 from ..mapping import DepthMapping
 from ..settings import BASELINES
+from ..waves.phase_fields import FEW_FRAMES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import mitsuba as mi
     import numpy as np
 
@@ -24,15 +23,10 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from ..settings import Settings
 
-FEW_FRAMES = 6  # fewer cannot average the speckle of random phases
-RANDOMNESS = (
+LIGHT_RANDOMNESS = (
     0.0,
-    0.2,
-    0.25,
-    0.3,
-    0.3,
-)  # of phases of one frame and more, up to that, which a descent begins with
-LIGHT_RANDOMNESS = (0.0, 0.1, 0.1, 0.1, 0.1)  # of those of the scene's light, which stay as they are
+    0.1,
+)  # of the phases of the scene's light, which stay as they are, by frames from one on
 PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # of a pixel of a picture
 
 
@@ -77,18 +71,12 @@ class BaselineInput:
         return self.hologram.height, self.hologram.width
 
 
-def randomness_for(frames: int, known: Sequence[float] = LIGHT_RANDOMNESS) -> float:
-    """How random phases of so many frames had best be: 0, all the same, to 1, random.
+def light_randomness(frames: int) -> float:
+    """How random the phases of a scene's light had best be for so many frames: 0, all the same, to 1, random.
 
     The fewer the frames, the less random (Yoo et al., Opt. Lett. 46, 4769 (2021)).
-
-    Parameters
-    ----------
-    frames : int
-    known : sequence of float
-        Of one frame and more, up to `FEW_FRAMES`: `RANDOMNESS` or `LIGHT_RANDOMNESS`.
     """
-    return known[frames - 1] if frames < FEW_FRAMES else 1.0
+    return LIGHT_RANDOMNESS[min(frames, len(LIGHT_RANDOMNESS)) - 1] if frames < FEW_FRAMES else 1.0
 
 
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:

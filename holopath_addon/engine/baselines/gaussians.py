@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..waves.propagation import field_of, padded_shape, spectrum
-from . import randomness_for
+from . import light_randomness
 from .layers import gain_for, sliced, step_transfer
 from .shots import picture_with_depth
 
@@ -181,7 +181,7 @@ def blended(job: BaselineInput, gaussians: Gaussians, depths: np.ndarray, progre
     """
     hologram, frames = job.hologram, job.settings.frames
     waves = np.zeros((frames, len(hologram.wavelengths), *job.shape), np.complex64)
-    turn = np.complex64(2j * math.pi * randomness_for(frames))
+    turn = np.complex64(2j * math.pi * light_randomness(frames))
     bounds = [-math.inf, *(0.5 * (depths[1:] + depths[:-1])), math.inf]
     steps = [*np.diff(depths), -depths[-1]]
     padded = [padded_shape(job.shape, hologram.pitch, w, max(np.abs(steps))) for w in hologram.wavelengths]

@@ -6,7 +6,7 @@ Shi et al., Nature 591, 234 (2021) call such targets occlusion-aware):
     U_k = P(U_(k-1), z_k - z_(k-1)) (1 - m_k) + m_k sqrt(L) exp(i phi)
 
 with P the band-limited angular spectrum method, m_k the pixels of layer k, L their radiance, phi random. With
-few frames phi is hardly random, see `randomness_for`, and is then added to the phase k z of a wave along the axis: else
+few frames phi is hardly random, see `light_randomness`, and is then added to the phase k z of a wave along the axis: else
 layers that meet would be out of step.
 """
 
@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..waves.phase_fields import FEW_FRAMES
 from ..waves.propagation import carrier, field_of, padded_shape, spectrum, transfer_function
-from . import FEW_FRAMES, randomness_for
+from . import light_randomness
 from .shots import picture_with_depth
 
 if TYPE_CHECKING:
@@ -81,11 +82,11 @@ def sliced(job: BaselineInput, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def random_phasor(job: BaselineInput, frame: int, colour: int, randomness: float | None = None) -> np.ndarray:
     """exp(i r phi) with phases phi independent from pixel to pixel, frame to frame and colour to colour.
 
-    The randomness r is by default `randomness_for` the frames.
+    The randomness r is by default `light_randomness` the frames.
     """
     rng = np.random.default_rng((job.settings.seed, frame, colour))
     if randomness is None:
-        randomness = randomness_for(job.settings.frames)
+        randomness = light_randomness(job.settings.frames)
     turn = np.complex64(2j * math.pi * randomness)
     return np.exp(turn * rng.random(job.shape, dtype=np.float32))
 
@@ -96,7 +97,7 @@ def gain_for(frames: int) -> float:
     Of phases r phi, phi even from -pi to pi, sinc^2 r of the light is that of their mean, which the band keeps as a
     whole. The rest is the same at all frequencies of the grid, of which the band is pi / 4.
     """
-    coherent = float(np.sinc(randomness_for(frames))) ** 2
+    coherent = float(np.sinc(light_randomness(frames))) ** 2
     return math.sqrt(4 / (math.pi + (4 - math.pi) * coherent))
 
 

@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..encoding.phases import Phases
-from ..waves.phase_fields import random_phasors
+from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.supervision import Frames
-from . import FEW_FRAMES, RANDOMNESS, randomness_for
 from .frame_mean import FrameMean
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def phases_for(
     frames, colours = job.settings.frames, len(job.hologram.wavelengths)
     out = np.empty((frames, colours, *job.shape), np.complex64)
     rng, seed = np.random.default_rng(job.settings.seed), job.settings.seed
-    few, randomness = whole and frames < FEW_FRAMES, randomness_for(frames, RANDOMNESS)
+    few, randomness = whole and frames < FEW_FRAMES, randomness_for(frames) or 0.0
     rate, memory = (FEW_RATE, FEW_MEMORY) if few else (RATE, MEMORY)
     steps = job.settings.fixed.get("steps", STEPS[job.settings.quality])  # in each wavelength
     with Frames() as threads:
