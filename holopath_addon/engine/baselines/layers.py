@@ -6,8 +6,8 @@ Shi et al., Nature 591, 234 (2021) call such targets occlusion-aware):
     U_k = P(U_(k-1), z_k - z_(k-1)) (1 - m_k) + m_k sqrt(L) exp(i phi)
 
 with P the band-limited angular spectrum method, m_k the pixels of layer k, L their radiance, phi random. With
-few frames phi is hardly random, see `light_randomness`, and is then added to the phase k z of a wave along the axis: else
-layers that meet would be out of step.
+few frames phi is hardly random, see `light_randomness`, and is then added to the phase k z of a wave along the axis:
+else layers that meet would be out of step.
 """
 
 from __future__ import annotations
