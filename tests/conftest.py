@@ -2,7 +2,8 @@
 
 Blender's user folders are set before anything imports bpy: an installed copy of the extension would otherwise
 shadow the working tree. Baked light stays in a folder of the tests, and so do Dr.Jit's programs, from run to run.
-Workers that run side by side share the processors.
+What Python compiles stays, too, also where the environment forbids it: each worker, and each process that a test
+starts, would compile all modules, a seventh of all tests' time. Workers that run side by side share the processors.
 """
 
 import atexit
@@ -29,6 +30,8 @@ os.environ["BLENDER_USER_RESOURCES"] = _user
 os.environ["BLENDER_USER_EXTENSIONS"] = os.path.join(_user, "extensions")
 os.environ["HOLOPATH_CACHE"] = os.path.join(_user, "cache")
 os.environ["DRJIT_CACHE_DIR"] = str(Path(__file__).parents[1] / ".pytest_cache" / "programs")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 _workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
 for _name in ("HOLOPATH_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if _workers > 1 else ():

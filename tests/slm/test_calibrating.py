@@ -146,7 +146,8 @@ def test_the_sign_of_the_panel_is_found(sign, monkeypatch):
     monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
     window, foci, told = slm.PatternWindow(16, PITCH, GREEN), FOCI[:2], []
     rising, _ = slm.mis_set(start_of(window, foci), window, 3)
-    bench = replace(rising, phases=sign * rising.phases, source=THIRD)
+    point = replace(rising.model, size=0.0, bandwidth=0.0)
+    bench = replace(rising, model=point, phases=sign * rising.phases)
     found = slm.calibrate(
         bench.look, window, foci, (0.95, 0.95), 20, progress=lambda done, _: told.append(done)
     )
