@@ -22,7 +22,7 @@ from .command_line import (
     template_command,
 )
 from .command_line.console import Progress, alive, close_line
-from .command_line.options import argument, numbers
+from .command_line.options import add_optics, argument, numbers, on_bench
 from .engine.progress import stage
 from .farm.processes import INTERRUPTS
 
@@ -195,6 +195,7 @@ def _add_modulator(parser):
     )
     add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
     add("--crosstalk", type=float, default=0.0, metavar="PIXELS", help="blur of the phases (default 0)")
+    add_optics(parser, "the one for which the phases were found")
 
 
 def _plan(args):
@@ -238,7 +239,7 @@ def _plan(args):
 
 def _shown(args, folder):
     """Light of the stored phases."""
-    phase = output.stored_hologram(folder)
+    phase = on_bench(output.stored_hologram(folder), args)
     display = render_command.display_of(args, phase.hologram.wavelengths)
     modulator = _modulator_of(args)
     if display is not None and modulator != engine.Modulator():
@@ -257,10 +258,12 @@ def _reconstruct(args):
     progress = Progress(quiet=args.quiet)
     folder, limited = (
         Path(args.folder),
-        args.response is not None or _modulator_of(args) != engine.Modulator(),
+        args.response is not None or args.beam is not None or _modulator_of(args) != engine.Modulator(),
     )
     if limited and not args.hologram:
-        raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
+        raise engine.InvalidInput(
+            "The limits of a display, and its beam, are for stored phases: add --hologram."
+        )
     field = _shown(args, folder) if args.hologram else output.stored_field(folder)
     report = output.read_report(folder)
     focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]

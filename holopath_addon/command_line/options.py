@@ -9,6 +9,7 @@ from typing import Any
 
 from .. import engine
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
+from ..exchange.optics import BEAM_WORDS, parse_beam
 
 
 def argument(parse: Callable) -> Callable:
@@ -106,6 +107,37 @@ def guide_table() -> str:
         advice = declared.advice or _default(name)
         rows.append(f"| {declared.label} | `{flag(name)}{value}` | {meaning} | {advice} |")
     return "\n".join(rows)
+
+
+def add_optics(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add the options of the bench around the SLM."""
+    parser.add_argument(
+        "--beam",
+        metavar=BEAM_WORDS,
+        help="light that falls on the SLM, for which phases make up: a tilt in degrees to the right and up; a point so "
+        "many millimeters before the SLM, or behind it if negative, from or to which it runs; the waist of a Gaussian "
+        "beam and its middle; or a file of complex numbers, amplitude=FILE or intensity=FILE, with ,phase=FILE or "
+        f"without (default: {default})",
+    )
+
+
+def optics_of(args: argparse.Namespace) -> dict[str, Any]:
+    """What words say of the bench: changes of an `engine.Optics`.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+    """
+    return {} if args.beam is None else {"beam": parse_beam(args.beam)}
+
+
+def on_bench(thing, args: argparse.Namespace):
+    """A `WaveField` or `PhaseHologram` on the bench that words say."""
+    changes = optics_of(args)
+    if not changes:
+        return thing
+    hologram = thing.hologram
+    return replace(thing, hologram=replace(hologram, optics=replace(hologram.optics, **changes)))
 
 
 def _say(text):

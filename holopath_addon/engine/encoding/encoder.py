@@ -12,6 +12,7 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
+from ..optics import Optics
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
@@ -41,6 +42,9 @@ STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
 SMOOTH = 0.8  # correlation of a field's neighbors; of random phases that fill the band it is 0.2
 MARGIN = 12  # pixels around a display's, into which its relay scatters light
+# Of a beam's largest amplitude: no pixel makes up for less. Of 0.05 to 1 the least light of double phase goes astray,
+# and what is within the field's own band is nearest to it (a waist of 0.9 times half the panel).
+FAINT = 0.2
 DARK = 1e-6  # of the brightest colour's amplitude
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # of a pixel of a frame
 MOST_STEPS = 1000
@@ -248,6 +252,10 @@ class _Asked:
             raise InvalidInput(
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
+        if self.display is not None and field.hologram.optics != Optics():
+            raise InvalidInput(
+                "A display that was fitted has a beam of its own: leave out either, it or the hologram's optics."
+            )
         for each in self.levels or ():
             for name in ("correction", "variation"):
                 values = getattr(each, name, None)
@@ -336,6 +344,7 @@ class _Work:
             else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN)
             for colour in range(count)
         ]
+        self._beams = [hologram.illumination(colour) for colour in range(count)]
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -388,7 +397,8 @@ class _Work:
             for frame in range(frames):
                 waves[frame] = filtered(self._fields(frame, colour), keep)
                 self._progress((colour + 0.7 * (frame + 1) / frames) / count, "Encoding")
-            level = clipping_level(waves) or 1
+            waves = self._at_pixels(waves, colour)
+            level = clipping_level(waves, self._beams[colour]) or 1
             for frame, wave in enumerate(waves):
                 self.phases[frame, colour] = double_phase(wave / level)
                 self._progress((colour + 0.7 + 0.3 * (frame + 1) / frames) / count, "Encoding")
@@ -402,8 +412,10 @@ class _Work:
         if randomness is not None and isinstance(start, str):
             frames, _, rows, columns = data.shape
             phases = randomness * np.angle(random_phasors(frames, rows, columns, self._asked.effort.seed))
-            self.phases[:, self.colours] = np.mod(phases, 2 * math.pi)[:, None]
             for colour in self.colours:
+                beam = self._beams[colour]
+                own = phases if beam is None else phases - np.angle(beam)
+                self.phases[:, colour] = np.mod(own, 2 * math.pi)
                 self.gains[colour] = self._gain(colour)
             return
         for colour in self.colours:
@@ -414,11 +426,13 @@ class _Work:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
-                waves = filtered(data[:, colour], half_band(data.shape[-2:]))
-                level = clipping_level(waves) or 1
+                waves = self._at_pixels(filtered(data[:, colour], half_band(data.shape[-2:])), colour)
+                level = clipping_level(waves, self._beams[colour]) or 1
                 self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
             else:
-                self.phases[:, colour] = np.mod(np.angle(data[:, colour]), 2 * math.pi)
+                self.phases[:, colour] = np.mod(
+                    np.angle(self._at_pixels(data[:, colour], colour)), 2 * math.pi
+                )
 
     def sgd(self, colour, on=None):
         """Each frame for itself; `on` goes on with it, from one share of the progress to another until it is over."""
@@ -564,6 +578,13 @@ class _Work:
             return fields
         return np.pad(fields, [(0, 0)] * (fields.ndim - 2) + [(self._margin, self._margin)] * 2)
 
+    def _at_pixels(self, waves, colour):
+        """What pixels have to let through so that the beam becomes waves; where it is faint, less."""
+        beam = self._beams[colour]
+        if beam is None:
+            return waves
+        return waves * (np.conj(beam) / np.maximum(np.abs(beam), FAINT) ** 2)
+
     def _volume(self):
         """Distances between which the scene lies."""
         plan, hologram = self.field.plan, self.field.hologram
@@ -579,6 +600,8 @@ class _Work:
             wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
             display = self._displays[colour]
             light = np.exp(np.complex64(1j) * phase) if display is None else display.light(phase)
+            if self._beams[colour] is not None:
+                light *= self._beams[colour]
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
@@ -594,7 +617,8 @@ class _Work:
         """`Phases` of some frames in one wavelength, which are put back however the work ends."""
         levels = self._levels[colour]
         ends = WHOLE if levels is None else levels.ends
-        phases = Phases(self.phases[group, colour], self._threads, self._displays[colour], ends)
+        display, beam = self._displays[colour], self._beams[colour]
+        phases = Phases(self.phases[group, colour], self._threads, display, ends, beam)
         try:
             yield phases
         finally:

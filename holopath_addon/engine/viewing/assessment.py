@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..pupil import Pupil
+from ..optics import Pupil
 from ..waves.propagation import circular_band
 from .metrics import psnr
 from .reconstruction import to_rgb
@@ -191,13 +191,18 @@ def slices(refocus: Refocuser, focus: float, seen: Iterable[Pupil], row: int) ->
 
 
 def efficiency(phase: PhaseHologram) -> list[float]:
-    """Share of the modulated light within the recordable cone, for each wavelength; the rest goes astray."""
+    """Share of the modulated light within the recordable cone, for each wavelength; the rest goes astray.
+
+    Modulated is the beam of the hologram's optics.
+    """
     band = circular_band(phase.data.shape[-2:])
     found = []
     for colour in range(phase.data.shape[1]):
         inside = total = 0.0
+        illumination = phase.hologram.illumination(colour)
+        beam = 1 if illumination is None else illumination
         for frame in phase.data[:, colour]:
-            power = np.abs(scipy.fft.fft2(np.exp(1j * frame.astype(np.float64)))) ** 2
+            power = np.abs(scipy.fft.fft2(beam * np.exp(1j * frame.astype(np.float64)))) ** 2
             inside, total = inside + power[band].sum(), total + power.sum()
         found.append(inside / total)
     return found

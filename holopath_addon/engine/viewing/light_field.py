@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..camera import Camera
     from ..hologram import Hologram
     from ..mapping import DepthMapping
+    from ..optics import Pupil
     from ..progress import Progress
-    from ..pupil import Pupil
 
 AT_ONCE = 16  # paths a pixel, between two looks at progress and cancel
 

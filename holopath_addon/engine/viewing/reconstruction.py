@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..mapping import DepthMapping
+    from ..optics import Pupil
     from ..progress import Progress
-    from ..pupil import Pupil
     from ..wavefield import WaveField
 
 MOST_BYTES = (

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from ..camera import Camera
     from ..hologram import Hologram
+    from ..optics import Pupil
     from ..progress import Progress
-    from ..pupil import Pupil
 
 CHUNK_PATHS = 1 << 24  # between two looks at progress and cancel; some seconds on two cores
 
