@@ -157,6 +157,7 @@ def _parser(store):
         help="focus at distances from the SLM instead, within the depth volume",
     )
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
+    add_optics(reconstruct, "that of the stored field or phases")
     _add_modulator(reconstruct)
 
     encode_command.add(command, store)
@@ -195,7 +196,6 @@ def _add_modulator(parser):
     )
     add("--unmodulated", type=float, default=0.0, metavar="SHARE", help="of the light (default 0)")
     add("--crosstalk", type=float, default=0.0, metavar="PIXELS", help="blur of the phases (default 0)")
-    add_optics(parser, "the one for which the phases were found")
 
 
 def _plan(args):
@@ -264,7 +264,7 @@ def _reconstruct(args):
         raise engine.InvalidInput(
             "The limits of a display, and its beam, are for stored phases: add --hologram."
         )
-    field = _shown(args, folder) if args.hologram else output.stored_field(folder)
+    field = _shown(args, folder) if args.hologram else on_bench(output.stored_field(folder), args)
     report = output.read_report(folder)
     focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:

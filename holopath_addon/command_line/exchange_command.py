@@ -97,7 +97,7 @@ def add(command):
         metavar="DEGREES",
         help="horizontal field of view (default: by an eyepiece of 50 mm)",
     )
-    add_optics(take, "what the file says, else flat")
+    add_optics(take, "what the file says")
 
 
 def _add_convention(parser, what):

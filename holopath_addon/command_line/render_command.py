@@ -13,7 +13,7 @@ from ..engine import displays
 from ..engine.progress import stage
 from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX
 from ..exchange import captures
-from ..exchange.optics import beam_files
+from ..exchange.optics import beam_files, stop_files
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
@@ -168,7 +168,7 @@ def add_scene(parser, store):
         help="fit the scene into the depth range, or map it as an eyepiece does",
     )
     add("--near", type=float, metavar="METERS", help="world depth of the near end (default: nearest surface)")
-    options.add_optics(parser, "flat")
+    options.add_optics(parser)
     options.add(parser)
     add(
         "--camera",
@@ -411,9 +411,9 @@ def levels_of(args, hologram):
 
 
 def files_of(args):
-    """Files that say it, or what the beam is, by what they are."""
-    beam = {f"beam {role}": path for role, path in beam_files(args.beam).items()}
-    return beam | ({} if args.response is None else response_files(args.response))
+    """Files that say it, or what beam and stop are, by what they are."""
+    bench = stop_files(args.stop) | {f"beam {role}": path for role, path in beam_files(args.beam).items()}
+    return bench | ({} if args.response is None else response_files(args.response))
 
 
 def display_of(args, wavelengths):
@@ -523,7 +523,7 @@ def check_encoding(args, settings, hologram):
         )
     if display is not None and hologram.optics != engine.Optics():
         raise engine.InvalidInput(
-            "A display that was fitted has a beam of its own: leave out --beam, or --response."
+            "A display that was fitted has a beam and a stop of its own: leave out --response, or the optics."
         )
     if method == "refine" and settings.method in BASELINES:
         raise engine.InvalidInput(

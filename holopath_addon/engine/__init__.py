@@ -9,7 +9,7 @@ from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram
 from .light.bake_store import BakeStore
-from .optics import Beam, Optics, Pupil
+from .optics import Beam, Optics, Pupil, Stop
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
 from .planning.phases import EncodingPlan, frames_along, plan_encoding
@@ -53,6 +53,7 @@ __all__ = [
     "Pupil",
     "Refocuser",
     "Settings",
+    "Stop",
     "WaveField",
     "depth_map",
     "diffracted",

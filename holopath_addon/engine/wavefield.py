@@ -13,7 +13,7 @@ from .errors import InvalidInput
 from .files import earlier, whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
-from .optics import BEAM_FILE
+from .optics import BEAM_FILE, STOP_FILE
 
 FORMAT_VERSION = 1
 
@@ -69,7 +69,7 @@ class WaveField:
             If it cannot be written; nothing is left behind.
         """
         with whole_folder(
-            folder, earlier("a wave field", "field.npy", "meta.json", others=(BEAM_FILE,))
+            folder, earlier("a wave field", "field.npy", "meta.json", others=(BEAM_FILE, STOP_FILE))
         ) as part:
             np.save(part / "field.npy", self.data)
             self.hologram.optics.save(part)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..engine import Camera, Hologram, InvalidInput, Optics, PhaseHologram, WaveField
 from ..engine.memory import shortage
+from ..engine.optics import ON_AXIS
 from ..engine.waves.bit_layout import LAYOUTS, layout_beside
 from ..engine.waves.propagation import propagate
 from . import parts
@@ -114,7 +115,7 @@ def container_of(thing: WaveField | PhaseHologram, convention: Convention | None
         "near_m": thing.near,
         "camera": json.dumps(thing.camera.to_dict()),
     }
-    if hologram.optics != Optics():
+    if hologram.optics != ON_AXIS:
         attributes["optics"] = json.dumps(hologram.optics.to_dict())
     if isinstance(thing, PhaseHologram):
         attributes |= {"method": thing.method, "gains": list(thing.gains)}
@@ -431,11 +432,13 @@ def _finite(value, name):
 
 def _optics(attributes, given):
     if given.optics is not None or "optics" not in attributes:
-        return given.optics or Optics()
+        return given.optics or ON_AXIS
     try:
         return Optics.from_dict(json.loads(attributes["optics"]))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InvalidInput(f"The file's optics cannot be read ({error}): give --beam.") from error
+        raise InvalidInput(
+            f"The file's optics cannot be read ({error}): give --beam, --carrier and --stop."
+        ) from error
 
 
 def _camera(attributes, fov, hologram):

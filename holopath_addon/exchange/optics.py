@@ -1,4 +1,4 @@
-"""The bench by words, as `--beam` takes them, and with arrays of other programs' files."""
+"""The bench by words, as `--beam`, `--carrier` and `--stop` take them, and with arrays of other programs' files."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine import Beam, InvalidInput
+from ..engine import Beam, InvalidInput, Stop
 from .containers import read
 from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
 
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
+STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
 # Unit of each kind's numbers in words, in that of `Beam`.
 _UNITS = {"tilt": math.radians(1), "point": 1e-3, "gaussian": 1e-3}
 _ROLES = ({FIELD}, {AMPLITUDE}, {INTENSITY}, {AMPLITUDE, PHASE}, {INTENSITY, PHASE})
@@ -50,11 +51,53 @@ def beam_files(text: str | None) -> dict[str, Path]:
     return {role: Path(path) for role, _, path in pairs}
 
 
-def _numbers(text, numbers):
+def parse_carrier(text: str) -> tuple[float, float] | str:
+    """The carrier of words, see `engine.Optics`.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if text == "auto":
+        return text
+    numbers = _numbers(text, text, "carrier", "X,Y in units of the band's edge, or auto")
+    if len(numbers) != 2:
+        raise InvalidInput(f"'{text}' is no carrier: give X,Y in units of the band's edge, or auto.")
+    return numbers[0], numbers[1]
+
+
+def parse_stop(text: str) -> Stop:
+    """The stop of words, with the angle of a half in degrees; or of a picture, which is open where it is bright.
+
+    Raises
+    ------
+    InvalidInput
+        If the words are none, or the picture cannot be read.
+    BackendUnavailable
+        If the library for it is not installed.
+    """
+    kind, colon, numbers = text.partition(":")
+    if kind in ("circle", "half", "rectangle"):
+        unit = math.radians(1) if kind == "half" else 1.0
+        given = _numbers(text, numbers, "stop", STOP_WORDS) if colon else []
+        return Stop(kind, tuple(unit * number for number in given))
+    if not stop_files(text):
+        raise InvalidInput(f"'{text}' is no stop: give {STOP_WORDS}.")
+    array = _array("stop", Path(text)).astype(float)
+    return Stop("measured", measured=array > array.max() / 2)
+
+
+def stop_files(text: str | None) -> dict[str, Path]:
+    """The file that the words of a stop name."""
+    named = text is not None and text.partition(":")[0] not in ("circle", "half", "rectangle")
+    return {"stop": Path(text)} if text and named and Path(text).suffix else {}
+
+
+def _numbers(text, numbers, what="beam", words=BEAM_WORDS):
     try:
         return [float(part) for part in numbers.split(",")]
     except ValueError:
-        raise InvalidInput(f"'{text}' is no beam: give {BEAM_WORDS}.") from None
+        raise InvalidInput(f"'{text}' is no {what}: give {words}.") from None
 
 
 def _measured(files):
@@ -83,19 +126,21 @@ def _array(role, path):
     found = named if len(named) == 1 else found
     if len(found) != 1:
         raise InvalidInput(
-            f"{path} has {len(found)} arrays of two or more axes: write the beam's {role} to a file of its own."
+            f"{path} has {len(found)} arrays of two or more axes: write the {role} to a file of its own."
         )
     ((name, array),) = found.items()
     if name in container.colored:
         if not (array == array[..., :1]).all():
-            raise InvalidInput(f"{path} has colors: write the {role} of a beam as a gray picture.")
+            raise InvalidInput(f"{path} has colors: write the {role} as a gray picture.")
         array = array[..., 0]
     if (role == FIELD) != np.iscomplexobj(array):
         if role == FIELD:
             raise InvalidInput(
                 f"{path} can be a beam's amplitude or its intensity: say amplitude={path} or intensity={path}."
             )
-        raise InvalidInput(f"{path} holds complex numbers: give it without {role}=.")
+        raise InvalidInput(
+            f"{path} holds complex numbers, which are no {role}: give it without {role}=, as a beam."
+        )
     if role == PHASE and array.dtype.kind != "f":
         raise InvalidInput(f"{path} has whole numbers: write the phases of a beam in radians.")
     return array if role == FIELD else array.astype(float)

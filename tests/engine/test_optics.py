@@ -1,4 +1,4 @@
-"""The beam on the SLM: against formulas of lenses and Gaussian beams, and phases that make up for it."""
+"""The beam on the SLM and the stop behind it: against formulas of optics, and phases that make up for them."""
 
 import json
 import math
@@ -242,7 +242,186 @@ def test_measured_beams_that_cannot_be():
 def test_a_fitted_display_has_a_beam_of_its_own(wanted):
     field = engine.WaveField(wanted.data, panel(BEAMS["tilt"]), wanted.camera, wanted.near)
     display = [engine.DisplayModel(GREEN)]
-    with pytest.raises(engine.InvalidInput, match="a beam of its own"):
+    with pytest.raises(engine.InvalidInput, match="a beam and a stop of its own"):
         engine.encode(field, "sgd", display=display)
-    with pytest.raises(engine.InvalidInput, match="a beam of its own"):
+    with pytest.raises(engine.InvalidInput, match="a beam and a stop of its own"):
         engine.encode(field, "dpac").field(display=display)
+
+
+def bench(carrier=None, stop=None, beam=None):
+    return engine.Optics(beam or engine.Beam(), carrier, stop or engine.Stop())
+
+
+@pytest.mark.parametrize("carrier", [(0.5, 0.0), (-0.25, 0.5)])
+def test_a_grating_sends_light_along_the_carrier(carrier):
+    """A phase that rises by pi c a pixel is a prism: its first order is at c, and there is the picture's middle."""
+    y, x = np.indices((64, 64))
+    phase = np.mod(math.pi * (carrier[0] * x - carrier[1] * y), 2 * math.pi)
+    hologram = engine.Hologram(64, 64, PITCH, (GREEN,), optics=bench(carrier))
+    data = phase.astype(np.float32)[None, None]
+    field = engine.PhaseHologram(data, hologram, engine.Camera(np.eye(4), 0.5), 1.0, "none", (1.0,)).field()
+    spectrum = np.abs(np.fft.fft2(field.data[0, 0])) / 64**2
+    assert spectrum[0, 0] == pytest.approx(1, abs=1e-4)
+    # without it, the zero order of the same panel lies as far on the other side
+    dark = engine.PhaseHologram(0 * data, hologram, field.camera, 1.0, "none", (1.0,)).field()
+    row, column = np.unravel_index(np.argmax(np.abs(np.fft.fft2(dark.data[0, 0]))), (64, 64))
+    assert (np.fft.fftfreq(64)[column], np.fft.fftfreq(64)[row]) == (-carrier[0] / 2, carrier[1] / 2)
+    assert not hologram.optics.passes((64, 64))[row, column]
+
+
+def test_areas_and_places_of_stops():
+    def share(optics, total=math.pi / 4):
+        return float(optics.passes((500, 500)).mean()) / total
+
+    assert share(bench()) == pytest.approx(1, rel=5e-3)
+    assert share(bench(stop=engine.Stop("circle", (0.5,)))) == pytest.approx(0.25, rel=1e-2)
+    assert share(bench("auto")) == pytest.approx(0.48**2, rel=1e-2)
+    assert share(bench(stop=engine.Stop("half"), carrier=(0, 0))) == pytest.approx(0.5, rel=1e-2)
+    assert share(bench("auto", engine.Stop("rectangle", (0.5, 0.8))), 1) == pytest.approx(0.1, rel=2e-2)
+    up = bench((0, 0), engine.Stop("half", (math.pi / 2,))).passes((32, 32))
+    assert up[-5, 3] and not up[5, 3]  # rows count downwards, and so do their frequencies
+    right = bench((0, 0), engine.Stop("half")).passes((32, 32))
+    assert right[3, 5] and not right[3, -5]
+    upper_left = np.zeros((4, 4), bool)
+    upper_left[:2, :2] = True
+    measured = bench((0, 0), engine.Stop("measured", measured=upper_left)).passes((32, 32))
+    assert measured[-5, -5] and not (measured[5, 5] or measured[-5, 5] or measured[5, -5])
+    assert bench("auto", engine.Stop("measured", measured=upper_left)).carrier == (-0.5, 0.5)
+    for optics, opening in (
+        (bench("auto"), (0, 0, 0.48)),
+        (bench((0, 0), engine.Stop("half")), (0.5, 0, 0.49)),
+        (bench("auto", engine.Stop("rectangle", (0.5, 0.8))), (0, 0, 0.25)),
+    ):
+        np.testing.assert_allclose(optics.opening, opening, atol=0.04)
+
+
+def test_what_is_seen_through_a_rectangle():
+    """Fraunhofer: a point has the image sinc^2(W x / 2 pitch) sinc^2(H y / 2 pitch), Goodman, section 4.4.1."""
+    width, height, side = 0.5, 0.8, 65
+    optics = bench("auto", engine.Stop("rectangle", (width, height)))
+    hologram = engine.Hologram(side, side, PITCH, (GREEN,), -1e-3, 1e-3, optics=optics)
+    point = np.zeros((1, 1, side, side), np.complex64)
+    point[0, 0, side // 2, side // 2] = 1
+    field = engine.WaveField(point, hologram, engine.Camera(np.eye(4), 0.5), 1.0)
+    at_slm = float(field.mapping.z_to_depth(0.0))
+    seen = engine.reconstruct(field, [at_slm])[0, ..., 0]
+    x = np.arange(side) - side // 2
+    wanted = (np.sinc(width * x / 2)[None, :] * np.sinc(height * x / 2)[:, None]) ** 2
+    # bins of the grid make the rectangle wider or narrower by one
+    assert np.abs(seen / seen.max() - wanted).max() < 0.04
+    with pytest.raises(engine.InvalidInput, match="outside the light that passes the stop"):
+        radius = field.mapping.pupil_radius(hologram.max_slope(GREEN))
+        engine.reconstruct(field, [at_slm], engine.Pupil(0.8 * radius, 0, 0.1 * radius))
+
+
+OFF_AXIS = {
+    "circle": bench("auto"),
+    "half": bench(stop=engine.Stop("half", (math.radians(30),))),
+    "rectangle": bench("auto", engine.Stop("rectangle", (0.6, 1.2))),
+}
+
+
+def off_axis(wanted, optics):
+    hologram = engine.Hologram(SHAPE[1], SHAPE[0], PITCH, (GREEN,), 1e-3, 1.5e-3, optics=optics)
+    return engine.WaveField(wanted.data, hologram, wanted.camera, wanted.near)
+
+
+@pytest.mark.parametrize("kind", OFF_AXIS)
+def test_a_binary_panel_shows_no_twin_off_axis(wanted, kind):
+    """Light of phases 0 and pi is real: on axis as much of it is the field's conjugate, the twin, as the field."""
+
+    def shares(field, optics):
+        phase = engine.encode(field, "sgd", bits=1, max_steps=40)
+        assert set(np.unique(phase.data).round(4)) == {0, np.float32(math.pi).round(4)}
+        shown = np.fft.fft2(phase.field().data[0, 0]) * optics.passes(SHAPE)
+        picture = np.fft.fft2(field.data[0, 0])
+        twin = np.fft.fft2(field.data[0, 0].conj())
+        own, other = (
+            abs(np.vdot(each, shown)) ** 2 / np.vdot(each, each).real / np.vdot(shown, shown).real
+            for each in (picture, twin)
+        )
+        return own, other
+
+    on_axis = shares(wanted, engine.Optics())
+    own, twin = shares(off_axis(wanted, OFF_AXIS[kind]), OFF_AXIS[kind])
+    assert on_axis[0] == pytest.approx(on_axis[1], rel=1e-3)
+    assert own > 1.4 * on_axis[0] and twin < 0.01 * own
+
+
+def test_the_zero_order_is_left_out(wanted):
+    """Light that leaves as it came changes nothing behind an off-axis stop but the brightness."""
+    leaking = engine.Modulator(unmodulated=0.1)
+    for optics, changed in ((OFF_AXIS["circle"], False), (engine.Optics(), True)):
+        phase = engine.encode(off_axis(wanted, optics), "sgd", max_steps=10)
+        ideal, real = (engine.reconstruct(phase.field(each), [1.2])[0] for each in (None, leaking))
+        change = np.linalg.norm(real / 0.9 - ideal) / np.linalg.norm(ideal)
+        assert (change > 0.3) == changed and (change < 0.1) == (not changed)
+
+
+@pytest.mark.parametrize("method", ["sgd", "dpac", "joint"])
+def test_encodings_go_towards_what_passes_the_stop(wanted, method):
+    """Phases without rounding show the field as well as on axis, and a beam changes nothing of it."""
+    for optics in (OFF_AXIS["circle"], bench("auto", beam=BEAMS["point"])):
+        phase = engine.encode(
+            off_axis(wanted, optics), method, **({} if method == "dpac" else {"max_steps": 40})
+        )
+        seen = engine.reconstruct(phase.field(), [1.2])[0].ravel()
+        assert np.corrcoef(seen, engine.reconstruct(wanted, [1.2])[0].ravel())[0, 1] > 0.95
+
+
+def test_a_thin_lens_behind_the_same_stop(build, camera):
+    """Rays and waves agree where a half stop moves what is out of focus: by the middle of a half disk, 4 r / 3 pi."""
+    scene = build.scene(wall=build.plane(1.0, build.emissive(build.texture(32, 1)), 0.08, 0.08))
+    optics = bench((0, 0), engine.Stop("half", (math.pi / 2,)))
+    hologram = engine.Hologram(64, 64, PITCH, (GREEN,), -0.4e-3, 0.6e-3, near=0.5, optics=optics)
+    middles = {}
+    field = engine.render(scene, camera, hologram, engine.Settings(frames=4, method="direct"))
+    for focus in (0.5, 1.0):
+        truth = engine.reference(scene, camera, hologram, [focus], spp=64)[0, ..., 0]
+        seen = engine.reconstruct(field, [focus])[0, ..., 0]
+        rows = np.arange(64)[:, None]
+        middles[focus] = [float((rows * each).sum() / each.sum()) for each in (truth, seen)]
+    moved = np.subtract(middles[0.5], middles[1.0])
+    z = field.mapping.depth_to_z([0.5, 1.0])
+    pixels = 4 / (3 * math.pi) * hologram.max_slope(GREEN) * (z[0] - z[1]) / PITCH
+    assert abs(pixels) > 0.5
+    np.testing.assert_allclose(np.abs(moved), abs(pixels), rtol=0.2)
+    assert moved[0] * moved[1] > 0
+
+
+def test_a_stop_is_kept(wanted, tmp_path):
+    mask = np.zeros((20, 30), bool)
+    mask[:, 16:] = True
+    optics = bench("auto", engine.Stop("measured", measured=mask))
+    field = off_axis(wanted, optics)
+    field.save(tmp_path / "wavefield")
+    again = engine.WaveField.load(tmp_path / "wavefield").hologram
+    assert again == field.hologram and again.optics.carrier == optics.carrier
+    np.testing.assert_array_equal(again.optics.stop.measured, mask)
+    for optics in OFF_AXIS.values():
+        told = json.loads(json.dumps(off_axis(wanted, optics).hologram.to_dict()))
+        assert engine.Hologram.from_dict(told).optics == optics
+
+
+@pytest.mark.parametrize(
+    ("carrier", "stop", "says"),
+    [
+        ((1, 0), None, "closer than 1 to the zero order, not at 1, 0"),
+        ((0.5, math.nan), None, "A carrier lies within the band"),
+        ((0.5, 0), ("circle", (0.6,)), "reaches 1.1 times as far as the band"),
+        ((0.5, 0), ("rectangle", (1.5, 1)), "reaches 1.25 times"),
+        (None, ("circle", (0,)), "a radius over 0"),
+        (None, ("rectangle", (1,)), "a width and a height"),
+        (None, ("half", (math.inf,)), "an angle"),
+        (None, ("slit", ()), "no stop 'slit'"),
+        ((0.01, 0), ("circle", (0.005,)), "lets nothing of the picture through"),
+    ],
+)
+def test_stops_that_cannot_be(carrier, stop, says):
+    with pytest.raises(engine.InvalidInput, match=says):
+        bench(carrier, stop and engine.Stop(*stop))
+
+
+def test_without_a_stop_there_is_no_stop(wanted):
+    with pytest.raises(engine.InvalidInput, match="leave out either"):
+        engine.encode(off_axis(wanted, OFF_AXIS["half"]), "sgd", aperture=False)

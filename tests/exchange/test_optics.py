@@ -146,3 +146,55 @@ def test_a_measured_beam_in_other_programs_files(folder, tmp_path):
         exchange.hologram_of(container)
     given = exchange.Given(optics=engine.Optics(exchange.parse_beam(beam)))
     assert exchange.hologram_of(container, given).hologram == phase.hologram
+
+
+def test_words_of_a_stop(tmp_path):
+    stop = engine.Stop
+    assert exchange.parse_stop("circle") == stop() and exchange.parse_stop("circle:0.4") == stop(
+        "circle", (0.4,)
+    )
+    assert exchange.parse_stop("half:90") == stop("half", (math.pi / 2,))
+    assert exchange.parse_stop("rectangle:1,0.5") == stop("rectangle", (1, 0.5))
+    assert exchange.parse_carrier("0.5,-0.25") == (0.5, -0.25) and exchange.parse_carrier("auto") == "auto"
+    plane = np.zeros((9, 9), np.uint8)
+    plane[3:6, 6:] = 200
+    np.save(tmp_path / "plane.npy", plane)
+    np.testing.assert_array_equal(exchange.parse_stop(f"{tmp_path}/plane.npy").measured, plane > 0)
+    for parse, words in (
+        (exchange.parse_stop, "slit"),
+        (exchange.parse_stop, "rectangle:a"),
+        (exchange.parse_carrier, "0.5"),
+        (exchange.parse_carrier, "left"),
+    ):
+        with pytest.raises(engine.InvalidInput, match=f"'{words}' is no"):
+            parse(words)
+
+
+def test_a_stop_on_the_command_line(folder, tmp_path, capsys):
+    encode = ["encode", str(folder), "--method", "sgd", "--max-steps", "40", "--bits", "1", "--quiet"]
+    assert cli.main([*encode, "--stop", "half:-90"]) == 0
+    optics = engine.PhaseHologram.load(folder / "hologram").hologram.optics
+    assert optics.stop.kind == "half" and optics.carrier == pytest.approx((0, -0.5))
+    assert cli.main([*encode, "--carrier", "-0.5,0"]) == 0
+    phase = engine.PhaseHologram.load(folder / "hologram")
+    assert phase.hologram.optics == engine.Optics(carrier=(-0.5, 0))
+    assert cli.main(["export", str(folder), str(tmp_path / "phases.npz"), "--hologram", "--quiet"]) == 0
+    assert (
+        cli.main(["import", str(tmp_path / "phases.npz"), "--out", str(tmp_path / "again"), "--quiet"]) == 0
+    )
+    assert engine.PhaseHologram.load(tmp_path / "again" / "hologram").hologram == phase.hologram
+    show = ["reconstruct", str(folder), "--hologram", "--focus", "1.2", "--quiet"]
+    wanted = engine.reconstruct(engine.WaveField.load(folder / "wavefield"), [1.2])[0, ..., 0]
+    alike = []
+    for words in ([], ["--carrier", "0,0", "--stop", "circle"]):
+        assert cli.main([*show, *words]) == 0
+        alike.append(np.corrcoef(seen(folder).ravel(), wanted.ravel())[0, 1])
+    assert alike[0] > 0.5 and abs(alike[1]) < 0.3  # one frame of one bit
+    capsys.readouterr()
+    for words, says in (
+        (["--carrier", "0.9,0.9"], "A carrier lies within the band"),
+        (["--carrier", "0.5,0", "--stop", "circle:0.8"], "reaches 1.3 times as far as the band"),
+        (["--stop", "hole"], "'hole' is no stop"),
+    ):
+        assert cli.main([*encode, *words]) == 2
+        assert says in capsys.readouterr().err

@@ -12,13 +12,13 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
-from ..optics import Optics
+from ..optics import ON_AXIS
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.modulator import Levels, wrapped
 from ..waves.phase_fields import random_phasors
-from ..waves.propagation import circular_band, filtered
+from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
 from .double_phase import clipping_level, double_phase, half_band
@@ -252,9 +252,9 @@ class _Asked:
             raise InvalidInput(
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
-        if self.display is not None and field.hologram.optics != Optics():
+        if self.display is not None and field.hologram.optics != ON_AXIS:
             raise InvalidInput(
-                "A display that was fitted has a beam of its own: leave out either, it or the hologram's optics."
+                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
             )
         for each in self.levels or ():
             for name in ("correction", "variation"):
@@ -278,6 +278,10 @@ class _Asked:
             raise InvalidInput(
                 "Without a stop in the Fourier plane only sgd with complex supervision encodes: choose it, or leave "
                 "the aperture."
+            )
+        if not self.aperture and field.hologram.optics.stopped:
+            raise InvalidInput(
+                "The optics have a stop, and without the aperture there is none: leave out either of them."
             )
         if self.method == "refine" and self.many is None:
             raise InvalidInput(
@@ -345,6 +349,7 @@ class _Work:
             for colour in range(count)
         ]
         self._beams = [hologram.illumination(colour) for colour in range(count)]
+        self._passes = hologram.optics.passes(self._shape)
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -390,7 +395,7 @@ class _Work:
 
     def double_phase(self):
         """The method dpac; the gain is one for all frames, as their mean intensity counts."""
-        keep = half_band(self.field.data.shape[-2:])
+        keep = half_band(self.field.data.shape[-2:]) & self._passes
         frames, count = self.field.data.shape[:2]
         for colour in self.colours:
             waves = np.empty((frames, *keep.shape), np.complex64)
@@ -426,7 +431,9 @@ class _Work:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
-                waves = self._at_pixels(filtered(data[:, colour], half_band(data.shape[-2:])), colour)
+                waves = self._at_pixels(
+                    filtered(data[:, colour], half_band(data.shape[-2:]) & self._passes), colour
+                )
                 level = clipping_level(waves, self._beams[colour]) or 1
                 self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
             else:
@@ -469,9 +476,10 @@ class _Work:
         """What `sgd` compares the light of some frames with."""
         hologram, asked = self.field.hologram, self._asked
         if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads)
+            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics)
         distances = _spread(*self._volume(), asked.planes)
-        return AmplitudeTarget(fields, hologram.pitch, hologram.wavelengths[colour], distances, self._threads)
+        grid = hologram.pitch, hologram.wavelengths[colour]
+        return AmplitudeTarget(fields, *grid, distances, self._threads, hologram.optics)
 
     def joint(self):
         """All frames together, towards their own mean."""
@@ -505,7 +513,7 @@ class _Work:
         hologram, seed = self.field.hologram, self._asked.effort.seed
         volume, frames = self._volume(), len(self.field.data)
         space = self._shape, hologram.pitch, hologram.wavelengths[colour], *volume
-        return Views(*space, frames, seed, self._asked.eyebox)
+        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -593,7 +601,7 @@ class _Work:
 
     def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
-        band = circular_band(self._shape)
+        band = self._passes
         wanted = shown = 0.0
         for frame, phase in enumerate(self.phases[:, colour]):
             wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())

@@ -13,7 +13,7 @@ from ..camera import Camera
 from ..errors import InvalidInput
 from ..files import earlier, whole_folder
 from ..hologram import Hologram
-from ..optics import BEAM_FILE, Optics
+from ..optics import BEAM_FILE, ON_AXIS, STOP_FILE
 from ..scene import variants
 from ..wavefield import WaveField
 from ..waves.modulator import Modulator, grey_levels, wrapped
@@ -64,7 +64,7 @@ class PhaseHologram:
         display: Sequence[DisplayModel] | None = None,
         levels: Sequence[Levels] | None = None,
     ) -> WaveField:
-        """`WaveField` of the light that leaves the SLM, of the beam of its optics, to be refocused.
+        """`WaveField` of the light that leaves the SLM, of the beam of its optics, to be refocused through their stop.
 
         Parameters
         ----------
@@ -88,9 +88,9 @@ class PhaseHologram:
             raise InvalidInput(
                 "Levels that were measured go beside neither bits nor a display: leave out either."
             )
-        if display is not None and self.hologram.optics != Optics():
+        if display is not None and self.hologram.optics != ON_AXIS:
             raise InvalidInput(
-                "A display that was fitted has a beam of its own: leave out either, it or the hologram's optics."
+                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
             )
         if levels is not None and len(levels) != self.data.shape[1]:
             raise InvalidInput(
@@ -143,7 +143,8 @@ class PhaseHologram:
         progress = progress or (lambda done, message: None)
         wavelengths = self.hologram.wavelengths
         with whole_folder(
-            folder, earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE))
+            folder,
+            earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE, STOP_FILE)),
         ) as part:
             np.save(part / "phase.npy", self.data)
             self.hologram.optics.save(part)

@@ -66,8 +66,9 @@ def pupil_row(
 def _disc(hologram, mapping, pupil):
     """Middle and radius of what is looked through."""
     radius = min(mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths)
+    x, y, share = hologram.optics.opening
     if pupil is None:
-        return (0.0, 0.0), radius
+        return (radius * x, radius * y), radius * share
     return (pupil.x, pupil.y), min(radius, pupil.diameter / 2)
 
 
