@@ -22,7 +22,7 @@ from .command_line import (
     template_command,
 )
 from .command_line.console import Progress, alive, close_line
-from .command_line.options import argument, numbers
+from .command_line.options import add_optics, argument, numbers, on_bench
 from .engine.progress import stage
 from .farm.processes import INTERRUPTS
 
@@ -157,6 +157,7 @@ def _parser(store):
         help="focus at distances from the SLM instead, within the depth volume",
     )
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
+    add_optics(reconstruct, "that of the stored field or phases")
     _add_modulator(reconstruct)
 
     encode_command.add(command, store)
@@ -238,7 +239,7 @@ def _plan(args):
 
 def _shown(args, folder):
     """Light of the stored phases."""
-    phase = output.stored_hologram(folder)
+    phase = on_bench(output.stored_hologram(folder), args)
     display = render_command.display_of(args, phase.hologram.wavelengths)
     modulator = _modulator_of(args)
     if display is not None and modulator != engine.Modulator():
@@ -257,11 +258,13 @@ def _reconstruct(args):
     progress = Progress(quiet=args.quiet)
     folder, limited = (
         Path(args.folder),
-        args.response is not None or _modulator_of(args) != engine.Modulator(),
+        args.response is not None or args.beam is not None or _modulator_of(args) != engine.Modulator(),
     )
     if limited and not args.hologram:
-        raise engine.InvalidInput("The limits of a display are for stored phases: add --hologram.")
-    field = _shown(args, folder) if args.hologram else output.stored_field(folder)
+        raise engine.InvalidInput(
+            "The limits of a display, and its beam, are for stored phases: add --hologram."
+        )
+    field = _shown(args, folder) if args.hologram else on_bench(output.stored_field(folder), args)
     report = output.read_report(folder)
     focus = args.focus or _at(args.distances, field) or [float(f) for f in report.get("focus_m", [])]
     if not focus:

@@ -159,7 +159,9 @@ def _check_view(plan, camera, hologram, focus, pupil):
     mapping.depth_to_z(list(focus))
     if pupil is not None:
         for wavelength in hologram.wavelengths:
-            pupil_mask((hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil)
+            pupil_mask(
+                (hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil, hologram.optics
+            )
 
 
 def _begun(started, plan):
@@ -174,6 +176,7 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, pro
     start = time.monotonic()
     mapping = DepthMapping.of(hologram, camera, plan.near)
     aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
+    aperture *= hologram.optics.opening[2]
     channels = [channel(w) for w in hologram.wavelengths]
     size, centre = (hologram.width, hologram.height), (0.0, 0.0)
     if pupil is not None:

@@ -558,7 +558,7 @@ def hologram_of(props, resolution=None):
     """
     width, height = resolution or (props.resolution_x, props.resolution_y)
     wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
-    ends = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
+    ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
     ends = {} if depth_is_auto(props) else {name: _tidy(mm * 1e-3) for name, mm in ends.items()}
     return engine.Hologram(
         width,

@@ -13,7 +13,7 @@ from ..engine.settings import BASELINES, ENCODINGS
 from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work
-from . import render_command, sources
+from . import options, render_command, sources
 from .cluster_command import add_option, animating, work_by
 from .console import Progress
 from .options import renamed
@@ -69,6 +69,7 @@ def add(command, store):
     render_command.add_encode_seconds(encode)
     render_command.add_eyebox(encode)
     render_command.add_levels(encode)
+    options.add_optics(encode, "the field's")
     add(
         "--supervision",
         choices=encoding.SUPERVISIONS,
@@ -176,7 +177,7 @@ def _scene(args, folder, progress, say):
 
 
 def _phases(args, folder, start, progress, scene=None, settings=None):
-    field = output.stored_field(folder)
+    field = options.on_bench(output.stored_field(folder), args)
     steps = {} if args.max_steps is None else {"max_steps": args.max_steps}
     return pipeline.encode(
         field,
@@ -227,7 +228,7 @@ def work_of(args, say) -> Work:
     apart = ("blender", "python")
     versions = {name: text or "none" for name, text in output.versions().items() if name not in apart}
     work = Work(
-        Path(args.folder), SharedJob("", words, digests(render_command.response_of(args)), versions), {}, []
+        Path(args.folder), SharedJob("", words, digests(render_command.files_of(args)), versions), {}, []
     )
     for folder in output.frame_folders(args.folder):
         work.units[folder.name] = _frame(args, work, folder)

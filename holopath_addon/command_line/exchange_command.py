@@ -10,7 +10,7 @@ from ..exchange.holograms import PACKINGS, TRANSFERS, check_packing
 from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
 from .console import Progress
-from .options import argument, numbers, pitch
+from .options import add_optics, argument, numbers, optics_of, pitch
 
 _KINDS = ", ".join(exchange.SUFFIXES)
 
@@ -97,6 +97,7 @@ def add(command):
         metavar="DEGREES",
         help="horizontal field of view (default: by an eyepiece of 50 mm)",
     )
+    add_optics(take, "what the file says")
 
 
 def _add_convention(parser, what):
@@ -187,6 +188,7 @@ def _import(args):
         args.units,
         args.transfer,
         args.packing,
+        engine.Optics(**optics) if (optics := optics_of(args)) else None,
     )
     thing = exchange.hologram_of(container, given)
     field = isinstance(thing, engine.WaveField)

@@ -9,6 +9,7 @@ from typing import Any
 
 from .. import engine
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
+from ..exchange.optics import BEAM_WORDS, STOP_WORDS, parse_beam, parse_carrier, parse_stop
 
 
 def argument(parse: Callable) -> Callable:
@@ -108,6 +109,56 @@ def guide_table() -> str:
         advice = declared.advice or _default(name)
         rows.append(f"| {declared.label} | `{flag(name)}{value}` | {meaning} | {advice} |")
     return "\n".join(rows)
+
+
+def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None:
+    """Add the options of the bench around the SLM; `kept` says where the default is from, if it is not the flat one."""
+    parser.add_argument(
+        "--beam",
+        metavar=BEAM_WORDS,
+        help="light that falls on the SLM, for which phases make up: a tilt in degrees to the right and up; a point so "
+        "many millimeters before the SLM, or behind it if negative, from or to which it runs; the waist of a Gaussian "
+        "beam and its middle; or a file of complex numbers, amplitude=FILE or intensity=FILE, with ,phase=FILE or "
+        f"without (default: {kept or 'flat'})",
+    )
+    parser.add_argument(
+        "--carrier",
+        metavar="X,Y|auto",
+        help="where the middle of the picture's light lies in the Fourier plane, to the right and up of the zero order "
+        f"in units of the band's edge; auto: in the middle of the stop (default: {kept or '0,0'}; with --stop half "
+        "auto, with another --stop 0,0)",
+    )
+    parser.add_argument(
+        "--stop",
+        metavar=STOP_WORDS,
+        help="what the relay lets through in its Fourier plane, for binary and amplitude devices, or to leave out the "
+        "zero order: a circle of radius R around the carrier, the half of the band in a direction, a rectangle around "
+        f"the carrier, or a picture of the plane (default: {kept or 'a circle, as large as it can be'})",
+    )
+
+
+def optics_of(args: argparse.Namespace) -> dict[str, Any]:
+    """What words say of the bench: changes of an `engine.Optics`.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+    """
+    changes: dict[str, Any] = {} if args.beam is None else {"beam": parse_beam(args.beam)}
+    if args.stop is not None:
+        changes |= {"stop": parse_stop(args.stop), "carrier": None}
+    if args.carrier is not None:
+        changes["carrier"] = parse_carrier(args.carrier)
+    return changes
+
+
+def on_bench(thing, args: argparse.Namespace):
+    """A `WaveField` or `PhaseHologram` on the bench that words say."""
+    changes = optics_of(args)
+    if not changes:
+        return thing
+    hologram = thing.hologram
+    return replace(thing, hologram=replace(hologram, optics=replace(hologram.optics, **changes)))
 
 
 def _say(text):

@@ -13,6 +13,7 @@ from ..engine import displays
 from ..engine.progress import stage
 from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX
 from ..exchange import captures
+from ..exchange.optics import beam_files, stop_files
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.parts import StillParts
@@ -167,6 +168,7 @@ def add_scene(parser, store):
         help="fit the scene into the depth range, or map it as an eyepiece does",
     )
     add("--near", type=float, metavar="METERS", help="world depth of the near end (default: nearest surface)")
+    options.add_optics(parser)
     options.add(parser)
     add(
         "--camera",
@@ -415,9 +417,10 @@ def levels_of(args, hologram):
     return None if args.response is None else measured_levels(args.response, hologram)
 
 
-def response_of(args):
-    """Files that say it, by what they are."""
-    return {} if args.response is None else response_files(args.response)
+def files_of(args):
+    """Files that say it, or what beam and stop are, by what they are."""
+    bench = stop_files(args.stop) | {f"beam {role}": path for role, path in beam_files(args.beam).items()}
+    return bench | ({} if args.response is None else response_files(args.response))
 
 
 def display_of(args, wavelengths):
@@ -472,6 +475,8 @@ def hologram_of(args, base):
         changes["depth_mapping"] = args.depth_mapping
     if args.near is not None:
         changes["near"] = args.near
+    if optics := options.optics_of(args):
+        changes["optics"] = replace(base.optics, **optics)
     return replace(base, **changes)
 
 
@@ -529,6 +534,10 @@ def check_encoding(args, settings, hologram):
     if method == "dpac" and display is not None:
         raise engine.InvalidInput(
             "Double phase knows no display model: choose --encode sgd or joint, or leave out --response."
+        )
+    if display is not None and hologram.optics != engine.Optics():
+        raise engine.InvalidInput(
+            "A display that was fitted has a beam and a stop of its own: leave out --response, or the optics."
         )
     if method == "refine" and settings.method in BASELINES:
         raise engine.InvalidInput(
@@ -723,7 +732,7 @@ def _job(args, source):
     """What decides the results."""
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     scene = args.scene if args.scene.startswith("demo:") else Path(args.scene).name
-    files = {**source.files, **response_of(args)}
+    files = {**source.files, **files_of(args)}
     return SharedJob(scene, output.plain(words), digests(files), versions())
 
 

@@ -134,8 +134,9 @@ def _parallax(sections, refocus, focus, progress):
     """The slice, and the pupils that it is seen through."""
     field = refocus.field
     reach = assessment.pupil_radius(field) * (1 - SLICE)
+    right, up = assessment.middle(field)
     seen = [
-        engine.Pupil(float(x), 0.0, 2 * SLICE * assessment.pupil_radius(field))
+        engine.Pupil(float(x) + right, up, 2 * SLICE * assessment.pupil_radius(field))
         for x in np.linspace(-reach, reach, VIEWS)
     ]
     progress(0.0, "Parallax")

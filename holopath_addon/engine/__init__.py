@@ -9,11 +9,11 @@ from .encoding import PhaseHologram, encode
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram
 from .light.bake_store import BakeStore
+from .optics import Beam, Optics, Pupil, Stop
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
 from .planning.phases import EncodingPlan, frames_along, plan_encoding
 from .planning.planner import plan
-from .pupil import Pupil
 from .rendering import render
 from .rendering.many import many_frames
 from .scene import variants
@@ -33,6 +33,7 @@ from .waves.modulator import Levels, Modulator
 __all__ = [
     "BackendUnavailable",
     "BakeStore",
+    "Beam",
     "Camera",
     "Cancelled",
     "DISPLAYS",
@@ -45,12 +46,14 @@ __all__ = [
     "InvalidInput",
     "Levels",
     "Modulator",
+    "Optics",
     "PhaseHologram",
     "Plan",
     "Preview",
     "Pupil",
     "Refocuser",
     "Settings",
+    "Stop",
     "WaveField",
     "depth_map",
     "diffracted",

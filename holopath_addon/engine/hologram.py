@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 
 import numpy as np
 
 from .errors import InvalidInput
+from .optics import Optics
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
@@ -37,6 +39,8 @@ class Hologram:
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
         World depth that `fit` maps to `depth_near`, metres. Default: the nearest surface in view.
+    optics : Optics
+        The bench around the SLM.
 
     Raises
     ------
@@ -54,6 +58,7 @@ class Hologram:
     depth_near: float = None
     depth_mapping: str = "fit"
     near: float | None = None
+    optics: Optics = field(default_factory=Optics)
 
     def __post_init__(self):
         object.__setattr__(self, "wavelengths", tuple(float(w) for w in self.wavelengths))
@@ -95,6 +100,7 @@ class Hologram:
             )
         if self.near is not None and not (math.isfinite(self.near) and self.near > 0):
             raise InvalidInput(f"The near end of the scene must be a positive distance, not {self.near:g} m.")
+        self.optics.check((self.height, self.width), self.pitch, self.wavelengths)
 
     def _depth_range(self):
         """Depth range that the aperture shows without dark edges.
@@ -146,14 +152,22 @@ class Hologram:
         """Depth of focus 2 wavelength / slope^2 in metres, of the wavelength that has the longest."""
         return max(2 * w / self.max_slope(w) ** 2 for w in self.wavelengths)
 
+    def illumination(self, number: int) -> np.ndarray | None:
+        """Light that falls on the SLM at the wavelength of this number, see `Optics.illumination`."""
+        return self.optics.illumination(
+            (self.height, self.width), self.pitch, self.wavelengths[number], number
+        )
+
     def to_dict(self) -> dict:
-        """JSON-able form, see `from_dict`."""
-        return asdict(self)
+        """JSON-able form, see `from_dict`; a bench that is as by default is left out."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        optics = values.pop("optics").to_dict()
+        return values | ({"optics": optics} if optics else {})
 
     @classmethod
-    def from_dict(cls, values: dict) -> Hologram:
-        """Inverse of `to_dict`."""
-        return cls(**values)
+    def from_dict(cls, values: dict, folder: Path | None = None) -> Hologram:
+        """Inverse of `to_dict`; `folder` has the arrays of its `Optics`."""
+        return cls(**{**values, "optics": Optics.from_dict(values.get("optics", {}), folder)})
 
 
 def channel(wavelength: float) -> int:

@@ -13,6 +13,7 @@ from .errors import InvalidInput
 from .files import earlier, whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
+from .optics import BEAM_FILE, STOP_FILE
 
 FORMAT_VERSION = 1
 
@@ -67,8 +68,11 @@ class WaveField:
         OSError
             If it cannot be written; nothing is left behind.
         """
-        with whole_folder(folder, earlier("a wave field", "field.npy", "meta.json")) as part:
+        with whole_folder(
+            folder, earlier("a wave field", "field.npy", "meta.json", others=(BEAM_FILE, STOP_FILE))
+        ) as part:
             np.save(part / "field.npy", self.data)
+            self.hologram.optics.save(part)
             meta = {
                 "format_version": FORMAT_VERSION,
                 "axes": ["frame", "wavelength", "y", "x"],
@@ -105,7 +109,8 @@ class WaveField:
                     f"{FORMAT_VERSION}: render it again."
                 )
             data = np.load(folder / "field.npy", mmap_mode="r", allow_pickle=False)
-            hologram, camera = Hologram.from_dict(meta["hologram"]), Camera.from_dict(meta["camera"])
+            hologram = Hologram.from_dict(meta["hologram"], folder)
+            camera = Camera.from_dict(meta["camera"])
             near = float(meta["near_m"])
         except FileNotFoundError as error:
             raise InvalidInput(

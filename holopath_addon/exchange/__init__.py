@@ -2,12 +2,13 @@
 
 `containers` are kinds of files: named arrays, and words and numbers beside them; `pictures` reads some of them. `parts`
 says which arrays make a field, `phases` what their numbers mean, `conventions` how programs lay out a complex field.
-`holograms` brings all to `WaveField` and `PhaseHologram`, and back.
+`holograms` brings all to `WaveField` and `PhaseHologram`, and back. `optics` reads the bench.
 """
 
 from .containers import READABLE, SUFFIXES, Container, read, write
 from .conventions import CONVENTIONS, Convention
 from .holograms import Given, container_of, hologram_of
+from .optics import parse_beam, parse_carrier, parse_stop
 from .parts import read_parts
 
 __all__ = [
@@ -19,6 +20,9 @@ __all__ = [
     "Given",
     "container_of",
     "hologram_of",
+    "parse_beam",
+    "parse_carrier",
+    "parse_stop",
     "read",
     "read_parts",
     "write",

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine import Camera, Hologram, InvalidInput, PhaseHologram, WaveField
+from ..engine import Camera, Hologram, InvalidInput, Optics, PhaseHologram, WaveField
 from ..engine.memory import shortage
+from ..engine.optics import ON_AXIS
 from ..engine.waves.bit_layout import LAYOUTS, layout_beside
 from ..engine.waves.propagation import propagate
 from . import parts
@@ -63,6 +64,8 @@ class Given:
     packing : str
         How a color picture holds phases, of `PACKINGS`, or which bits of its channels a level is, as
         `engine.waves.bit_layout` reads it. Default: three wavelengths.
+    optics : Optics
+        The bench around the SLM. Default: what the file says, else the default one.
     """
 
     array: str | Mapping[str, str] | None = None
@@ -77,6 +80,7 @@ class Given:
     units: str | None = None
     transfer: str | None = None
     packing: str | None = None
+    optics: Optics | None = None
 
 
 def container_of(thing: WaveField | PhaseHologram, convention: Convention | None = None) -> Container:
@@ -111,6 +115,8 @@ def container_of(thing: WaveField | PhaseHologram, convention: Convention | None
         "near_m": thing.near,
         "camera": json.dumps(thing.camera.to_dict()),
     }
+    if hologram.optics != ON_AXIS:
+        attributes["optics"] = json.dumps(hologram.optics.to_dict())
     if isinstance(thing, PhaseHologram):
         attributes |= {"method": thing.method, "gains": list(thing.gains)}
     else:
@@ -154,7 +160,7 @@ def hologram_of(container: Container, given: Given | None = None) -> WaveField |
     mapping = str(attributes.get("depth_mapping", "fit"))
     height, width = data.shape[-2:]
     # pyrefly: ignore[bad-argument-type]  # None for an end is its default
-    hologram = Hologram(width, height, pitch, wavelengths, *ends, mapping)
+    hologram = Hologram(width, height, pitch, wavelengths, *ends, mapping, optics=_optics(attributes, given))
     near = given.near or _number(attributes, "near_m") or NEAR
     if not 0 < near < math.inf:
         raise InvalidInput(f"The near end of the scene must be a positive distance, not {near:g} m.")
@@ -422,6 +428,17 @@ def _finite(value, name):
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise InvalidInput(f"The file's {name} is {str(value)[:40]!r}: it should be a number.")
     return float(value)
+
+
+def _optics(attributes, given):
+    if given.optics is not None or "optics" not in attributes:
+        return given.optics or ON_AXIS
+    try:
+        return Optics.from_dict(json.loads(attributes["optics"]))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidInput(
+            f"The file's optics cannot be read ({error}): give --beam, --carrier and --stop."
+        ) from error
 
 
 def _camera(attributes, fov, hologram):

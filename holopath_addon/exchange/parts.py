@@ -59,7 +59,7 @@ def read_parts(files: Mapping[str, Path | str], arrays: Mapping[str, str] | None
         found = _planes(container)
         name = (arrays or {}).get(role)
         if name is None:
-            names = list(found) if len(found) == 1 else [n for n in found if _role(n, found[n]) == role]
+            names = list(found) if len(found) == 1 else [n for n in found if role_of(n, found[n]) == role]
             if len(names) != 1:
                 raise InvalidInput(
                     f"Which array of {path} is the {role}: {_listed(found)}? Say it by --array {role}=NAME."
@@ -107,7 +107,7 @@ def choose(container: Container, named: str | Mapping[str, str] | None) -> Conta
                 "field, or write real numbers."
             )
     elif isinstance(named, str):
-        named = {_role(named, _taken(container, named)[0]) or PHASE: named}
+        named = {role_of(named, _taken(container, named)[0]) or PHASE: named}
     _require_complete(set(named), "What the file gives is")
     whole = Container({}, dict(container.attributes))
     for role, name in named.items():
@@ -141,7 +141,7 @@ def _taken(container, name, where="the file"):
     )
 
 
-def _role(name, array):
+def role_of(name, array):
     """What an array is by its type, else by its name; None if that does not say it."""
     return FIELD if np.iscomplexobj(array) else _named_role(name)
 
@@ -158,7 +158,7 @@ def _named_role(name):
 def _only_reading(arrays, container) -> Parts:
     by_role: dict[str | None, list[str]] = {}
     for name, array in arrays.items():
-        by_role.setdefault(_role(name, array), []).append(name)
+        by_role.setdefault(role_of(name, array), []).append(name)
 
     def of(role):
         return by_role.get(role, [])
@@ -186,7 +186,7 @@ def _only_reading(arrays, container) -> Parts:
         return readings[0]
     if len(arrays) == 1:
         ((name, array),) = arrays.items()
-        return {_role(name, array) or PHASE: name}
+        return {role_of(name, array) or PHASE: name}
     if not arrays:
         raise InvalidInput(
             f"There is no array of two or more axes in the file: it has {_listed(container.arrays)}."

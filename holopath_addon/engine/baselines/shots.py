@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..hologram import channel
-from ..pupil import Pupil
+from ..optics import Pupil
 from ..viewing.depth import depth_map
 from ..viewing.preview import Preview
 from ..viewing.reference import reference

@@ -25,8 +25,10 @@ def half_band(shape: Sequence[int]) -> np.ndarray:
     return fx[None, :] + fy[:, None] <= 0.5
 
 
-def clipping_level(waves: Iterable[np.ndarray]) -> float:
+def clipping_level(waves: Iterable[np.ndarray], beam: np.ndarray | None = None) -> float:
     """Amplitude beyond which waves are cut: where what is cut off has `CLIPPED` of their energy.
+
+    With a beam, waves are what pixels have to let through, and their energy is that of the light.
 
     The farther an amplitude is under the level, the farther its two phases are apart, and the more light goes astray;
     with the level at the brightest speckle nearly all are.
@@ -34,7 +36,8 @@ def clipping_level(waves: Iterable[np.ndarray]) -> float:
     size = np.abs(waves)
     if not size.any():
         return 0.0
-    counts, edges = np.histogram(size, BINS, (0, float(size.max())))
+    weights = None if beam is None else np.broadcast_to(np.abs(beam) ** 2, size.shape)
+    counts, edges = np.histogram(size, BINS, (0, float(size.max())), weights=weights)
     sizes, levels = (edges[1:] + edges[:-1]) / 2, edges[1:]
     cut = np.array([(counts[sizes > a] * (sizes[sizes > a] - a) ** 2).sum() for a in levels])
     return float(levels[np.argmax(cut <= CLIPPED * (counts * sizes**2).sum())])

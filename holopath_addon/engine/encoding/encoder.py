@@ -12,12 +12,13 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
+from ..optics import ON_AXIS
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.modulator import Levels, wrapped
 from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
-from ..waves.propagation import circular_band, filtered
+from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
 from .double_phase import clipping_level, double_phase, half_band
@@ -41,6 +42,9 @@ STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
 SMOOTH = 0.8  # correlation of a field's neighbors; of random phases that fill the band it is 0.2
 MARGIN = 12  # pixels around a display's, into which its relay scatters light
+# Of a beam's largest amplitude: no pixel makes up for less. Of 0.05 to 1 the least light of double phase goes astray,
+# and what is within the field's own band is nearest to it (a waist of 0.9 times half the panel).
+FAINT = 0.2
 DARK = 1e-6  # of the brightest colour's amplitude
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # of a pixel of a frame
 MOST_STEPS = 1000
@@ -249,6 +253,10 @@ class _Asked:
             raise InvalidInput(
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
+        if self.display is not None and field.hologram.optics != ON_AXIS:
+            raise InvalidInput(
+                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
+            )
         for each in self.levels or ():
             for name in ("correction", "variation"):
                 values = getattr(each, name, None)
@@ -271,6 +279,10 @@ class _Asked:
             raise InvalidInput(
                 "Without a stop in the Fourier plane only sgd with complex supervision encodes: choose it, or leave "
                 "the aperture."
+            )
+        if not self.aperture and field.hologram.optics.stopped:
+            raise InvalidInput(
+                "The optics have a stop, and without the aperture there is none: leave out either of them."
             )
         if self.method == "refine" and self.many is None:
             raise InvalidInput(
@@ -337,6 +349,8 @@ class _Work:
             else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN)
             for colour in range(count)
         ]
+        self._beams = [hologram.illumination(colour) for colour in range(count)]
+        self._passes = hologram.optics.passes(self._shape)
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -382,14 +396,15 @@ class _Work:
 
     def double_phase(self):
         """The method dpac; the gain is one for all frames, as their mean intensity counts."""
-        keep = half_band(self.field.data.shape[-2:])
+        keep = half_band(self.field.data.shape[-2:]) & self._passes
         frames, count = self.field.data.shape[:2]
         for colour in self.colours:
             waves = np.empty((frames, *keep.shape), np.complex64)
             for frame in range(frames):
                 waves[frame] = filtered(self._fields(frame, colour), keep)
                 self._progress((colour + 0.7 * (frame + 1) / frames) / count, "Encoding")
-            level = clipping_level(waves) or 1
+            waves = self._at_pixels(waves, colour)
+            level = clipping_level(waves, self._beams[colour]) or 1
             for frame, wave in enumerate(waves):
                 self.phases[frame, colour] = double_phase(wave / level)
                 self._progress((colour + 0.7 + 0.3 * (frame + 1) / frames) / count, "Encoding")
@@ -408,16 +423,20 @@ class _Work:
                 frames, _, rows, columns = data.shape
                 begun = random_phasors(frames, rows, columns, self._asked.effort.seed, randomness)
                 # amid a turn, for displays blur phases over its ends
-                self.phases[:, colour] = math.pi + np.angle(begun)
+                self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
             elif display is not None:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
-                waves = filtered(data[:, colour], half_band(data.shape[-2:]))
-                level = clipping_level(waves) or 1
+                waves = self._at_pixels(
+                    filtered(data[:, colour], half_band(data.shape[-2:]) & self._passes), colour
+                )
+                level = clipping_level(waves, self._beams[colour]) or 1
                 self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
             else:
-                self.phases[:, colour] = np.mod(np.angle(data[:, colour]), 2 * math.pi)
+                self.phases[:, colour] = np.mod(
+                    np.angle(self._at_pixels(data[:, colour], colour)), 2 * math.pi
+                )
             if randomness is not None:  # nothing comes before all frames together
                 self.gains[colour] = self._gain(colour)
 
@@ -456,9 +475,10 @@ class _Work:
         """What `sgd` compares the light of some frames with."""
         hologram, asked = self.field.hologram, self._asked
         if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads)
+            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics)
         distances = _spread(*self._volume(), asked.planes)
-        return AmplitudeTarget(fields, hologram.pitch, hologram.wavelengths[colour], distances, self._threads)
+        grid = hologram.pitch, hologram.wavelengths[colour]
+        return AmplitudeTarget(fields, *grid, distances, self._threads, hologram.optics)
 
     def joint(self):
         """All frames together, towards their own mean."""
@@ -492,7 +512,7 @@ class _Work:
         hologram, seed = self.field.hologram, self._asked.effort.seed
         volume, frames = self._volume(), len(self.field.data)
         space = self._shape, hologram.pitch, hologram.wavelengths[colour], *volume
-        return Views(*space, frames, seed, self._asked.eyebox)
+        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -566,6 +586,13 @@ class _Work:
             return fields
         return np.pad(fields, [(0, 0)] * (fields.ndim - 2) + [(self._margin, self._margin)] * 2)
 
+    def _at_pixels(self, waves, colour):
+        """What pixels have to let through so that the beam becomes waves; where it is faint, less."""
+        beam = self._beams[colour]
+        if beam is None:
+            return waves
+        return waves * (np.conj(beam) / np.maximum(np.abs(beam), FAINT) ** 2)
+
     def _volume(self):
         """Distances between which the scene lies."""
         plan, hologram = self.field.plan, self.field.hologram
@@ -574,13 +601,15 @@ class _Work:
 
     def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
-        band = circular_band(self._shape)
+        band = self._passes
         wanted = shown = 0.0
         for frame, phase in enumerate(self.phases[:, colour]):
             wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())
             wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
             display = self._displays[colour]
             light = np.exp(np.complex64(1j) * phase) if display is None else display.light(phase)
+            if self._beams[colour] is not None:
+                light *= self._beams[colour]
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
@@ -596,7 +625,8 @@ class _Work:
         """`Phases` of some frames in one wavelength, which are put back however the work ends."""
         levels = self._levels[colour]
         ends = WHOLE if levels is None else levels.ends
-        phases = Phases(self.phases[group, colour], self._threads, self._displays[colour], ends)
+        display, beam = self._displays[colour], self._beams[colour]
+        phases = Phases(self.phases[group, colour], self._threads, display, ends, beam)
         try:
             yield phases
         finally:

@@ -13,6 +13,7 @@ from ..camera import Camera
 from ..errors import InvalidInput
 from ..files import earlier, whole_folder
 from ..hologram import Hologram
+from ..optics import BEAM_FILE, ON_AXIS, STOP_FILE
 from ..scene import variants
 from ..wavefield import WaveField
 from ..waves.modulator import Modulator, grey_levels, wrapped
@@ -63,7 +64,7 @@ class PhaseHologram:
         display: Sequence[DisplayModel] | None = None,
         levels: Sequence[Levels] | None = None,
     ) -> WaveField:
-        """`WaveField` of the light that leaves the SLM, to be refocused.
+        """`WaveField` of the light that leaves the SLM, of the beam of its optics, to be refocused through their stop.
 
         Parameters
         ----------
@@ -78,14 +79,18 @@ class PhaseHologram:
         Raises
         ------
         InvalidInput
-            If a map of the levels does not fit, there are others than one set of levels a wavelength, or levels are
-            given beside bits or a display.
+            If a map of the levels does not fit, there are others than one set of levels a wavelength, levels are given
+            beside bits or a display, or a display beside the hologram's own optics.
         """
         if levels is not None and (
             display is not None or (modulator is not None and modulator.bits is not None)
         ):
             raise InvalidInput(
                 "Levels that were measured go beside neither bits nor a display: leave out either."
+            )
+        if display is not None and self.hologram.optics != ON_AXIS:
+            raise InvalidInput(
+                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
             )
         if levels is not None and len(levels) != self.data.shape[1]:
             raise InvalidInput(
@@ -94,6 +99,10 @@ class PhaseHologram:
         gains = np.asarray(self.gains, np.float32)[:, None, None]
         if display is None:
             light = (modulator or Modulator()).light(self._nearest(levels))
+            for colour in range(self.data.shape[1]):
+                illumination = self.hologram.illumination(colour)
+                if illumination is not None:
+                    light[:, colour] *= illumination
         else:
             light = np.empty(self.data.shape, np.complex64)
             for colour, model in enumerate(display):
@@ -134,9 +143,11 @@ class PhaseHologram:
         progress = progress or (lambda done, message: None)
         wavelengths = self.hologram.wavelengths
         with whole_folder(
-            folder, earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png",))
+            folder,
+            earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE, STOP_FILE)),
         ) as part:
             np.save(part / "phase.npy", self.data)
+            self.hologram.optics.save(part)
             for m, frame in enumerate(self.data):
                 for phases, name in zip(frame, picture_names(m, wavelengths), strict=True):
                     mi.Bitmap(grey_levels(phases).astype(np.uint8)).write(str(part / name))
@@ -169,7 +180,8 @@ class PhaseHologram:
             if meta["format_version"] != FORMAT_VERSION:
                 raise ValueError(f"format version {meta['format_version']}")
             data = np.load(folder / "phase.npy", mmap_mode="r", allow_pickle=False)
-            hologram, camera = Hologram.from_dict(meta["hologram"]), Camera.from_dict(meta["camera"])
+            hologram = Hologram.from_dict(meta["hologram"], folder)
+            camera = Camera.from_dict(meta["camera"])
             if data.shape[1:] != (len(hologram.wavelengths), hologram.height, hologram.width):
                 raise ValueError("phase.npy does not fit meta.json")
             gains = tuple(map(float, meta["gains"]))

@@ -40,11 +40,13 @@ class Phases:
         would over a jump from one turn to the next.
     ends : (float, float)
         Least and largest phase, radians, that it has.
+    beam : numpy.ndarray, complex, shape (y, x), optional
+        Light that falls on an ideal display. Default: 1.
 
     Attributes
     ----------
     light : numpy.ndarray, complex, shape (frame, y, x)
-        exp(i phase), or what the display makes of it.
+        beam exp(i phase), or what the display makes of it.
     """
 
     def __init__(
@@ -53,11 +55,13 @@ class Phases:
         threads: Frames,
         display: ShownLight | None = None,
         ends: tuple[float, float] = WHOLE,
+        beam: np.ndarray | None = None,
     ) -> None:
         self._angle = np.array(start, order="C").reshape(len(start), -1)
         if display is not None:
             self._angle = ends[0] + np.mod(self._angle - ends[0], 2 * math.pi, dtype=self._angle.dtype)
         self._threads, self._shape = threads, start.shape
+        self._beam = None if beam is None else beam.ravel()
         self._light = np.empty(self._angle.shape, np.result_type(start.dtype, np.complex64))
         self._means: np.ndarray | None = None
         self._free: np.ndarray | None = None
@@ -186,6 +190,8 @@ class Phases:
             np.clip(angle, *self._ends, out=angle)
         light.real = np.cos(angle, out=first)
         light.imag = np.sin(angle, out=second)
+        if self._beam is not None:
+            light *= self._beam[block]
 
     def _room(self, block):
         """Arrays of this thread's own, one complex and two real, to work on a block."""

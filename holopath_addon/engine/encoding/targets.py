@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..waves.propagation import JUDGING_GUARD, FreeSpace, circular_band, padded_shape
+from ..optics import ON_AXIS, Optics
+from ..waves.propagation import JUDGING_GUARD, FreeSpace, padded_shape
 from ..waves.supervision import blocks
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ class ComplexTarget:
     aperture : bool
         Whether light beyond the circle is free, as a stop in the Fourier plane takes it away.
     threads : Frames
+    optics : Optics
+        Whose stop, within the circle, counts instead of it.
 
     Attributes
     ----------
@@ -37,9 +40,9 @@ class ComplexTarget:
         Of what is compared; 0 where there is nothing to be shown.
     """
 
-    def __init__(self, fields: np.ndarray, aperture: bool, threads: Frames) -> None:
+    def __init__(self, fields: np.ndarray, aperture: bool, threads: Frames, optics: Optics = ON_AXIS) -> None:
         shape = fields.shape[-2:]
-        self._band = circular_band(shape) if aperture else np.ones(shape, bool)
+        self._band = optics.passes(shape) if aperture else np.ones(shape, bool)
         self._band = self._band.astype(fields.dtype)
         self._threads = threads
         self._targets = threads.each(lambda frame: scipy.fft.fft2(fields[frame]) * self._band, len(fields))
@@ -104,16 +107,24 @@ class AmplitudeTarget:
     distances : sequence of float
         Of the planes from the SLM, metres.
     threads : Frames
+    optics : Optics
+        Through whose stop they are seen.
     """
 
     def __init__(
-        self, fields: np.ndarray, pitch: float, wavelength: float, distances: Sequence[float], threads: Frames
+        self,
+        fields: np.ndarray,
+        pitch: float,
+        wavelength: float,
+        distances: Sequence[float],
+        threads: Frames,
+        optics: Optics = ON_AXIS,
     ) -> None:
         self._shape, self._threads = fields.shape[-2:], threads
         farthest = max(map(abs, distances))
         # its own loss is the PSNR that is told
         self._padded = padded_shape(self._shape, pitch, wavelength, farthest, JUDGING_GUARD)
-        space = FreeSpace(self._padded, pitch, wavelength)
+        space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded))
         self._transfers = [space(z).astype(fields.dtype) for z in distances]
         rows, columns = self._shape
 

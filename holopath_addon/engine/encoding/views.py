@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..optics import ON_AXIS, Optics
 from ..scene.variants import threads
 from ..waves.pictures import Vantage
 from ..waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
@@ -109,6 +110,8 @@ class Views:
         Of the order of the parts of the pupil over depths.
     eyebox : float
         Weight of the parts of the pupil, see `kinds_for`.
+    optics : Optics
+        Through whose stop all is seen; parts of the pupil are those of its `opening`.
 
     Attributes
     ----------
@@ -134,17 +137,20 @@ class Views:
         frames: int,
         seed: int,
         eyebox: float = 1.0,
+        optics: Optics = ON_AXIS,
     ) -> None:
         self.shape = shape
         farthest = max(abs(low), abs(high))
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
         self.wanted = []
-        self._space = FreeSpace(self.padded, pitch, wavelength)
+        self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded))
         self._views: list[_View] = []
         self._transfers: dict[float, np.ndarray] = {}
         self._frames = 0
-        slope, rng = math.tan(math.asin(wavelength / (2 * pitch))), np.random.default_rng(seed)
+        x, y, radius = optics.opening
+        slope = radius * math.tan(math.asin(wavelength / (2 * pitch)))
+        rng = np.random.default_rng(seed)
         self._reach = slope / pitch
         depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
         self.transforms = 1 + depths * transforms(frames, eyebox)
@@ -153,6 +159,8 @@ class Views:
             distances = np.repeat(np.linspace(low, high, depths), each)
             for distance, part in zip(distances, _parts(kind.radius, each * depths, rng), strict=True):
                 numbers.append(len(self._views))
+                if part is not None:
+                    part = (radius * part[0] + x / 2, radius * part[1] - y / 2, radius * part[2])
                 self._views.append(_View(Vantage(float(distance), part), kind.apart, self.padded))
         for view in self._views:
             rows, columns = (-(-n // view.apart) for n in shape)

@@ -274,11 +274,15 @@ def _depth(survey: Survey) -> Decided[None]:
     reason = (
         "the volume ends at the nearest surface in view" if nearest else f"{hologram.depth_mapping} mapping"
     )
-    radii = [1e3 * mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
+    share = hologram.optics.opening[2]
+    radii = [1e3 * share * mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     wide = f"{2 * min(radii):.3g} mm wide"
     if max(radii) > 1.01 * min(radii):
         wide += f" for all colors, {2 * max(radii):.3g} mm for the reddest"
-    pupil = Decision("pupil", wide, "the cone of light that the pixels record, in the scene's scale")
+    cone = "the cone of light that the pixels record, in the scene's scale"
+    if hologram.optics.stopped:
+        cone = f"the largest circle in the stop, {share:.0%} as wide as the cone that the pixels record"
+    pupil = Decision("pupil", wide, cone)
     return Decided(None, (Decision("depth", value, reason), pupil))
 
 

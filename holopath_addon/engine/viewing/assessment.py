@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..pupil import Pupil
-from ..waves.propagation import circular_band
+from ..optics import Pupil
 from .metrics import psnr
 from .reconstruction import to_rgb
 from .reference import reference
@@ -31,7 +30,18 @@ WITHIN = 1e-6  # of a pupil's radius that may lie beyond the light
 
 
 def pupil_radius(field: WaveField) -> float:
-    """Radius in metres of the pupil that all wavelengths fill."""
+    """Radius in metres of the pupil that all wavelengths fill, within the stop."""
+    return _edge(field) * field.hologram.optics.opening[2]
+
+
+def middle(field: WaveField) -> tuple[float, float]:
+    """Of that pupil, meters to the right and up."""
+    x, y, _ = field.hologram.optics.opening
+    return x * _edge(field), y * _edge(field)
+
+
+def _edge(field):
+    """Radius in meters of the pupil that the whole band would fill in all wavelengths."""
     hologram = field.hologram
     return min(field.mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths)
 
@@ -76,11 +86,11 @@ def pupils(field: WaveField, share: float, count: int) -> list[list[Pupil | None
         In a row and in a column.
     """
     radius = pupil_radius(field)
-    reach = radius * (1 - share)
+    reach, (right, up) = radius * (1 - share), middle(field)
     at = np.linspace(-reach, reach, count) if count > 1 else np.zeros(1)
     return [
         [
-            Pupil(float(x), float(y), 2 * share * radius)
+            Pupil(float(x) + right, float(y) + up, 2 * share * radius)
             if math.hypot(x, y) <= reach * (1 + WITHIN)
             else None
             for x in at
@@ -93,6 +103,10 @@ def shares(field: WaveField, pupil: Pupil) -> np.ndarray:
     """Of each wavelength's opening, how much a part of the pupil is."""
     hologram, mapping = field.hologram, field.mapping
     radii = np.array([mapping.pupil_radius(hologram.max_slope(each)) for each in hologram.wavelengths])
+    if hologram.optics.stopped:
+        return np.array(
+            [hologram.optics.share(pupil.x / r, pupil.y / r, pupil.diameter / 2 / r) for r in radii]
+        )
     return _overlap(radii, pupil.diameter / 2, math.hypot(pupil.x, pupil.y)) / (math.pi * radii**2)
 
 
@@ -191,13 +205,18 @@ def slices(refocus: Refocuser, focus: float, seen: Iterable[Pupil], row: int) ->
 
 
 def efficiency(phase: PhaseHologram) -> list[float]:
-    """Share of the modulated light within the recordable cone, for each wavelength; the rest goes astray."""
-    band = circular_band(phase.data.shape[-2:])
+    """Share of the modulated light within the stop, or the recordable cone, for each wavelength; the rest goes astray.
+
+    Modulated is the beam of the hologram's optics.
+    """
+    band = phase.hologram.optics.passes(phase.data.shape[-2:])
     found = []
     for colour in range(phase.data.shape[1]):
         inside = total = 0.0
+        illumination = phase.hologram.illumination(colour)
+        beam = 1 if illumination is None else illumination
         for frame in phase.data[:, colour]:
-            power = np.abs(scipy.fft.fft2(np.exp(1j * frame.astype(np.float64)))) ** 2
+            power = np.abs(scipy.fft.fft2(beam * np.exp(1j * frame.astype(np.float64)))) ** 2
             inside, total = inside + power[band].sum(), total + power.sum()
         found.append(inside / total)
     return found

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..camera import Camera
     from ..hologram import Hologram
     from ..mapping import DepthMapping
+    from ..optics import Pupil
     from ..progress import Progress
-    from ..pupil import Pupil
 
 AT_ONCE = 16  # paths a pixel, between two looks at progress and cancel
 
@@ -66,8 +66,9 @@ def pupil_row(
 def _disc(hologram, mapping, pupil):
     """Middle and radius of what is looked through."""
     radius = min(mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths)
+    x, y, share = hologram.optics.opening
     if pupil is None:
-        return (0.0, 0.0), radius
+        return (radius * x, radius * y), radius * share
     return (pupil.x, pupil.y), min(radius, pupil.diameter / 2)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..hologram import channel
 from ..memory import shortage
+from ..optics import ON_AXIS, Optics
 from ..waves.propagation import (
     JUDGING_GUARD,
     field_of,
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..mapping import DepthMapping
+    from ..optics import Pupil
     from ..progress import Progress
-    from ..pupil import Pupil
     from ..wavefield import WaveField
 
 MOST_BYTES = (
@@ -35,14 +36,27 @@ MOST_BYTES = (
 
 
 def pupil_mask(
-    shape: tuple[int, int], pitch: float, wavelength: float, mapping: DepthMapping, pupil: Pupil
+    shape: tuple[int, int],
+    pitch: float,
+    wavelength: float,
+    mapping: DepthMapping,
+    pupil: Pupil,
+    optics: Optics = ON_AXIS,
 ) -> np.ndarray:
-    """FFT bins whose plane waves pass the pupil: slope s meets the pupil plane at X = s beta / F."""
+    """FFT bins whose plane waves pass the pupil: slope s meets the pupil plane at X = s beta / F.
+
+    Raises
+    ------
+    InvalidInput
+        If it misses the light that passes the stop of the optics.
+    """
     fy, fx = (np.fft.fftfreq(n, pitch) for n in shape)
     cosine = np.sqrt(np.maximum(1 - spectral_u(shape, pitch, wavelength), 1e-12))
     scale = wavelength / cosine * mapping.beta / mapping.focal
     inside = np.hypot(fx[None, :] * scale - pupil.x, -fy[:, None] * scale - pupil.y) <= pupil.diameter / 2
-    if not (inside & (fx[None, :] ** 2 + fy[:, None] ** 2 <= (0.5 / pitch) ** 2)).any():
+    if not (inside & optics.passes(shape)).any():
+        if optics.stopped:
+            raise InvalidInput("The pupil lies outside the light that passes the stop: move it there.")
         radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * pitch))))
         raise InvalidInput(
             f"The pupil lies outside the light, which fills a radius of {radius * 1e3:.3g} mm around the axis: "
@@ -99,7 +113,10 @@ class Refocuser:
         images, done = np.empty((len(distances), *shape, colours), np.float32), 0
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, farthest)
-            mask = None if pupil is None else pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil)
+            mask = hologram.optics.passes(padded) if hologram.optics.stopped else None
+            if pupil is not None:
+                part = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil, hologram.optics)
+                mask = part if mask is None else mask & part
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)

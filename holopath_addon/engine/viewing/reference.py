@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
     from ..camera import Camera
     from ..hologram import Hologram
+    from ..optics import Pupil
     from ..progress import Progress
-    from ..pupil import Pupil
 
+CELLS = 512  # a side, over the Fourier plane: where the stop is open
 CHUNK_PATHS = 1 << 24  # between two looks at progress and cancel; some seconds on two cores
 
 
@@ -105,7 +106,7 @@ def reference(
 
             with tuned(scene, group):
                 picture = _picture(
-                    scene, integrator, lens, _Pupils(radii, pupil), hologram, spp * len(group),
+                    scene, integrator, lens, _Pupils(radii, pupil, hologram.optics), hologram, spp * len(group),
                     seed * len(groups) + g, told,
                 )  # fmt: skip
             for k, w in enumerate(hologram.wavelengths):
@@ -140,9 +141,11 @@ class _Pupils:
     radii : dict of int to float
         Metres, by the channel that a wavelength shows.
     pupil : Pupil or None
+    optics : Optics
+        Whose stop points of each wavelength's disc have to pass.
     """
 
-    def __init__(self, radii, pupil):
+    def __init__(self, radii, pupil, optics):
         import mitsuba as mi
 
         from ..scene.buffers import constant
@@ -153,6 +156,9 @@ class _Pupils:
         discs = [pupil.diameter / 2] if pupil else sorted(radii.values())
         self._squares = [number(r**2) for r in discs]
         self._densities = [number(1 / (len(discs) * math.pi * r**2)) for r in discs]
+        self._radii, self._open = radii, None
+        if optics.stopped:
+            self._open = mi.Bool(optics.open_at(*_cells()).ravel())
         self._own = {c: number(r**2) for c, r in radii.items()}
         self._scale = self._densities[-1]
 
@@ -174,8 +180,19 @@ class _Pupils:
         point = dr.sqrt(square) * mi.Vector2f(cosine, sine) + self._centre
         weight = mi.Color3f(0)
         for c, end in self._own.items():
-            weight[c] = dr.select(dr.squared_norm(point) <= end, self._scale / density, 0)
+            passes = dr.squared_norm(point) <= end
+            if self._open is not None:
+                column, row = (mi.Int((1 + at / self._radii[c]) * (CELLS / 2)) for at in (point.x, -point.y))
+                column, row = (dr.clip(at, 0, CELLS - 1) for at in (column, row))
+                passes &= dr.gather(mi.Bool, self._open, mi.UInt(row * CELLS + column))
+            weight[c] = dr.select(passes, self._scale / density, 0)
         return point, weight
+
+
+def _cells():
+    """Middles of the cells of a grid over the Fourier plane, to the right and up, in units of the band's edge."""
+    middles = (2 * np.arange(CELLS) + 1) / CELLS - 1
+    return middles[None, :], -middles[:, None]
 
 
 def _picture(scene, integrator, lens, pupils, hologram, spp, seed, progress):
@@ -252,10 +269,11 @@ def diffracted(
     """
     openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
     rows, columns = pictures.shape[-3:-1]
+    passes = hologram.optics.passes((rows, columns))
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty(pictures.shape, np.float32)
     for k, radius in enumerate(openings):
-        kernel = np.abs(scipy.fft.ifft2(f <= radius)) ** 2
+        kernel = np.abs(scipy.fft.ifft2((f <= radius) & passes)) ** 2
         transfer = scipy.fft.fft2(kernel / kernel.sum())
         out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real
     return np.maximum(out, 0)

@@ -121,11 +121,15 @@ class FreeSpace:
         Padded rows and columns.
     pitch, wavelength : float
         Metres.
+    passes : numpy.ndarray of bool, optional
+        FFT bins that pass a stop, see `Optics.passes`. Default: all of the band.
     """
 
-    def __init__(self, shape: Sequence[int], pitch: float, wavelength: float) -> None:
+    def __init__(
+        self, shape: Sequence[int], pitch: float, wavelength: float, passes: np.ndarray | None = None
+    ) -> None:
         self.shape, self.pitch, self.wavelength = shape, pitch, wavelength
-        self.band = circular_band(shape)
+        self.band = circular_band(shape) if passes is None else passes
         self._lag = lag(shape, pitch, wavelength).astype(np.float32)
 
     def __call__(self, distance: float) -> np.ndarray:

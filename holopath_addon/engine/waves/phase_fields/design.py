@@ -106,7 +106,7 @@ class DefocusedView:
     speckle: float = 1.0
 
 
-class Optics:
+class MapOptics:
     """Propagation and pupils on the periodic grid of a map.
 
     Parameters
@@ -202,7 +202,7 @@ def _invented(rng, size, reach, plane):
     return layers, pictures
 
 
-def incoherent_target(optics: Optics, layers: list, picture: DefocusedView) -> TargetPicture:
+def incoherent_target(optics: MapOptics, layers: list, picture: DefocusedView) -> TargetPicture:
     """The picture of layers in incoherent light: each one's intensity, blurred by the intensity of its kernel.
 
     Errors are divided by the intensity, as in the variance of a root, so that independent frames have the loss 1/m.
@@ -229,7 +229,7 @@ class Design:
 
     def __init__(self, recipe: Recipe, start: np.ndarray) -> None:
         self.recipe, self.phases = recipe, start.copy()
-        self.optics = Optics(recipe.size)
+        self.optics = MapOptics(recipe.size)
         self.adam = Adam(start.shape)
         self.done = 0
 

@@ -1,0 +1,200 @@
+"""The bench by words and files, and on the command line: what is taken, kept, shown, and refused."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, exchange, output
+
+SHAPE = (48, 64)
+
+
+def test_words_of_a_beam():
+    beam = engine.Beam
+    assert exchange.parse_beam("flat") == beam()
+    assert exchange.parse_beam("tilt:1,-0.5") == beam("tilt", (math.radians(1), math.radians(-0.5)))
+    assert exchange.parse_beam("point:-120") == beam("point", (-0.12,))
+    assert exchange.parse_beam("gaussian:2") == beam("gaussian", (2e-3,))
+    assert exchange.parse_beam("gaussian:2,0.5,-1") == beam("gaussian", (2e-3, 0.5e-3, -1e-3))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("round", "'round' is no beam: give flat"),
+        ("tilt:a,b", "'tilt:a,b' is no beam"),
+        ("point:0", "one distance, which is not 0"),
+        ("gaussian:-1", "a waist over 0"),
+        ("missing.npy", "There is no file missing.npy"),
+        ("phase=a.npy", "phase make no beam"),
+        ("amplitude=a.npy,width=b.npy", "amplitude and width make no beam"),
+    ],
+)
+def test_words_that_are_no_beam(words, says):
+    with pytest.raises(engine.InvalidInput, match=says):
+        exchange.parse_beam(words)
+
+
+def test_files_of_a_beam(tmp_path):
+    rng = np.random.default_rng(0)
+    size, phase = rng.uniform(0.2, 1, SHAPE), rng.uniform(-3, 3, SHAPE)
+    size[3, 4] = 1
+    wanted = size * np.exp(1j * phase)
+    files = {
+        "a": size,
+        "i": size**2,
+        "p": phase,
+        "c": 3 * wanted,
+        "levels": np.round(255 * size).astype(np.uint8),
+    }
+    for name, array in files.items():
+        np.save(tmp_path / f"{name}.npy", array)
+    at = str(tmp_path)
+    for words in (
+        f"{at}/c.npy",
+        f"amplitude={at}/a.npy,phase={at}/p.npy",
+        f"intensity={at}/i.npy,phase={at}/p.npy",
+    ):
+        np.testing.assert_allclose(exchange.parse_beam(words).measured, wanted, atol=1e-6)
+    levels = exchange.parse_beam(f"amplitude={at}/levels.npy").measured
+    np.testing.assert_allclose(levels, size, atol=1 / 255)
+    np.savez(tmp_path / "two.npz", amplitude=size, phase=phase)
+    both = f"amplitude={at}/two.npz,phase={at}/two.npz"
+    np.testing.assert_allclose(exchange.parse_beam(both).measured, wanted, atol=1e-6)
+    np.save(tmp_path / "wide.npy", size[:, :-1])
+    for words, says in (
+        (f"{at}/a.npy", "amplitude or its intensity: say amplitude="),
+        (f"amplitude={at}/c.npy", "without amplitude="),
+        (f"amplitude={at}/a.npy,phase={at}/levels.npy", "in radians"),
+        (f"amplitude={at}/wide.npy,phase={at}/p.npy", "differ"),
+        (f"amplitude={at}/p.npy", "below 0"),
+        (f"intensity={at}/two.npz", "2 arrays"),
+    ):
+        with pytest.raises(engine.InvalidInput, match=says):
+            exchange.parse_beam(words)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """An output folder with a field of narrow band."""
+    rng = np.random.default_rng(1)
+    noise = rng.normal(size=SHAPE) + 1j * rng.normal(size=SHAPE)
+    radius = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n) for n in SHAPE), indexing="ij"))
+    data = np.fft.ifft2(np.fft.fft2(noise) * (radius < 0.1)).astype(np.complex64)[None, None]
+    hologram = engine.Hologram(SHAPE[1], SHAPE[0], 8e-6, (520e-9,), 1e-3, 1.5e-3)
+    with output.output_folder(tmp_path / "out") as part:
+        engine.WaveField(data, hologram, engine.Camera(np.eye(4), 0.5), 1.0).save(part / "wavefield")
+        output.write_report(part, {"format": output.FORMAT, "format_version": output.FORMAT_VERSION})
+    return tmp_path / "out"
+
+
+def seen(folder):
+    (picture,) = (folder / "reconstruction").glob("hologram_*.exr")
+    return np.array(engine.variants.bitmaps().Bitmap(str(picture)))[..., 0]
+
+
+def test_a_beam_on_the_command_line(folder, tmp_path, capsys):
+    """Phases for a beam show the field on it, and not on a flat one; other programs' phases take it, too."""
+    field, beam = engine.WaveField.load(folder / "wavefield"), "tilt:1,0.5"
+    encode = ["encode", str(folder), "--method", "sgd", "--max-steps", "40", "--quiet"]
+    assert cli.main([*encode, f"--beam={beam}"]) == 0
+    phase = engine.PhaseHologram.load(folder / "hologram")
+    assert phase.hologram.optics.beam == exchange.parse_beam(beam)
+    wanted = engine.reconstruct(field, [1.2])[0, ..., 0]
+
+    def alike(*words):
+        show = ["reconstruct", str(folder), "--hologram", "--focus", "1.2", "--quiet", *words]
+        assert cli.main(show) == 0
+        return float(np.corrcoef(seen(folder).ravel(), wanted.ravel())[0, 1])
+
+    assert alike() > 0.8
+    assert abs(alike("--beam", "flat")) < 0.3
+    assert cli.main(["export", str(folder), str(tmp_path / "phases.npz"), "--hologram", "--quiet"]) == 0
+    take = ["import", str(tmp_path / "phases.npz"), "--quiet", "--out"]
+    for words, other in (([], beam), (["--beam", "point:-90"], "point:-90")):
+        assert cli.main([*take, str(tmp_path / other), *words]) == 0
+        again = engine.PhaseHologram.load(tmp_path / other / "hologram")
+        assert again.hologram.optics.beam == exchange.parse_beam(other)
+    meta = json.loads((folder / "hologram" / "meta.json").read_text())
+    assert meta["hologram"]["optics"] == {
+        "beam": {"kind": "tilt", "numbers": [math.radians(1), math.radians(0.5)]}
+    }
+
+    capsys.readouterr()
+    for words, says in (
+        ([*encode, "--beam", "gaussian:0.01,3,0"], "passes the panel"),
+        ([*encode, "--beam", "tilt:9,0"], "tilt or focus it less"),
+        (["reconstruct", str(folder), "--focus", "1.2", "--beam", "flat"], "add --hologram"),
+    ):
+        assert cli.main(words) == 2
+        assert says in capsys.readouterr().err
+    assert engine.PhaseHologram.load(folder / "hologram").hologram == phase.hologram
+
+
+def test_a_measured_beam_in_other_programs_files(folder, tmp_path):
+    """Its array goes with HoloPath's own folders; of a file, it must be named."""
+    np.save(tmp_path / "beam.npy", np.linspace(0.5, 1, 64)[None, :] * np.ones((48, 1)))
+    beam = f"amplitude={tmp_path}/beam.npy"
+    words = ["encode", str(folder), "--method", "dpac", "--quiet", f"--beam={beam}"]
+    assert cli.main(words) == 0
+    phase = engine.PhaseHologram.load(folder / "hologram")
+    assert phase.hologram.optics.beam == exchange.parse_beam(beam)
+    container = exchange.container_of(phase)
+    with pytest.raises(engine.InvalidInput, match="give it by --beam"):
+        exchange.hologram_of(container)
+    given = exchange.Given(optics=engine.Optics(exchange.parse_beam(beam)))
+    assert exchange.hologram_of(container, given).hologram == phase.hologram
+
+
+def test_words_of_a_stop(tmp_path):
+    stop = engine.Stop
+    assert exchange.parse_stop("circle") == stop() and exchange.parse_stop("circle:0.4") == stop(
+        "circle", (0.4,)
+    )
+    assert exchange.parse_stop("half:90") == stop("half", (math.pi / 2,))
+    assert exchange.parse_stop("rectangle:1,0.5") == stop("rectangle", (1, 0.5))
+    assert exchange.parse_carrier("0.5,-0.25") == (0.5, -0.25) and exchange.parse_carrier("auto") == "auto"
+    plane = np.zeros((9, 9), np.uint8)
+    plane[3:6, 6:] = 200
+    np.save(tmp_path / "plane.npy", plane)
+    np.testing.assert_array_equal(exchange.parse_stop(f"{tmp_path}/plane.npy").measured, plane > 0)
+    for parse, words in (
+        (exchange.parse_stop, "slit"),
+        (exchange.parse_stop, "rectangle:a"),
+        (exchange.parse_carrier, "0.5"),
+        (exchange.parse_carrier, "left"),
+    ):
+        with pytest.raises(engine.InvalidInput, match=f"'{words}' is no"):
+            parse(words)
+
+
+def test_a_stop_on_the_command_line(folder, tmp_path, capsys):
+    encode = ["encode", str(folder), "--method", "sgd", "--max-steps", "40", "--bits", "1", "--quiet"]
+    assert cli.main([*encode, "--stop", "half:-90"]) == 0
+    optics = engine.PhaseHologram.load(folder / "hologram").hologram.optics
+    assert optics.stop.kind == "half" and optics.carrier == pytest.approx((0, -0.5))
+    assert cli.main([*encode, "--carrier", "-0.5,0"]) == 0
+    phase = engine.PhaseHologram.load(folder / "hologram")
+    assert phase.hologram.optics == engine.Optics(carrier=(-0.5, 0))
+    assert cli.main(["export", str(folder), str(tmp_path / "phases.npz"), "--hologram", "--quiet"]) == 0
+    assert (
+        cli.main(["import", str(tmp_path / "phases.npz"), "--out", str(tmp_path / "again"), "--quiet"]) == 0
+    )
+    assert engine.PhaseHologram.load(tmp_path / "again" / "hologram").hologram == phase.hologram
+    show = ["reconstruct", str(folder), "--hologram", "--focus", "1.2", "--quiet"]
+    wanted = engine.reconstruct(engine.WaveField.load(folder / "wavefield"), [1.2])[0, ..., 0]
+    alike = []
+    for words in ([], ["--carrier", "0,0", "--stop", "circle"]):
+        assert cli.main([*show, *words]) == 0
+        alike.append(np.corrcoef(seen(folder).ravel(), wanted.ravel())[0, 1])
+    assert alike[0] > 0.5 and abs(alike[1]) < 0.3  # one frame of one bit
+    capsys.readouterr()
+    for words, says in (
+        (["--carrier", "0.9,0.9"], "A carrier lies within the band"),
+        (["--carrier", "0.5,0", "--stop", "circle:0.8"], "reaches 1.3 times as far as the band"),
+        (["--stop", "hole"], "'hole' is no stop"),
+    ):
+        assert cli.main([*encode, *words]) == 2
+        assert says in capsys.readouterr().err
