@@ -442,7 +442,7 @@ def test_encode(rendered, xml, tmp_path, capfd):
     phase = engine.PhaseHologram.load(phases)
     field = engine.WaveField.load(rendered / "wavefield")
     assert phase.method == "joint" and len(field.data) > 1
-    np.testing.assert_array_equal(phase.data, engine.encode(field, "joint", max_steps=20).data)
+    np.testing.assert_array_equal(phase.data, engine.encode(field, "auto", max_steps=20).data)
     refused(cli.main(["encode", str(tmp_path / "none")]), capfd.readouterr().err, 2, "does not exist")
     refused(cli.main(["encode", str(tmp_path)]), capfd.readouterr().err, 2, "no wave field")
 
@@ -635,7 +635,7 @@ def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, monkeypatch, meth
 
     monkeypatch.setattr(engine, "many_frames", many_frames)
     words = ["render", str(xml), *SMALL, *GREEN, "--method", method, "--encode", "auto"]
-    assert cli.main([*words, "--out", str(out), "--quiet"]) == 0
+    assert cli.main([*words, "--phase-field", "designed", "--out", str(out), "--quiet"]) == 0
     phase = engine.PhaseHologram.load(out / "hologram")
     assert phase.method == "refine"
     stages = {stage["stage"]: stage for stage in phase.report["stages"]}

@@ -330,7 +330,7 @@ def paper(spp):
 @cache
 def encoded():
     """A field, its own pictures, and the reference's."""
-    hologram, settings = display(far=0.5e-3, near=3e-3), replace(SETTINGS, frames=4)
+    hologram, settings = display(far=0.5e-3, near=3e-3), replace(SETTINGS, frames=4, phase_field="designed")
     field = engine.render(planes(), camera(), hologram, settings)
     return field, engine.reconstruct(field, FOCUS)
 

@@ -48,9 +48,8 @@ def test_a_tiny_chart_is_written_and_kept(backend, tiny, monkeypatch):
         assert record["psnr_worst"] <= record["psnr"] < 40
         assert 0 < record["ssim"] < 1
     by = {(r["effort"], r["frames"]): r for r in records}
-    # speckle falls with frames, and PSNR rises, but of layers, which begin with smooth phases where frames are few
-    assert by["preview", 8]["psnr"] > by["preview", 1]["psnr"] + 2
-    assert by["preview", 8]["speckle"] < by["preview", 1]["speckle"]
+    # one frame has smooth phases, which show little through parts of the pupil
+    assert by["preview", 8]["psnr_worst"] > by["preview", 1]["psnr_worst"] + 2
     assert by["phases", 1]["psnr"] < by["draft", 1]["psnr"]  # phases alone show less
 
     made = report.Made("a machine", "2026-01-01", "abc", "a command", seconds)

@@ -200,7 +200,7 @@ def _chosen(plan, settings, method, seconds, along):
     frames, steps = ALL if most else FEW_ENOUGH if few else ENOUGH
     frames = max(frames, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
-    better = None if most else _upwards(costs.better(*ALL))
+    better = None if most or few else _upwards(costs.better(*ALL))
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
 
 

@@ -94,7 +94,7 @@ def test_gain_at_every_focus_and_brightness_as_before(three, frames, kind, steps
 
 def test_colours_and_several_planes(backend, camera, build):
     hologram = engine.Hologram(64, 48, 8e-6, depth_far=0.25e-3, depth_near=1.5e-3)
-    settings = engine.Settings(frames=4, planes=3, max_depth=1)
+    settings = engine.Settings(frames=4, planes=3, max_depth=1, phase_field="designed")
     scene = build.three_planes()
     plain = engine.render(scene, camera, hologram, settings)
     field = engine.render(scene, camera, hologram, replace(settings, despeckle=5))
