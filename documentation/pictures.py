@@ -81,6 +81,13 @@ WINDOW = {f"{name}.jpg": Picture((f"{OWN} {name}.jpg",)) for name in SIZES}
 RENDERED = {
     "demo.jpg": Picture(("make demo",), ("out/demo/demo.png",)),
     "refocused.jpg": _demo("0.5m", "4m"),
+    "one-frame.jpg": Picture(
+        (
+            "python -m holopath_addon render demo:suzanne --resolution 512x512 --pitch 8 --frames 1 --focus 0.5m,1m,4m "
+            "--encode auto --contact-sheet one-frame.png --out out/pictures/one-frame",
+        ),
+        ("out/pictures/one-frame/one-frame.png",),
+    ),
     "recording-planes.jpg": Picture(
         (
             "mkdir -p out/pictures",
