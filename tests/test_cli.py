@@ -8,7 +8,9 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
+import types
 from pathlib import Path
 
 import numpy as np
@@ -275,6 +277,39 @@ def test_interrupt(number, method, at, tmp_path):
     assert time.monotonic() - sent < SOON
     refused(process.returncode, error, 1, "Cancelled: nothing was written")
     assert left_over(tmp_path) == []
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_input_that_ends_interrupts_only_work_that_is_under_way(over, tmp_path, monkeypatch):
+    """Later it would meet Blender in the middle of its own end."""
+    from holopath_addon.command_line import attended
+
+    ended, calls = threading.Event(), []
+    monkeypatch.setattr(
+        attended,
+        "os",
+        types.SimpleNamespace(
+            name="nt",
+            read=lambda *_: b"" if ended.wait(NEVER) else b"x",
+            _exit=lambda _: calls.append("exit"),
+        ),
+    )
+    monkeypatch.setattr(
+        attended, "_thread", types.SimpleNamespace(interrupt_main=lambda: calls.append("interrupt"))
+    )
+    monkeypatch.setattr(attended, "time", types.SimpleNamespace(sleep=lambda _: None))
+
+    def listener():
+        return next(thread for thread in threading.enumerate() if thread.name == "holopath attended")
+
+    with attended.attended(tmp_path / "scene.blend"):
+        thread = listener()
+        if not over:
+            ended.set()
+            thread.join(NEVER)
+    ended.set()
+    thread.join(NEVER)
+    assert calls == ([] if over else ["interrupt", "exit"])
 
 
 def test_interrupt_waits_for_blender_to_load(tmp_path):

@@ -61,20 +61,30 @@ def attended(scene):
         os.nice(PRIORITY)
         # Else it would kill Blender at once, in the middle of a file, to say something to a window that is gone.
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    threading.Thread(target=_listen, name="holopath attended", daemon=True).start()
+    lock, over = threading.Lock(), threading.Event()
+    threading.Thread(target=_listen, args=(lock, over), name="holopath attended", daemon=True).start()
     try:
         yield
     finally:
-        folder = Path(scene).parent
-        if folder.name.startswith(COPY):
-            shutil.rmtree(folder, ignore_errors=True)
+        try:
+            with (
+                lock
+            ):  # what ends the input from now on interrupts nothing, least of all Blender on its way out
+                over.set()
+        finally:
+            folder = Path(scene).parent
+            if folder.name.startswith(COPY):
+                shutil.rmtree(folder, ignore_errors=True)
 
 
-def _listen():
+def _listen(lock, over):
     with suppress(OSError):
         while os.read(0, 1024):
             pass
-    _thread.interrupt_main()
+    with lock:
+        if over.is_set():
+            return
+        _thread.interrupt_main()
     time.sleep(PATIENCE)
     # In the middle of a kernel: what is half written is swept away by whoever goes on.
     os._exit(failures.FAILED)
