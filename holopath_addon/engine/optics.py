@@ -76,7 +76,7 @@ class Pupil:
 class Beam:
     """Light that falls on the SLM, of amplitude 1 where it is brightest.
 
-    With x to the right and y up from the panel's middle, in meters, and k = 2 pi / wavelength:
+    With x to the right and y up from the panel's middle, in meters, and k = 2 pi / wavelength::
 
         flat      1
         tilt      exp(i k (x sin a + y sin b)) with two angles a and b
