@@ -517,8 +517,8 @@ class _Work:
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
         stages = [each for each in self.report["stages"] if each.get("steps")]
-        if self._asked.seconds is None or not stages:
-            return True
+        if self._asked.seconds is None or self._asked.randomness is not None or not stages:
+            return True  # with a given randomness `sgd` has nothing to go on with
         first = stages[number % len(stages)]
         transform = first["seconds"] / first["steps"] / 2 * math.prod(views.padded) / math.prod(views.shape)
         # each is looked at when it is wanted, in the beginning and in the end

@@ -636,6 +636,15 @@ def test_time_that_is_too_short_for_all_views_is_each_frame_s(clock, monkeypatch
         assert all(after["psnr_db"] > before["psnr_db"] for before, after in pairs)
 
 
+def test_colors_of_a_given_randomness_are_alike_by_the_clock(clock):
+    """However short it is: each frame for itself would go towards a field that its phases do not come from."""
+    field = wave_field(np.concatenate([smooth(1, n) for n in (0, 5)], axis=1))
+    more = np.concatenate([smooth(8, n) for n in (1, 6)], axis=1)
+    phase = engine.encode(field, "refine", many=many(more, 8), seconds=0.1, randomness=0.0)
+    assert [each["stage"] for each in phase.report["stages"]] == ["many frames", "refine", "refine"]
+    assert all(each["steps"] > 0 for each in phase.report["stages"][1:])
+
+
 def test_no_step_is_taken_that_is_not_worth_its_time():
     """Phases are those of `sgd` where there is no time to look at all views."""
     phase = engine.encode(wave_field(smooth(4, shape=(96, 96))), "joint", seconds=1e-3)
