@@ -141,10 +141,11 @@ def encode(
         If there is no such method, options do not fit, or the field is not finite.
     Cancelled
     """
+    looked = eyebox_for(len(field.data)) if eyebox is None else eyebox
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
         if method == "joint" and randomness is None and start == "arg":
-            randomness = randomness_for(len(field.data))
+            randomness = randomness_for(len(field.data), looked)
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
     asked = _Asked(
@@ -157,7 +158,7 @@ def encode(
         aperture,
         start,
         randomness,
-        eyebox_for(len(field.data)) if eyebox is None else eyebox,
+        looked,
         many,
         seconds,
         effort,
@@ -528,7 +529,9 @@ class _Work:
     def _towards(self, views, colour, begun, number):
         """Bring phases of one wavelength to views, of which its own frames are some; wavelengths share the time left.
 
-        Nothing is done where nothing of it can be seen. Where the time is too short, each frame goes on for itself.
+        Its own frames do not count beside more of others where phases have a randomness of their own: fields of few
+        frames are smooth then, and show their interference. Nothing is done where nothing of it can be seen. Where the
+        time is too short, each frame goes on for itself.
         """
         if not self.gains[colour]:
             return
@@ -537,8 +540,9 @@ class _Work:
                 self.sgd(colour, [self._at(begun, number + n) for n in (0, 1)])
             return
         self._progress(self._at(begun, number), "Views of the field")
-        for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
-            views.add(self._fields(group, colour))
+        if self._asked.randomness is None or views.frames <= len(self.field.data):
+            for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
+                views.add(self._fields(group, colour))
         method, name, gains = self._asked.method, self._named(colour), []
         if method == "refine":
             views.unvignette()

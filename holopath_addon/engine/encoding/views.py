@@ -125,6 +125,8 @@ class Views:
         Shape of spectra.
     transforms : float
         FFTs of that shape that a look at all views takes of each frame.
+    frames : int
+        That are counted.
     """
 
     def __init__(
@@ -147,7 +149,7 @@ class Views:
         self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded))
         self._views: list[_View] = []
         self._transfers: dict[float, np.ndarray] = {}
-        self._frames = 0
+        self.frames = 0
         x, y, radius = optics.opening
         slope = radius * math.tan(math.asin(wavelength / (2 * pitch)))
         rng = np.random.default_rng(seed)
@@ -175,7 +177,7 @@ class Views:
 
     def add(self, fields: np.ndarray) -> None:
         """Count frames towards the wanted means; fields of shape (frames, y, x)."""
-        before, self._frames = self._frames, self._frames + len(fields)
+        before, self.frames = self.frames, self.frames + len(fields)
         for wanted in self.wanted:
             wanted *= np.float32(before)
         together = max(1, TOGETHER // (8 * math.prod(self.padded)))
@@ -184,7 +186,7 @@ class Views:
             for number, wanted in enumerate(self.wanted):
                 wanted += intensity(self.waves(spectra, number), wanted.shape)
         for wanted in self.wanted:
-            wanted *= np.float32(1 / self._frames)
+            wanted *= np.float32(1 / self.frames)
 
     def unvignette(self) -> None:
         """Want views as bright near their edges as if the fields had none; once, when all frames are counted.

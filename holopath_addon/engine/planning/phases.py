@@ -130,8 +130,8 @@ def plan_encoding(
         raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(ENCODINGS)}.")
     chosen = _chosen(plan, settings, method, seconds, along)
     memory, own = plan.phases_memory.get(chosen.method, 0.0), resolved(settings)
-    chosen = replace(chosen, memory_bytes=memory, eyebox=eyebox_for(own.frames) if eyebox is None else eyebox)
-    randomness = _randomness(settings)
+    eyebox = eyebox_for(own.frames) if eyebox is None else eyebox
+    chosen, randomness = replace(chosen, memory_bytes=memory, eyebox=eyebox), _randomness(settings, eyebox)
     if chosen.method != "refine" or randomness is None:
         return chosen
     reason = f"{chosen.reason}; {_few(own.frames, randomness, chosen.eyebox)}"
@@ -204,11 +204,13 @@ def _chosen(plan, settings, method, seconds, along):
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
 
 
-def _randomness(settings):
+def _randomness(settings, eyebox=0.0):
     """Of the phases that a descent begins with; None for those of the field."""
     if settings.randomness is not None:
         return settings.randomness
-    return randomness_for(resolved(settings).frames) if settings.phase_field in ("auto", "smooth") else None
+    if settings.phase_field not in ("auto", "smooth"):
+        return None
+    return randomness_for(resolved(settings).frames, eyebox)
 
 
 def _few(frames, randomness, eyebox):

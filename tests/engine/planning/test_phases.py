@@ -121,6 +121,12 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
         eyebox=0.5,
     )
     assert (wide.randomness, wide.eyebox) == (0.2, 0.5) and "0.5 of its parts" in wide.reason
+    parts = engine.plan_encoding(
+        SimpleNamespace(phases=COSTS, phases_memory=MEMORY, traversals=1),
+        engine.Settings(frames=3),
+        eyebox=1.0,
+    )
+    assert parts.randomness == 1  # parts of the pupil see what random phases send there
     assert chosen(frames=1, seconds=0.5).randomness is None  # for there is no time for more frames
     assert chosen(frames=2, phase_field="designed").randomness is None
 

@@ -26,6 +26,9 @@ GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over
 # those of a designed field.
 FEW_FRAMES = 6
 FITTING = (0.0, 0.2, 0.25, 0.3)  # randomness that phases begin with, by the number of frames from one on
+# Weight of parts of the pupil from which on a descent had best begin with random phases. With three frames of
+# demo:suzanne and less than that, smooth ones show more of the whole pupil and less of its parts.
+RANDOM_EYEBOX = 0.3
 
 
 def phasors_of(
@@ -51,19 +54,26 @@ def phasors_of(
     return random_phasors(frames, height, width, seed, 1.0 if randomness is None else randomness)
 
 
-def randomness_for(frames: int) -> float | None:
+def randomness_for(frames: int, eyebox: float = 0.0) -> float | None:
     """Randomness of the phases that a descent of so many frames had best begin with; the optimum is flat.
+
+    The more parts of the pupil count, the more random: phases must send light there.
 
     Parameters
     ----------
     frames : int
+    eyebox : float
+        Weight of parts of the pupil, see `encode`.
 
     Returns
     -------
     float or None
         From 0 to 1; None from `FEW_FRAMES` on, where it had best begin with a field of designed phases.
     """
-    return None if frames >= FEW_FRAMES else FITTING[min(frames, len(FITTING)) - 1]
+    if frames >= FEW_FRAMES:
+        return None
+    least = FITTING[min(frames, len(FITTING)) - 1]
+    return least + (1 - least) * min(1.0, eyebox / RANDOM_EYEBOX)
 
 
 def straight_share(randomness: float) -> float:
