@@ -373,7 +373,7 @@ def desk(backend, tmp_path_factory):
 def small(words):
     """The same command with little to compute."""
     words = [IN_PLACE_OF.get(word, word) for word in words]
-    for option, value in {"--frames": "1", "--encode-seconds": "1", "--divide": "2"}.items():
+    for option, value in {"--frames": "1", "--encode-seconds": "1"}.items():
         if option in words:
             words[words.index(option) + 1] = value
     if "--display" in words:

@@ -53,7 +53,7 @@ def _opened(args, say):
 
 
 @contextmanager
-def animating(folder, what="frames"):
+def animating(folder):
     """Who cancels it hears what stays."""
     try:
         yield
@@ -61,7 +61,7 @@ def animating(folder, what="frames"):
         if not failures.cancelled(error):
             raise
         raise engine.Cancelled(
-            f"Cancelled: the {what} that are done are in {folder}, and the same command goes on after them."
+            f"Cancelled: the frames that are done are in {folder}, and the same command goes on after them."
         ) from error
 
 
@@ -76,7 +76,7 @@ def work_by(args, work, progress):
         watch = _Watch(progress, args.quiet)
         crew = Crew(client, args.cluster.workers > 0, args.words, watch.progress, watch.say, watch.show)
         made = crew.work_off(work.folder, list(units), tag)
-        work.made.extend(name for name in made if work.units[name].told())
+        work.made.extend(name for name in made if not work.units[name].prepares)
 
 
 class _Watch:
