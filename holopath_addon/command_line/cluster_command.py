@@ -47,7 +47,7 @@ def _opened(args, say):
     work = args.work(args, say)
 
     def make(name, progress):
-        work_off(work.folder, [work.units[name]], work.job.digest, progress, say)
+        work_off(work.folder, [work.units[name]], work.job.tag, progress, say)
 
     return make
 
@@ -67,7 +67,7 @@ def animating(folder):
 
 def work_by(args, work, progress):
     """Have the units of some work made: by the cluster that the words name, else by this process."""
-    units, tag = work.units.values(), work.job.digest
+    units, tag = work.units.values(), work.job.tag
     if args.cluster is None or all(unit.done() for unit in units):
         work_off(work.folder, units, tag, progress, progress.say)
         return

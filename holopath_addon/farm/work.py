@@ -54,7 +54,7 @@ def work_off(
     units : iterable of Unit
         What they need is among them, or done.
     tag : str
-        Digest of the job that they are of, see `claims.Claims`.
+        Of the job that they are of, see `SharedJob.tag`.
     progress : callable
         ``progress(done, message)``, may raise `engine.Cancelled`.
     say : callable
