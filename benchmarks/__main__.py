@@ -64,9 +64,7 @@ NAMED = {
     "display_model": Benchmark(
         "display_model.run", ("1 pixels=16 captures=20 foci=2 stages=1", "tuned 1 pixels=16 rounds=1")
     ),
-    "farm": Benchmark(
-        "farm.run", ("pixels=32 max_workers=4", "check pixels=32 parts=2 frames=1"), takes_folder=True
-    ),
+    "farm": Benchmark("farm.run", ("pixels=32 max_workers=4", "check pixels=32 frames=1"), takes_folder=True),
     "foretold": Benchmark("foretold.run", ("planes pixels=32",)),
     "full_hd": Benchmark("full_hd.run", ("32x18",)),
     "hsplat": Benchmark("hsplat.run", ("{hsplat} 32 1 planes",)),

@@ -19,15 +19,13 @@ LEAST = 0.02  # of a server that hearts take up whole
 
 @dataclass(frozen=True)
 class Step:
-    """A unit: seconds and bytes, those that the first one of its kind takes a process besides, operations of `done`."""
+    """A unit: seconds, bytes written, seconds that the first of its kind takes besides, and operations of `done`."""
 
     name: str
     kind: str
     seconds: float
-    read: float = 0.0
     written: float = 0.0
     first_seconds: float = 0.0
-    first_read: float = 0.0
     done: float = 0.0
     needs: tuple[str, ...] = ()
 
@@ -159,8 +157,6 @@ class _Farm:
         """Events of a worker that has claimed a step; `kinds` are those that it has made before."""
         first = step.kind not in kinds
         kinds.add(step.kind)
-        if amount := step.read + first * step.first_read:
-            yield self.carry(amount)
         yield "compute", self.now + step.seconds
         if first and step.first_seconds:
             yield "start", self.now + step.first_seconds

@@ -81,7 +81,7 @@ def run(pixels=512, repeats=5):
 
     def trace(frames):
         blocks = blocks_of([(pixels * pixels, part.rays_per_pixel)], frames, 1, plan.chunk)
-        what = {0: part}, blocks, radiance, phasors[:frames], 0, plan.chunk, lambda done: None
+        what = [part], blocks, radiance, phasors[:frames], 0, plan.chunk, lambda done: None
         for _ in trace_blocks(scene, hologram, *what):
             pass
 

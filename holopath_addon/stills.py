@@ -263,7 +263,6 @@ def write(
         "rays": result.field.report.get("rays", {}),
         "spp": result.plan.rays_per_pixel,
         "variant": result.field.report.get("variant"),
-        # of all stages, also those of other processes
         "field_seconds": result.field.report.get("seconds", {}),
         "bake": bake,
         "foretold": result.field.report.get("foretold"),

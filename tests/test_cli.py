@@ -124,6 +124,7 @@ def test_distances_that_are_none(text):
         (["{xml}", "--encode", "magic"], "invalid choice"),
         (["{xml}", "--animation"], "--animation"),
         (["{xml}", "--seed", "-1"], "Seed"),
+        (["{xml}", "--divide", "16"], "leave out --divide. Several share the frames of --animation"),
         (["{xml}", "--quality", "high", "--spp", "3"], "not allowed with"),
         (["{xml}", "--contact-sheet", "demo.jpg"], "not the name of a picture in DIR"),
         (["{xml}", "--contact-sheet", "../demo.png"], "not the name of a picture in DIR"),

@@ -14,6 +14,7 @@ from markdown_it import MarkdownIt
 
 from documentation import pages, pictures, prose
 from holopath_addon import cli, engine, exchange, slm
+from holopath_addon.slm.drivers import video
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -282,6 +283,10 @@ def test_a_method_of_ones_own(backend, tmp_path, monkeypatch):
 # What a test has not: devices, a cluster, a display, and for `network` the function of the test above.
 # What needs a device, or minutes and has tests of its own.
 ELSEWHERE = {"calibrate", "--monitor", "--port", "--cluster", "--identify", "holoeye", "network"}
+try:
+    video.ffmpeg()
+except engine.BackendUnavailable:
+    ELSEWHERE |= {"video", "video-per-color"}
 SMALL = ["--resolution", "48x48", "--quality", "preview", "--wavelengths", "516.5"]
 IN_PLACE_OF = {
     "512x512": "48x48",
@@ -373,7 +378,7 @@ def desk(backend, tmp_path_factory):
 def small(words):
     """The same command with little to compute."""
     words = [IN_PLACE_OF.get(word, word) for word in words]
-    for option, value in {"--frames": "1", "--encode-seconds": "1", "--divide": "2"}.items():
+    for option, value in {"--frames": "1", "--encode-seconds": "1"}.items():
         if option in words:
             words[words.index(option) + 1] = value
     if "--display" in words:

@@ -47,13 +47,13 @@ def _opened(args, say):
     work = args.work(args, say)
 
     def make(name, progress):
-        work_off(work.folder, [work.units[name]], work.job.digest, progress, say)
+        work_off(work.folder, [work.units[name]], work.job.tag, progress, say)
 
     return make
 
 
 @contextmanager
-def animating(folder, what="frames"):
+def animating(folder):
     """Who cancels it hears what stays."""
     try:
         yield
@@ -61,13 +61,13 @@ def animating(folder, what="frames"):
         if not failures.cancelled(error):
             raise
         raise engine.Cancelled(
-            f"Cancelled: the {what} that are done are in {folder}, and the same command goes on after them."
+            f"Cancelled: the frames that are done are in {folder}, and the same command goes on after them."
         ) from error
 
 
 def work_by(args, work, progress):
     """Have the units of some work made: by the cluster that the words name, else by this process."""
-    units, tag = work.units.values(), work.job.digest
+    units, tag = work.units.values(), work.job.tag
     if args.cluster is None or all(unit.done() for unit in units):
         work_off(work.folder, units, tag, progress, progress.say)
         return
@@ -76,7 +76,7 @@ def work_by(args, work, progress):
         watch = _Watch(progress, args.quiet)
         crew = Crew(client, args.cluster.workers > 0, args.words, watch.progress, watch.say, watch.show)
         made = crew.work_off(work.folder, list(units), tag)
-        work.made.extend(name for name in made if work.units[name].told())
+        work.made.extend(name for name in made if not work.units[name].prepares)
 
 
 class _Watch:

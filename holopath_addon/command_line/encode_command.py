@@ -1,5 +1,6 @@
 """`holopath encode`: from stored wave fields to phases for an SLM, of a still or of all frames of an animation."""
 
+import hashlib
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from .. import engine, output, pipeline
 from ..engine import encoding, files
 from ..engine.progress import stage
 from ..engine.settings import BASELINES, ENCODINGS
-from ..farm.job import SharedJob, digests
+from ..farm.job import EncodingJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work
 from . import options, render_command, sources
@@ -35,6 +36,7 @@ _APART = {
     "work",
 }
 OPENED = 0.05  # of the progress
+BEFORE = "before"  # start of a frame's phases: those of the frame before
 
 
 def add(command, store):
@@ -88,8 +90,9 @@ def add(command, store):
     add(
         "--start",
         default="arg",
-        metavar="arg|dpac|DIR",
-        help="begin with the field's phases (default), double phase, or an earlier hologram in DIR",
+        metavar="arg|dpac|before|DIR",
+        help="begin with the field's phases (default), double phase, of an animation with the phases of the frame "
+        "before, which is then made first, or with an earlier hologram in DIR",
     )
     add(
         "--tolerance",
@@ -118,6 +121,11 @@ def _encode(args):
     folder = Path(args.folder)
     target = Path(args.out) if args.out else folder / "hologram"
     start = args.start
+    if start == BEFORE:
+        raise engine.InvalidInput(
+            f"{args.folder} holds no animation, whose frames begin with the one before: leave out --start before, or "
+            "give ./before for a folder of this name."
+        )
     if start not in encoding.STARTS:
         start = output.stored_hologram(Path(start))
         start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
@@ -204,9 +212,12 @@ def _animate(args, progress):
     start = time.perf_counter()
     with animating(args.folder):
         work = work_of(args, progress.say)
-        work_by(args, work, progress)
+        with work.job.join(work.folder):
+            work_by(args, work, progress)
     seconds, made = time.perf_counter() - start, len(work.made)
-    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s: {args.folder}")
+    others = len(work.units) - made
+    before = f", {others} done before or by others" if others else ""
+    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.folder}")
 
 
 def work_of(args, say) -> Work:
@@ -220,34 +231,53 @@ def work_of(args, say) -> Work:
         )
     if args.out is not None:
         raise engine.InvalidInput("Phases of an animation go into its frames' folders: leave out --out.")
-    if args.start not in encoding.STARTS:
+    if args.start not in (*encoding.STARTS, BEFORE):
         raise engine.InvalidInput(
-            f"{args.start} is one hologram: an animation's frames begin with arg or dpac."
+            f"{args.start} is one hologram: an animation's frames begin with arg, dpac or before."
         )
+    if args.start == BEFORE and args.method == "dpac":
+        raise engine.InvalidInput("--start before is for phases by descent, not for dpac: leave it out.")
     words = {name: value for name, value in vars(args).items() if name not in _APART}
     apart = ("blender", "python")
     versions = {name: text or "none" for name, text in output.versions().items() if name not in apart}
     work = Work(
-        Path(args.folder), SharedJob("", words, digests(render_command.files_of(args)), versions), {}, []
+        Path(args.folder), EncodingJob("", words, digests(render_command.files_of(args)), versions), {}, []
     )
+    before = None
     for folder in output.frame_folders(args.folder):
-        work.units[folder.name] = _frame(args, work, folder)
+        work.units[folder.name] = _frame(args, work, folder, before)
+        before = folder if args.start == BEFORE else None
     return work
 
 
-def _frame(args, work, folder):
+def _frame(args, work, folder, before):
+    """The phases of a frame. Those that begin with the frame before are made anew where its have changed."""
     target, digest = folder / "hologram", work.job.digest
 
     def make(progress):
         files.sweep(target)
-        phase = _phases(args, folder, args.start, stage(progress, 0.0, 0.9))
-        replace(phase, report={**phase.report, "job": digest}).save(target, stage(progress, 0.9, 0.99))
+        start, told = args.start, {"job": digest}
+        if start == BEFORE:
+            first = None if before is None else engine.PhaseHologram.load(before / "hologram")
+            alike = first is not None and first.data.shape == output.stored_field(folder).data.shape
+            start = first if alike else encoding.STARTS[0]
+            told["begun_with"] = None if first is None else first.report["sha256"]
+        phase = _phases(args, folder, start, stage(progress, 0.0, 0.9))
+        if args.start == BEFORE:
+            told["sha256"] = hashlib.sha256(np.ascontiguousarray(phase.data).data).hexdigest()
+        replace(phase, report={**phase.report, **told}).save(target, stage(progress, 0.9, 0.99))
         work.made.append(folder.name)
 
     def done():
-        try:
-            return engine.PhaseHologram.load(target).report.get("job") == digest
-        except engine.InvalidInput:
-            return False
+        told, first = _told(folder), {} if before is None else _told(before)
+        return told.get("job") == digest and told.get("begun_with") == first.get("sha256")
 
-    return Unit(folder.name, make, done)
+    return Unit(folder.name, make, done, () if before is None else (before.name,))
+
+
+def _told(folder):
+    """What the report on a frame's phases says; nothing where there are none."""
+    try:
+        return engine.PhaseHologram.load(folder / "hologram").report
+    except engine.InvalidInput:
+        return {}

@@ -69,6 +69,16 @@ def renamed(parser: argparse.ArgumentParser, old: str, new: str, **told) -> None
     )
 
 
+def removed(parser: argparse.ArgumentParser, option: str, instead: str) -> None:
+    """Refuse an option that there was, with what is to be done instead of it."""
+
+    class Removed(argparse.Action):
+        def __call__(self, parser, args, value, option=None):
+            raise engine.InvalidInput(instead)
+
+    parser.add_argument(option, nargs="?", action=Removed, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
+
+
 def flag(name: str) -> str:
     """A setting's word on the command line."""
     return "--fix" if name == "fixed" else f"--{name.replace('_', '-')}"

@@ -16,7 +16,6 @@ from ..exchange import captures
 from ..exchange.optics import beam_files, stop_files
 from ..farm import ranges
 from ..farm.job import SharedJob, digests
-from ..farm.parts import StillParts
 from ..farm.work import Work
 from ..slm.calibration import fitted_display, measured_levels, response_files
 from . import options, sources
@@ -37,7 +36,6 @@ _APART = {
     "out",
     "animation",
     "frame_range",
-    "divide",
     "store",
     "quiet",
     "debug",
@@ -75,13 +73,13 @@ def add(command, store):
         metavar="1-5,9,20-40:2",
         help="these frames, as with --animation; also beyond the .blend's frame range, and of demo:NAME",
     )
-    add_option(render, "frames, or the parts of --divide,")
+    add_option(render, "frames")
     render.set_defaults(work=_joined)
-    render.add_argument(
+    options.removed(
+        render,
         "--divide",
-        type=int,
-        metavar="N",
-        help="make a still in N parts, which processes with the same words share; the result does not depend on N",
+        "One process makes a still: leave out --divide. Several share the frames of --animation and the runs of "
+        "`holopath study`.",
     )
     add_focus(render, "three depths spread over the visible range")
     add_encoding(render)
@@ -593,13 +591,11 @@ def _render(args):
 
 
 def _work(args, progress):
-    if args.animation or args.frame_range or args.divide is not None:
+    if args.animation or args.frame_range:
         _share(args, progress)
         return
     if args.cluster is not None:
-        raise engine.InvalidInput(
-            "One process makes a still: add --divide N or --animation, or leave out --cluster."
-        )
+        raise engine.InvalidInput("One process makes a still: add --animation, or leave out --cluster.")
     start = time.perf_counter()
     with output.output_folder(args.out) as folder:
         progress(0.0, "Opening the scene")
@@ -620,23 +616,22 @@ def _work(args, progress):
 
 
 def _share(args, progress):
-    """All frames or parts that are asked for, but those that are done, or made by other processes."""
-    start, what = time.perf_counter(), "frame" if args.divide is None else "part"
-    with animating(args.out, f"{what}s"):
+    """All frames that are asked for, but those that are done, or made by other processes."""
+    start = time.perf_counter()
+    with animating(args.out):
         progress(0.0, "Opening the scene")
         work = units_of(args, progress.say, progress.saved)
         with work.job.join(work.folder, work.units):
             work_by(args, work, progress)
         made = len(work.made)
-        others = sum(unit.told() for unit in work.units.values()) - made
-        work.clear()
+        others = sum(not unit.prepares for unit in work.units.values()) - made
     seconds = time.perf_counter() - start
     before = f", {others} done before or by others" if others else ""
-    progress(1.0, f"Done: {made} {what}{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
+    progress(1.0, f"Done: {made} frame{'' if made == 1 else 's'} in {seconds:.1f} s{before}: {args.out}")
 
 
 def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
-    """The work that the words of `holopath render` ask for: a unit a frame of an animation, or the parts of a still.
+    """The work that the words of `holopath render` ask for: a unit a frame of an animation, and the light of all.
 
     Parameters
     ----------
@@ -659,15 +654,6 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
     out = Path(args.out).absolute()
     if out.exists() and not out.is_dir():
         raise engine.InvalidInput(f"The output {args.out} is a file: choose a folder.")
-    if args.divide is None:
-        return _frames(args, out, say, saved)
-    if args.animation or args.frame_range:
-        raise engine.InvalidInput("The frames of an animation are its parts: leave out --divide.")
-    return _parts(args, out, say, saved)
-
-
-def _frames(args, out, say, saved):
-    """A unit a frame, and the light of all."""
     if not sources.of_blender(args.scene):
         flag = "--frame-range" if args.frame_range else "--animation"
         raise engine.InvalidInput(f"{args.scene} has no animation: give a .blend, or leave out {flag}.")
@@ -705,27 +691,6 @@ def _joined(args, say):
     work = units_of(args, say)
     with work.job.join(work.folder):
         return work
-
-
-def _parts(args, out, say, saved):
-    """The parts of a still, and the unit that joins them."""
-    source = sources.asked(args)
-    job = _job(args, source)
-
-    def still():
-        start = time.perf_counter()
-        return still_of(args, source, job.digest), time.perf_counter() - start
-
-    def joined(report):
-        saved(output.first_picture(out, report), report["seconds"]["total"])
-        for line in _remarks(report):
-            say(line)
-
-    hologram = hologram_of(args, source.hologram_from(args.camera))
-    settings = options.asked(args, source.settings)
-    _say_size(args, source, say)
-    parts = StillParts(out, args.divide, hologram, settings, job.digest, args.encode, still, joined)
-    return Work(parts.folder, job, parts.units, parts.names, parts.clear)
 
 
 def _job(args, source):

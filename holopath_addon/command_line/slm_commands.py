@@ -73,7 +73,13 @@ def add(command):
     _add_device(stream)
     group = stream.add_argument_group("driver files").add_argument
     group("--out", metavar="DIR", help="where to write (default DIR/pictures)")
-    group("--kind", choices=KINDS, default=KINDS[0], help="default %(default)s")
+    group(
+        "--kind",
+        choices=KINDS,
+        default=KINDS[0],
+        help="a file for each picture (png, default), all in one (raw), in a lossless video (video), or in a video for "
+        "each color (video-per-color); videos need --rate and the program ffmpeg",
+    )
     group = stream.add_argument_group("pictures by a camera").add_argument
     group(
         "--captures",
@@ -324,7 +330,7 @@ class _Told:
 
 def _driver(args, sequence):
     if args.driver == "files":
-        return slm.FilesDriver(args.out or Path(args.folder) / "pictures", args.kind)
+        return slm.FilesDriver(args.out or Path(args.folder) / "pictures", args.kind, sequence)
     if args.driver == "virtual":
         # an SLM that is what the calibration says it is
         return slm.VirtualDriver(

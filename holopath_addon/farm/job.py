@@ -19,6 +19,7 @@ NAME = "job.json"
 FORMAT = "HoloPath job"
 FORMAT_VERSION = 1
 _DOOR = ".job"  # claim of whoever reads and writes the file
+_PHASES = "phases "  # begins the tag of who makes them
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,11 @@ class SharedJob:
         decides = [self.scene, self.words, self.files, self.versions]
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
 
+    @property
+    def tag(self) -> str:
+        """What its claims say that a process works for, see `claims.Claims`."""
+        return self.digest
+
     @contextmanager
     def join(self, folder: Path | str, names: Iterable[str] = ()) -> Iterator[None]:
         """Work on this job in a folder while the block runs, and nobody on another one.
@@ -74,12 +80,11 @@ class SharedJob:
                 files.sweep(folder / NAME)
                 begun = job_of(folder)
                 if begun is None or begun != self:  # else all who work here were let in by this very job
-                    others = {n: c for n, c in door.holders().items() if c.tag not in ("", self.digest)}
-                    self._check(folder, begun, others)
+                    self._check(folder, begun, self._others(door))
                     self._write(folder, names)
                 elif not names <= begun.unfinished:
                     self._write(folder, names | begun.unfinished)
-                inside.enter_context(Claims(folder, self.digest))
+                inside.enter_context(Claims(folder, self.tag))
             try:
                 yield
             except BaseException:
@@ -93,17 +98,20 @@ class SharedJob:
                 with door.wait(_DOOR):
                     self._write(folder, (job_of(folder) or self).unfinished - names)
 
+    def _others(self, door):
+        """Claims of who works for another job."""
+        return {name: claim for name, claim in door.holders().items() if claim.tag not in ("", self.tag)}
+
     def _check(self, folder, begun, others):
         if begun is not None:
             self._check_programs_and_files(folder, begun, bool(others or begun.unfinished))
         if others:
-            hosts = " and ".join(sorted({claim.host for claim in others.values()}))
-            names = ", ".join(name for name in others if name[0] != ".")
-            what = "other settings" if begun and self._same_scene(begun) else "another scene"
-            raise InvalidInput(
-                f"{folder} is being rendered by {hosts} with {what}{f' ({names})' if names else ''}: "
-                "wait, or choose another folder."
-            )
+            if all(claim.tag.startswith(_PHASES) for claim in others.values()):
+                done = f"is being encoded by {_told(others)}"
+            else:
+                what = "other settings" if begun and self._same_scene(begun) else "another scene"
+                done = f"is being rendered by {_told(others, what)}"
+            raise InvalidInput(f"{folder} {done}: wait, or choose another folder.")
 
     def _check_programs_and_files(self, folder, begun, unfinished):
         """Results of the same words come from the same programs and files."""
@@ -138,6 +146,39 @@ class SharedJob:
         told["unfinished"] = sorted(unfinished)
         with files.whole_file(folder / NAME) as part:
             part.write_text(json.dumps(told, indent=1) + "\n")
+
+
+class EncodingJob(SharedJob):
+    """All that decides the phases of frames that are there.
+
+    It keeps no record in the folder, as each frame's phases tell of which job they are. Frames may be rendered
+    meanwhile: of each frame the one waits for the other.
+    """
+
+    @property
+    def tag(self) -> str:
+        return f"{_PHASES}{self.digest}"
+
+    @contextmanager
+    def join(self, folder: Path | str, names: Iterable[str] = ()) -> Iterator[None]:
+        """Work on this job in a folder while the block runs, and nobody on other phases; see `SharedJob.join`."""
+        with _entered(Path(folder)) as door, ExitStack() as inside:
+            with door.wait(_DOOR):
+                others = {n: c for n, c in self._others(door).items() if c.tag.startswith(_PHASES)}
+                if others:
+                    raise InvalidInput(
+                        f"{folder} is being encoded by {_told(others)} with other words, files or versions: wait, or "
+                        "give the same."
+                    )
+                inside.enter_context(Claims(folder, self.tag))
+            yield
+
+
+def _told(claims, what=""):
+    """Who works, with what, and on which units."""
+    hosts = " and ".join(sorted({claim.host for claim in claims.values()}))
+    names = ", ".join(name for name in claims if name[0] != ".")
+    return f"{hosts}{what and f' with {what}'}{names and f' ({names})'}"
 
 
 @contextmanager

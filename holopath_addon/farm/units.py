@@ -22,8 +22,6 @@ class Unit:
         ``done()`` tells in no time whether the result is there, as this job asks for it.
     needs : tuple of str
         Names of units that have to be done before.
-    needless : callable
-        ``needless()`` tells of a unit that is done whether there is no result, as those before it say all.
     prepares : bool
         Whether it only makes ready for those that were asked for, and is not counted among them.
     """
@@ -32,12 +30,7 @@ class Unit:
     make: Callable[[Progress], None]
     done: Callable[[], bool]
     needs: tuple[str, ...] = ()
-    needless: Callable[[], bool] = lambda: False
     prepares: bool = False
-
-    def told(self) -> bool:
-        """Whether one that is done is spoken of."""
-        return not (self.prepares or self.needless())
 
 
 def counted(units: Iterable[Unit]) -> set[str]:

@@ -34,15 +34,12 @@ class Work:
         By name.
     made : list of str
         Names of units that were not there when they were asked for; it grows.
-    clear : callable
-        Clears away what is of no use once all units are done; to be called when the job has been left.
     """
 
     folder: Path
     job: SharedJob
     units: dict[str, Unit]
     made: list[str]
-    clear: Callable[[], None] = lambda: None
 
 
 def work_off(
@@ -57,7 +54,7 @@ def work_off(
     units : iterable of Unit
         What they need is among them, or done.
     tag : str
-        Digest of the job that they are of, see `claims.Claims`.
+        Of the job that they are of, see `SharedJob.tag`.
     progress : callable
         ``progress(done, message)``, may raise `engine.Cancelled`.
     say : callable
@@ -88,7 +85,7 @@ def work_off(
                     if claims.alive(unit.name):
                         continue
                 elif unit.name in results or unit.done():
-                    if unit.told():
+                    if not unit.prepares:
                         say(f"{unit.name}: {found}")
                     del todo[unit.name]
                     continue

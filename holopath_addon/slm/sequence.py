@@ -104,7 +104,12 @@ class Sequence:
 
     def __len__(self) -> int:
         """Pictures of a round."""
-        return len(self.holograms) * self._repeats * self._of_one
+        return len(self.holograms) * self.pictures_each
+
+    @property
+    def pictures_each(self) -> int:
+        """Pictures in which a hologram is shown before the next, its repeats included."""
+        return self._repeats * self._of_one
 
     @property
     def size(self) -> tuple[int, int]:
@@ -182,7 +187,7 @@ class Sequence:
         Picture
         """
         at = number % len(self)
-        key = at // (self._of_one * self._repeats), at % self._of_one
+        key = at // self.pictures_each, at % self._of_one
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)

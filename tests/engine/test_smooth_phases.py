@@ -7,7 +7,6 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.planning.planner import resolved
-from holopath_addon.engine.rendering.division import DividedRender
 from tests.engine.test_slopes import FOCUS, off, uniform
 
 GREEN = 516.5e-9
@@ -147,7 +146,7 @@ def test_the_plan_says_what_they_leave(build, camera, small):
         assert says in reason
 
 
-def test_parts_and_frames_traced_along_are_the_same(build, camera, small, tmp_path):
+def test_frames_traced_along_are_the_same(build, camera, small):
     """Each set of phases has its own kernels, however it is traced."""
     hologram = replace(small, width=48, height=48)
     settings = engine.Settings(method="full", frames=2, quality="preview", max_depth=1)
@@ -156,11 +155,6 @@ def test_parts_and_frames_traced_along_are_the_same(build, camera, small, tmp_pa
     both = engine.render(*view, plan, more=24)
     (first,) = (fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=24))
     np.testing.assert_array_equal(both.more, first)
-    work = DividedRender(*view, tmp_path, 2)
-    for name in work.steps:
-        if not work.needless(tmp_path, name, ""):
-            work.make(name, lambda *_: None)
-    np.testing.assert_array_equal(work.joined(lambda *_: None).data, both.data)
 
 
 def test_all_random_is_random(build, camera):

@@ -1,16 +1,10 @@
-"""`python -m benchmarks farm`: the simulated units are the engine's, and its arithmetic where the answer is known."""
-
-import json
-from dataclasses import asdict
+"""`python -m benchmarks farm`: its arithmetic where the answer is known, and what a process asks of a folder."""
 
 import pytest
 
-from benchmarks import farm
 from benchmarks.farm_operations import rules
 from benchmarks.farm_simulation import Dask, Folder, Rules, Step, simulate
-from holopath_addon import engine
 from holopath_addon.farm import work
-from holopath_addon.farm.parts import StillParts
 
 EVERYTHING = Folder("as much as one likes", 1e30, 1e30)
 IDEAL = Dask(0.0, 0.0)
@@ -22,50 +16,6 @@ def alike(count, kind="frame", needs=(), **costs):
 
 def names(steps):
     return tuple(step.name for step in steps)
-
-
-@pytest.mark.parametrize("count", [1, 5, 40])
-def test_units_are_those_of_a_still_in_parts(tmp_path, count):
-    hologram = engine.Hologram(64, 64, 8e-6, (640e-9, 516.5e-9, 455.4e-9))
-    settings = engine.Settings(frames=8, method="full")
-    parts = StillParts(tmp_path / "still", count, hologram, settings, "job", "none", None, None)
-    units = parts.units.values()
-    rows = [[n, name, 1.0, 2, 3, 4] for n in (2, 1) for name in parts.units]
-    found = {
-        "hologram": json.dumps(hologram.to_dict()),
-        "settings": json.dumps(asdict(settings)),
-        "units": rows,
-    }
-    assert [(step.name, step.needs) for step in farm.still(found, count)] == [
-        (unit.name, unit.needs) for unit in units
-    ]
-
-
-def test_questions_that_were_not_asked_are_left_out():
-    hologram = engine.Hologram(64, 64, 8e-6, (640e-9,))
-    settings = engine.Settings(frames=1, method="full")
-    kinds = ["prepared", "asked-1-1", "told-1", "asked-2-1", "told-2", "traced-1", "gathered-1", "joined"]
-    found = {
-        "hologram": json.dumps(hologram.to_dict()),
-        "settings": json.dumps(asdict(settings)),
-        "units": [[n, kind, 1.0, 2, 3, 4] for n in (2, 1) for kind in kinds],
-    }
-    steps = {step.name: step.needs for step in farm.still(found, 2)}
-    assert len(steps) == 11 and "told-5-of-2" not in steps
-    assert steps["traced-2-of-2"] == ("told-2-of-2",)
-    assert steps["asked-2-1-of-2"] == ("told-1-of-2",)
-
-
-def test_what_divides_and_what_does_not():
-    """Of units that take 1 s each and 12 s together, the first of a process 3 s more."""
-    rows = [
-        [count, f"traced-{n}-of-{count}", 1 + 12 / count + 3 * (n == 0), 0, 0, 0]
-        for count in (6, 2)
-        for n in range(count)
-    ]
-    cost = farm._cost(rows, "traced", 4, 1.0)
-    assert cost["seconds"] == pytest.approx(4.0) and cost["first_seconds"] == pytest.approx(3.0)
-    assert farm._cost(rows, "traced", 4, 2.0)["seconds"] == pytest.approx(7.0)
 
 
 @pytest.mark.parametrize(("workers", "seconds"), [(1, 83), (4, 23), (8, 13), (100, 13)])

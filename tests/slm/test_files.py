@@ -220,7 +220,7 @@ def test_ten_bits_as_png(tmp_path):
 
 
 def test_kinds():
-    with refused("png or raw, not tiff"):
+    with refused("png or raw or video or video-per-color, not tiff"):
         FilesDriver("out", "tiff")
 
 

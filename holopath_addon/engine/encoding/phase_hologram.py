@@ -196,12 +196,17 @@ class PhaseHologram:
 
 
 def picture_names(frame: int, wavelengths: Sequence[float]) -> list[str]:
-    """File names of a frame's pictures, one a wavelength: ``frame_000_640nm.png``.
+    """File names of a frame's pictures, one a wavelength: ``frame_000_640nm.png``, see `color_names`."""
+    return [f"frame_{frame:03d}_{name}.png" for name in color_names(wavelengths)]
 
-    Wavelengths that are equal in whole nanometres are told apart by decimals, equal ones by their number.
+
+def color_names(wavelengths: Sequence[float]) -> list[str]:
+    """Wavelengths in file names: ``640nm``.
+
+    Those that are equal in whole nanometers are told apart by decimals, equal ones by their number.
     """
     digits = 0
     while len({f"{w * 1e9:.{digits}f}" for w in wavelengths}) < len(set(wavelengths)):
         digits += 1
-    names = [f"frame_{frame:03d}_{w * 1e9:.{digits}f}nm" for w in wavelengths]
-    return [f"{name}{f'_{k}' if names.count(name) > 1 else ''}.png" for k, name in enumerate(names)]
+    names = [f"{w * 1e9:.{digits}f}nm" for w in wavelengths]
+    return [f"{name}{f'_{k}' if names.count(name) > 1 else ''}" for k, name in enumerate(names)]

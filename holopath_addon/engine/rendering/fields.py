@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from ..waves.propagation import carrier, moved, padded_shape, transfer_function
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ..hologram import Hologram
     from ..light.path_tracer import PathsPerRay
     from ..plan import RecordingPlane
     from ..progress import Progress
@@ -28,37 +27,8 @@ DESPECKLING = {"frames": 0.5, "steps": 1.0}
 OWN = 0  # number of the phasors that a hologram has; the next ones are of the batches that speckle is taken out by
 
 
-def phasors_numbered(number: int, own: np.ndarray) -> np.ndarray:
-    """Phasors of a hologram, `OWN`, or of a batch that speckle is taken out by."""
-    return own if number == OWN else despeckle.batch_phasors(number - 1)
-
-
-class Recorded(Protocol):
-    """What the recording planes of a render record: of some of its wavelengths, and of frames by sets of phasors.
-
-    Attributes
-    ----------
-    hologram : Hologram
-        With these wavelengths.
-    """
-
-    hologram: Hologram
-
-    def frames(self, number: int) -> int:
-        """Frames of the set of phasors with a number, see `OWN`."""
-        ...
-
-    def recordable(self, number: int) -> float | np.ndarray:
-        """Their energy that a field keeps, see `kept_energy`; of each, where that is not one for all."""
-        ...
-
-    def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
-        """Add the wave field on a plane to `out`, which has a margin, shape (frames, wavelengths, y, x)."""
-        ...
-
-
 class Tracing:
-    """`Recorded` that is traced when it is asked for.
+    """What recording planes record, traced when it is asked for: frames by sets of phasors, see `OWN`.
 
     Parameters
     ----------
@@ -78,8 +48,7 @@ class Tracing:
         *sets: np.ndarray,
         straight: float = 0.0,
     ) -> None:
-        self.hologram, self._straight = recording.hologram, straight
-        self._recording, self._radiance, self._sets = recording, radiance, sets
+        self._straight, self._recording, self._radiance, self._sets = straight, recording, radiance, sets
         together = not straight and len({each.shape[1:] for each in sets}) == 1
         self._own = [np.concatenate(sets) if len(sets) > 1 else sets[0]] if together else list(sets)
         self._last = OWN, self._own
@@ -88,19 +57,24 @@ class Tracing:
         """Those that share their rays, a list."""
         if number != self._last[0]:
             own = number == OWN
-            self._last = number, self._own if own else [phasors_numbered(number, self._own[0])]
+            self._last = number, self._own if own else [despeckle.batch_phasors(number - 1)]
         return self._last[1]
 
     def frames(self, number: int) -> int:
+        """Frames of the set of phasors with a number."""
         return sum(map(len, self._phasors(number)))
 
     def recordable(self, number: int) -> np.ndarray:
+        """The energy of each of its phasors that a field keeps: what is in the band, and passes the paper's pixels."""
         sets = self._sets if number == OWN else self._phasors(number)
         with self._recording.clock("phase fields"):
-            kept = [kept_energy(each, self._recording.settings.estimator) for each in sets]
+            paper = self._recording.settings.estimator == "paper"
+            passed = pixel_transmission() if paper else 1.0
+            kept = [recordable_fraction(each) * passed for each in sets]
         return np.repeat(kept, [len(each) for each in sets])
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
+        """Add the wave field on a plane to `out`, which has a margin, shape (frames, wavelengths, y, x)."""
         first, count = 0, self.frames(number)
         for phasors in self._phasors(number):
             last = first + len(phasors)
@@ -110,32 +84,28 @@ class Tracing:
             first = last
 
 
-def kept_energy(phasors: np.ndarray, estimator: str) -> float:
-    """Share of the energy of phasors that a field keeps: what is in the band, and passes the paper's pixels."""
-    return recordable_fraction(phasors) * (pixel_transmission() if estimator == "paper" else 1.0)
-
-
-def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.ndarray:
+def at_slm(recording: Recording, tracing: Tracing, progress: Progress) -> np.ndarray:
     """The wave field at the SLM.
 
     Parameters
     ----------
     recording : Recording
         For silhouettes, the plan and where planes lie.
-    recorded : Recorded
+    tracing : Tracing
+        Of the recording.
     progress : callable
         ``progress(done, message)``, may raise.
 
     Returns
     -------
-    numpy.ndarray, complex64, shape (frames, wavelengths of `recorded`, y, x)
+    numpy.ndarray, complex64, shape (frames, wavelengths, y, x)
         Of the picture, without what was traced beside it.
     """
-    hologram, steps = recorded.hologram, recording.settings.despeckle
+    hologram, steps = recording.hologram, recording.settings.despeckle
     stages = Stages(progress, DESPECKLED if steps else PLAIN)
-    field = _in_scene(recording, recorded, OWN, stages["tracing"])
+    field = _in_scene(recording, tracing, OWN, stages["tracing"])
     if steps:
-        _despeckle(recording, recorded, field, stages["despeckling"])
+        _despeckle(recording, tracing, field, stages["despeckling"])
     with recording.clock("propagation"):
         for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered):
             field[m, k] = wave
@@ -145,21 +115,21 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
     return field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
 
 
-def _in_scene(recording, recorded, number, progress):
+def _in_scene(recording, tracing, number, progress):
     """The wave field at `Plan.z_gathered`, of all that lies before and behind it.
 
     Its scale makes a plane of radiance L refocus to intensity L. Between planes the carrier is left out, for then the
     shares of a surface that two planes record add up, whatever the wavelength.
     """
-    hologram, planes = recorded.hologram, recording.plan.planes
-    shape = recorded.frames(number), len(hologram.wavelengths), *recording.canvas
+    hologram, planes = recording.hologram, recording.plan.planes
+    shape = tracing.frames(number), len(hologram.wavelengths), *recording.canvas
     field, z = np.zeros(shape, np.complex64), planes[0].z
     for index, (plane, told) in enumerate(zip(planes, parts(progress, len(planes)), strict=True)):
         moving = named(told, "Between planes")
         if plane.sees == "images":
             # straight rays tell which of them are seen
             images = np.zeros_like(field)
-            recorded.add(number, plane, images, told)
+            tracing.add(number, plane, images, told)
             with recording.clock("propagation"):
                 for k, m, wave in _moved(images, hologram, z - plane.z, carried=False):
                     moving(1.0)
@@ -176,14 +146,14 @@ def _in_scene(recording, recorded, number, progress):
                     moving(0.0)
                     field[m, k] = wave
         z = plane.z
-        recorded.add(number, plane, field, told)
-    field *= np.float32(1 / np.sqrt(recorded.recordable(number))).reshape(-1, 1, 1, 1)
+        tracing.add(number, plane, field, told)
+    field *= np.float32(1 / np.sqrt(tracing.recordable(number))).reshape(-1, 1, 1, 1)
     return field
 
 
-def _despeckle(recording, recorded, field, progress):
+def _despeckle(recording, tracing, field, progress):
     """Take speckle out of the field on the plane nearest to the viewer, in place; the same paths, more frames."""
-    hologram, plan, settings = recorded.hologram, recording.plan, recording.settings
+    hologram, plan, settings = recording.hologram, recording.plan, recording.settings
     low, high = (z - plan.z_gathered for z in (plan.z_low, plan.z_high))
     targets = [
         despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed)
@@ -191,7 +161,7 @@ def _despeckle(recording, recorded, field, progress):
     ]
     stages = Stages(progress, DESPECKLING)
     for batch, told in enumerate(parts(stages["frames"], despeckle.BATCHES)):
-        many = _in_scene(recording, recorded, OWN + 1 + batch, told)
+        many = _in_scene(recording, tracing, OWN + 1 + batch, told)
         with recording.clock("despeckle"):
             for k, target in enumerate(targets):
                 target.add(many[:, k])

@@ -66,7 +66,6 @@ class PlannedRender:
         self.settings, self.plan, self.clock = settings, plan, clock
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None
-        self._recordings: dict[tuple[float, ...], Recording] = {}
 
     @cached_property
     def phasors(self) -> np.ndarray:
@@ -104,13 +103,11 @@ class PlannedRender:
 
     @contextmanager
     def recording(self, group: tuple[float, ...]) -> Iterator[Recording]:
-        """The recording planes of a group, the same each time, and the scene as its wavelengths see it."""
+        """The recording planes of a group, and the scene as its wavelengths see it."""
         from ..scene.dispersion import tuned
 
         with tuned(self.scene, group):
-            if group not in self._recordings:
-                self._recordings[group] = self._recording(group)
-            yield self._recordings[group]
+            yield self._recording(group)
 
     def _recording(self, group):
         from ..tracing.recording import Recording

@@ -1,13 +1,13 @@
 """Measures the radiance map: what is asked next follows from what the rays before told.
 
-All that rays tell are sums of whole numbers, and largest ones: who asked which pixels, and in what order, then does not
-change the last bit. So a question may be asked of some pixels here and of others elsewhere.
+All that rays tell are sums of whole numbers, and largest ones: the order in which threads add them then does not change
+the last bit.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -16,16 +16,15 @@ import numpy as np
 
 from ..hologram import channel
 from ..progress import paced
-from ..scene.buffers import loaded, mean, row_stride
+from ..scene.buffers import mean, row_stride
 from ..scene.rays import OUTSIDE
 from ..scene.variants import units_at_once
 from .filtering import Half, filtered, squared_error
 from .grains import TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
-from .questions import ROUNDS, Question
 from .regions import DEPTHS, TILE, Sightings, tiles_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from ..light.path_tracer import PathTracer
     from ..plan import Plan
@@ -40,17 +39,36 @@ ATOMIC = dr.ReduceMode.Local  # a copy for each thread would make the size of th
 HALF = 8  # numbers of a `Half`
 SUMS = 2 * HALF + 2  # of a row: those of both halves, and slopes along x and y
 LOOKED = 4  # numbers of a row that rays for textures add: reflectances, and how many they were
-WIDTHS = {
-    "sums": SUMS,
-    "reflectances": LOOKED,
-}  # of the totals that are added up; of all others, 1, the largest counts
 OTHERS = 1 << 13  # number of the first of the rays that see textures alone, which no path has
 TEXTURES = 0.35  # of the wanted error: what textures may have of it
 MOST_LOOKS = 256  # rays of a pixel that see textures alone
 NOISIER = 1.1  # than wished is good enough
 CELLS = 0.1  # of the time goes to find them
+ROUNDS = 3  # of paths at most
 
 Totals = dict[str, Any]  # flat arrays of whole numbers by name, Dr.Jit's
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What rays through all pixels are asked, round by round.
+
+    Attributes
+    ----------
+    kind : {'cells', 'light', 'textures'}
+        Which cells hold a surface, what light it sends, or only what it reflects.
+    passes : int
+        Rays of a pixel.
+    before : int
+        Number of the first of them.
+    share : float
+        Of what is left to be done, roughly.
+    """
+
+    kind: str
+    passes: int
+    before: int
+    share: float
 
 
 class Measurement:
@@ -71,11 +89,6 @@ class Measurement:
     wavelengths : sequence of float
         That have a radiance each, metres.
     seed : int
-
-    Attributes
-    ----------
-    question : Question or None
-        To be asked next; None where all is known.
     """
 
     def __init__(
@@ -96,50 +109,32 @@ class Measurement:
         self._unit = plan.white if 0 < plan.white < math.inf else 1.0
         self._scale = dr.opaque(mi.Float, 1 / self._unit)
         self._tiles = _Tiles(grid, rays, plan.planes if plan.regions else ())
-        self.question: Question | None = Question("cells", plan.passes, 0, CELLS)
+        self._question: _Question | None = _Question("cells", plan.passes, 0, CELLS)
         self._light: Totals = {}
         self._taken = self._rounds = self._looks = 0
         self._error = math.inf
         self._looked = Half.of([mi.Float(0)] * HALF)
 
-    @property
-    def chunks(self) -> int:
-        """How many parts the pixels of the question come in."""
-        assert self.question is not None
-        return chunk_count(self._grid, self.question.passes)
-
-    def nothing(self) -> Totals:
-        """What is known of the question before any pixel is asked."""
-        assert self.question is not None
-        if self.question.kind == "cells":
+    def _nothing(self, question):
+        """What is known of a question before any pixel is asked."""
+        if question.kind == "cells":
             grid = self._grid
             return {"occupied": dr.zeros(mi.UInt32, grid.columns * grid.rows * grid.slabs * grid.branches)}
-        if self.question.kind == "textures":
+        if question.kind == "textures":
             return {"reflectances": dr.zeros(mi.UInt64, LOOKED * self._rows)}
         sums, shining = dr.zeros(mi.UInt64, SUMS * self._rows), dr.zeros(mi.UInt32, self._rows)
         return {"sums": sums, "shining": shining, **self._tiles.nothing()}
 
-    def ask(self, chunks: range, totals: Totals, progress: PartProgress) -> None:
-        """Ask some of the pixels.
-
-        Parameters
-        ----------
-        chunks : range
-            Among `chunks`.
-        totals : dict
-            Of those asked before; these are added.
-        progress : callable
-            ``progress(done)``, may raise.
-        """
-        question = self.question
-        assert question is not None
+    def _ask(self, question, totals, progress):
+        """Ask all pixels, and add what they tell to the totals."""
         add = {"cells": self._cells_of, "light": self._light_of, "textures": self._textures_of}[question.kind]
         what = self._scene, self._rays, self._optics, self._grid
-        for some in paced(chunks, units_at_once()):
+        count = chunk_count(self._grid, question.passes)
+        for some in paced(range(count), units_at_once()):
             add(grains_of(*what, some, question.passes, self._seed, question.before), totals)
             dr.eval(totals)
             dr.sync_thread()
-            progress((some.stop - chunks.start) / len(chunks))
+            progress(some.stop / count)
 
     def _cells_of(self, grains, totals):
         kind = dr.select(grains.binned, mi.UInt32(self._grid.bins**2), 1)
@@ -172,15 +167,8 @@ class Measurement:
         for k, value in enumerate((*reflectance, mi.Float(1))):
             dr.scatter_add(totals["reflectances"], _steps(value), LOOKED * row + k, inside, mode=ATOMIC)
 
-    def include(self, totals: Totals) -> None:
-        """Take in what all pixels told; of light, together with the rounds before.
-
-        Parameters
-        ----------
-        totals : dict
-        """
-        question = self.question
-        assert question is not None
+    def _include(self, question, totals):
+        """Take in what all pixels told; of light, together with the rounds before."""
         if question.kind == "cells":
             self._occupied = totals["occupied"]
             self._numbers, self._rows = numbered(self._occupied, self._grid)
@@ -191,13 +179,9 @@ class Measurement:
         else:
             self._looked, self._looks = _looked(totals["reflectances"]), question.passes
 
-    def decide(self) -> None:
-        """Find the next question, once all is included."""
-        self.question = self._next()
-
-    def _next(self):
-        plan, asked = self._plan, self.question
-        assert asked is not None
+    def _next(self, asked):
+        """The question after one that was asked; None where all is known."""
+        plan = self._plan
         if asked.kind == "cells":
             return self._paths(plan.passes)
         if asked.kind == "light":
@@ -211,7 +195,7 @@ class Measurement:
             if looks is None:
                 looks = rays_for_textures(of_textures, wanted, self._taken)
             if looks:
-                return Question("textures", looks, OTHERS, 0.0)
+                return _Question("textures", looks, OTHERS, 0.0)
         if self._error <= NOISIER * wanted or self._taken >= most or self._rounds == ROUNDS:
             return None
         return self._paths(
@@ -221,7 +205,7 @@ class Measurement:
     def _paths(self, passes):
         """Question for light; another one may follow."""
         another = self._rounds < ROUNDS - 1 and self._taken + passes < self._plan.most_passes
-        return Question("light", passes, self._taken, 0.5 if another else 1.0)
+        return _Question("light", passes, self._taken, 0.5 if another else 1.0)
 
     def _share(self):
         """Have grains share their light."""
@@ -233,13 +217,7 @@ class Measurement:
         if plan.reach and self._taken > 1 and dr.width(cells):
             self._kept, self._shared = filtered(self._halves, cells, numbers, self._grid, plan.reach)
 
-    def radiance_map(self) -> RadianceMap:
-        """The map, once there is no question.
-
-        Returns
-        -------
-        RadianceMap
-        """
+    def _radiance_map(self):
         own = self._halves[0] + self._halves[1]
         shared = (self._kept[0] + self._kept[1]).over * (own + self._looked).reflectance
         light = self._unit * dr.select(self._shared, shared, own.radiance)
@@ -251,7 +229,7 @@ class Measurement:
         )
 
     def measured(self, progress: PartProgress) -> RadianceMap:
-        """The map, of questions that all pixels are asked here.
+        """The radiance map.
 
         Parameters
         ----------
@@ -263,64 +241,16 @@ class Measurement:
         RadianceMap
         """
         done = 0.0
-        while (question := self.question) is not None:
+        while (question := self._question) is not None:
             share = (1 - done) * question.share
             # paths of a later round add to those before
             again = question.kind == "light" and self._light
-            totals = self._light if again else self.nothing()
-            self.ask(
-                range(self.chunks),
-                totals,
-                lambda part, done=done, share=share: progress(done + share * part),
-            )
+            totals = self._light if again else self._nothing(question)
+            self._ask(question, totals, lambda part, done=done, share=share: progress(done + share * part))
             done += share
-            self.include(totals)
-            self.decide()
-        return self.radiance_map()
-
-    def joined(self, parts: Iterable[dict[str, tuple[np.ndarray, np.ndarray]]]) -> Totals:
-        """What parts of the pixels told together, and of light those of earlier rounds.
-
-        Parameters
-        ----------
-        parts : iterable of dict
-            As `sparse` has them.
-
-        Returns
-        -------
-        dict
-            See `include`.
-        """
-        assert self.question is not None
-        again = self.question.kind == "light" and self._light
-        before = self._light if again else self.nothing()
-        whole = {name: _columns(name, np.array(values)) for name, values in before.items()}
-        for part in parts:
-            for name, (rows, values) in part.items():
-                if name in WIDTHS:
-                    whole[name][rows] += values  # whose numbers are all different
-                else:
-                    whole[name][rows] = np.maximum(whole[name][rows], values)
-        return {name: loaded(type(before[name]), values.ravel()) for name, values in whole.items()}
-
-
-def sparse(totals: Totals) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Totals as NumPy's: of each the rows that are not nothing, and their numbers.
-
-    Parameters
-    ----------
-    totals : dict
-    """
-    found = {}
-    for name, values in totals.items():
-        columns = _columns(name, np.array(values))
-        rows = np.flatnonzero(columns.any(1)).astype(np.uint32)
-        found[name] = rows, columns[rows]
-    return found
-
-
-def _columns(name, values):
-    return values.reshape(-1, WIDTHS.get(name, 1))
+            self._include(question, totals)
+            self._question = self._next(question)
+        return self._radiance_map()
 
 
 def _steps(value):

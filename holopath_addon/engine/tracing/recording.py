@@ -23,11 +23,9 @@ from .grain_grid import GrainGrid
 from .kernel_table import Lattice, directions_of, kernel_table
 from .measurement import Measurement
 from .regions import Region, regions_of
-from .wave_tracer import Block, Part, add_pixels, blocks_of, trace_blocks
+from .wave_tracer import Part, add_pixels, blocks_of, trace_blocks
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from ..camera import Camera
     from ..hologram import Hologram
     from ..light.radiance_cache import RadianceCache
@@ -82,11 +80,14 @@ class Recording:
         if self.settings.radiance == "ray":
             return PathsPerRay(self.tracer, self.settings.paths)
         with self.clock("radiance"):
-            radiance = self.measurement().measured(progress)
-        self.count(radiance)
+            radiance = self._measurement().measured(progress)
+        pixels = radiance.grid.columns * radiance.grid.rows
+        self.rays_traced["radiance paths"] = pixels * radiance.passes
+        self.rays_traced["texture rays"] = pixels * radiance.textures
+        self.error, self.passes = radiance.error, radiance.passes
         return radiance
 
-    def measurement(self) -> Measurement:
+    def _measurement(self):
         """That of the map of grains."""
         plan, hologram, settings = self.plan, self.hologram, self.settings
         size, slope = (hologram.width, hologram.height), plan.cone * self.max_slope
@@ -99,13 +100,6 @@ class Recording:
         wavelengths = hologram.wavelengths[:1] if plan.grey else hologram.wavelengths
         what = self.scene, rays, self.optics, self.tracer, grid, plan
         return Measurement(*what, wavelengths=wavelengths, seed=settings.seed)
-
-    def count(self, radiance: RadianceMap) -> None:
-        """Take note of a map that was measured."""
-        pixels = radiance.grid.columns * radiance.grid.rows
-        self.rays_traced["radiance paths"] = pixels * radiance.passes
-        self.rays_traced["texture rays"] = pixels * radiance.textures
-        self.error, self.passes = radiance.error, radiance.passes
 
     @property
     def canvas(self) -> tuple[int, int]:
@@ -121,46 +115,22 @@ class Recording:
         out: np.ndarray,
         straight: float = 0.0,
     ) -> None:
-        """Add the wave field on a recording plane, see `trace` and `wave_tracer.add_pixels`."""
-        blocks = self.blocks(plane, radiance, len(phasors))
-        with ThreadPoolExecutor(threads()) as executor:
-            traced = self.trace(plane, radiance, phasors, blocks, progress, straight)
-            for block, pixels, values in traced:
-                with self.clock("wave tracing"):
-                    add_pixels(out[block.start : block.stop], self.hologram, pixels, values, executor)
-
-    def blocks(self, plane: RecordingPlane, radiance: RadianceMap | PathsPerRay, frames: int) -> list[Block]:
-        """What is to be traced on a recording plane for so many frames, see `wave_tracer.blocks_of`."""
-        sizes = [(len(region.pixels), self._rays(plane, region)) for region in self._regions(plane, radiance)]
-        return blocks_of(sizes, frames, len(self.hologram.wavelengths), self.plan.chunk)
-
-    def trace(
-        self,
-        plane: RecordingPlane,
-        radiance: RadianceMap | PathsPerRay,
-        phasors: np.ndarray,
-        blocks: Sequence[Block],
-        progress: PartProgress,
-        straight: float = 0.0,
-    ) -> Iterator[tuple[Block, np.ndarray, np.ndarray]]:
-        """The wave field on a recording plane, as `wave_tracer.trace_blocks`; all blocks or some.
+        """Add the wave field on a recording plane, see `wave_tracer.trace_blocks` and `add_pixels`.
 
         Phasors send the share `straight` of the light of even surfaces straight on, see `straight_share`. Seconds and
         rays are counted.
         """
+        regions, chunk = self._regions(plane, radiance), self.plan.chunk
+        sizes = [(len(region.pixels), self._rays(plane, region)) for region in regions]
+        blocks = blocks_of(sizes, len(phasors), len(self.hologram.wavelengths), chunk)
         with self.clock("kernel tables"):
-            numbers = {block.part for block in blocks}
-            parts = {number: self._part(plane, radiance, number, straight) for number in numbers}
+            parts = [self._part(plane, radiance, number, straight) for number in range(len(regions))]
         count = sum(block.rays for block in blocks)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
         what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.settings.seed
-        traced = trace_blocks(*what, self.plan.chunk, progress)
-        while True:
-            with self.clock("wave tracing"):
-                found = next(traced, None)
-            if found is None:
-                return
-            yield found
+        with ThreadPoolExecutor(threads()) as executor, self.clock("wave tracing"):
+            for block, pixels, values in trace_blocks(*what, chunk, progress):
+                add_pixels(out[block.start : block.stop], self.hologram, pixels, values, executor)
 
     def _regions(self, plane, radiance):
         """The `Region`s of a plane."""
@@ -177,7 +147,7 @@ class Recording:
             self._kept_regions[plane] = regions
         return self._kept_regions[plane]
 
-    def _part(self, plane, radiance, number, straight=0.0):
+    def _part(self, plane, radiance, number, straight):
         """The `Part` of a region of a plane."""
         if (plane, number, straight) not in self._parts:
             region = self._regions(plane, radiance)[number]

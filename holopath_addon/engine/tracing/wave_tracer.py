@@ -8,7 +8,7 @@ accumulation (here).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -22,7 +22,7 @@ from ..scene.rays import PACKET
 from ..scene.variants import CUDA, activate, chunks_at_once, units_at_first, units_at_once
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
     from concurrent.futures import Executor
 
     from ..hologram import Hologram
@@ -94,15 +94,6 @@ class Block:
         """Rays, times frames."""
         return self.rays * (self.stop - self.start)
 
-    def cut(self, low: float, high: float) -> Block:
-        """Its pixels from one part of it to another, 0..1, in whole packets."""
-        first, last = (
-            self.count if end == 1 else min(self.count, PACKET * round(self.count * end / PACKET))
-            for end in (low, high)
-        )
-        count = last - first
-        return replace(self, first=self.first + first, count=count, rays=self.rays // self.count * count)
-
 
 def blocks_of(parts: Sequence[tuple[int, int]], frames: int, colours: int, chunk: int) -> list[Block]:
     """All that is to be traced on a recording plane.
@@ -132,7 +123,7 @@ def blocks_of(parts: Sequence[tuple[int, int]], frames: int, colours: int, chunk
 def trace_blocks(
     scene: mi.Scene,
     hologram: Hologram,
-    parts: Mapping[int, Part],
+    parts: Sequence[Part],
     blocks: Sequence[Block],
     radiance: RadianceMap | PathsPerRay,
     phasors: np.ndarray,
@@ -148,10 +139,10 @@ def trace_blocks(
     ----------
     scene : mitsuba.Scene
     hologram : Hologram
-    parts : mapping of int to Part
-        By number, those that the blocks are of. What is in none stays dark.
+    parts : sequence of Part
+        What is in none stays dark.
     blocks : sequence of Block
-        Of `blocks_of` for the same parts and frames, all or some.
+        Of `blocks_of` for the same parts and frames.
     radiance : RadianceMap or PathsPerRay
     phasors : numpy.ndarray, complex64, shape (frames, rows, columns)
         One period of the phase maps.

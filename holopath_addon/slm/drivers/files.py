@@ -14,20 +14,24 @@ from ...engine.errors import InvalidInput
 from ...engine.files import earlier, whole_folder
 from ...engine.scene import variants
 from ..driver import SHOWN, Info
+from .video import Videos
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..driver import Picture
+    from ..sequence import Sequence
 
-KINDS = ("png", "raw")
+VIDEO, VIDEOS = "video", "video-per-color"
+KINDS = ("png", "raw", VIDEO, VIDEOS)
+OTHERS = ("picture_*.png", "pictures.raw", "pictures*.mkv")
 
 
 class FilesDriver:
-    """A folder: ``picture_000000.png`` and so on, or all of them in ``pictures.raw``; and ``pictures.json``.
+    """A folder: ``picture_000000.png`` and so on, or all of them in one file or more; and ``pictures.json``.
 
     The folder appears when all are written. Raw: row by row from the top, each pixel one byte, two of more than 8 bits
-    (low byte first), three (red, green, blue) with a packing of several.
+    (low byte first), three (red, green, blue) with a packing of several. Videos: see `video.Videos`.
 
     Parameters
     ----------
@@ -35,26 +39,36 @@ class FilesDriver:
         Replaced if it holds an earlier such sequence.
     kind : str
         Of `KINDS`.
+    sequence : Sequence, optional
+        Whose pictures they are; of videos it must be given, for their colors and times.
 
     Raises
     ------
     InvalidInput
+    BackendUnavailable
+        Of videos, on opening: where there is no program that writes them.
     """
 
-    def __init__(self, folder: Path | str, kind: str = "png") -> None:
+    def __init__(self, folder: Path | str, kind: str = "png", sequence: Sequence | None = None) -> None:
         if kind not in KINDS:
             raise InvalidInput(f"Pictures are written as {' or '.join(KINDS)}, not {kind}.")
+        if kind in (VIDEO, VIDEOS) and sequence is None:
+            raise InvalidInput("Videos have the colors and times of a sequence: give it.")
+        self._sequence = sequence
+        self._videos: Videos | None = None
         self._folder, self._kind = Path(folder), kind
         self._whole = None
         self.info = Info("files", bits=0, channels=3, note=f"{kind} in {folder}")
 
     def open(self, rate: float | None, told: Callable[[int, str], None]) -> None:
         """Begin; see `Driver`. Files are written as fast as they can be: their rate stands in ``pictures.json``."""
+        if self._sequence is not None and self._kind in (VIDEO, VIDEOS):
+            self._videos = Videos(self._sequence, rate, self._kind == VIDEOS)
         self._told, self.info = told, replace(self.info, rate=rate or math.inf)
         self._rate, self._parts, self._shape, self._raw = rate, [], None, None
         self._whole = whole_folder(
             self._folder,
-            earlier("a sequence of pictures", "pictures.json", others=("picture_*.png", "pictures.raw")),
+            earlier("a sequence of pictures", "pictures.json", others=OTHERS),
         )
         self._part = self._whole.__enter__()
 
@@ -64,6 +78,8 @@ class FilesDriver:
         self._shape = pixels.shape, pixels.dtype
         if self._kind == "png":
             variants.bitmaps().Bitmap(pixels).write(str(self._part / f"picture_{number:06d}.png"))
+        elif self._videos is not None:
+            self._videos.add(picture, self._part)
         else:
             if self._raw is None:
                 self._raw = open(self._part / "pictures.raw", "wb")
@@ -79,9 +95,13 @@ class FilesDriver:
         if self._raw is not None:
             self._raw.close()
         if not finish or self._shape is None:
+            if self._videos is not None:
+                self._videos.close(False)
             whole.__exit__(InterruptedError, InterruptedError(), None)
             return
         try:
+            if self._videos is not None:
+                self._videos.close(True)
             self._describe(*self._shape)
         except BaseException as error:
             whole.__exit__(type(error), error, error.__traceback__)
@@ -100,5 +120,6 @@ class FilesDriver:
             "bytes_per_level": np.dtype(dtype).itemsize,
             "rate_hz": self._rate,
             "parts": [[list(part) for part in parts] for parts in self._parts],
+            **({"videos": self._videos.timing(len(self._parts))} if self._videos is not None else {}),
         }
         (self._part / "pictures.json").write_text(json.dumps(said) + "\n", encoding="utf-8")
