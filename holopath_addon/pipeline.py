@@ -11,6 +11,7 @@ from .engine.hologram import channel
 from .engine.mapping import DepthMapping
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, Compiling, stage
+from .engine.window import squared
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
@@ -178,6 +179,7 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, pro
     aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
     aperture *= hologram.optics.opening[2]
     channels = [channel(w) for w in hologram.wavelengths]
+    camera, hologram = squared(camera, hologram)
     size, centre = (hologram.width, hologram.height), (0.0, 0.0)
     if pupil is not None:
         aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)

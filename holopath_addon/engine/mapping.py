@@ -57,7 +57,7 @@ class DepthMapping:
             World depth at `hologram.depth_near` for the `fit` mapping, metres; needed when
             ``hologram.near`` is not set.
         """
-        width = hologram.width * hologram.pitch
+        width = hologram.width * hologram.pitch_x
         focal = width / (2 * math.tan(camera.fov_x / 2))
         if hologram.depth_mapping == "eyepiece":
             beta = focal**2

@@ -350,7 +350,7 @@ class _Work:
             for colour in range(count)
         ]
         self._beams = [hologram.illumination(colour) for colour in range(count)]
-        self._passes = hologram.optics.passes(self._shape)
+        self._passes = hologram.optics.passes(self._shape, hologram.pitch)
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -475,7 +475,7 @@ class _Work:
         """What `sgd` compares the light of some frames with."""
         hologram, asked = self.field.hologram, self._asked
         if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics)
+            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics, hologram.pitch)
         distances = _spread(*self._volume(), asked.planes)
         grid = hologram.pitch, hologram.wavelengths[colour]
         return AmplitudeTarget(fields, *grid, distances, self._threads, hologram.optics)

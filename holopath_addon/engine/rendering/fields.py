@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from .. import window
 from ..progress import Stages, named, parts, stage
 from ..waves import despeckle
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
@@ -115,7 +116,7 @@ def kept_energy(phasors: np.ndarray, estimator: str) -> float:
     return recordable_fraction(phasors) * (pixel_transmission() if estimator == "paper" else 1.0)
 
 
-def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.ndarray:
+def at_slm(recording: Recording, recorded: Recorded, display: Hologram, progress: Progress) -> np.ndarray:
     """The wave field at the SLM.
 
     Parameters
@@ -123,6 +124,8 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
     recording : Recording
         For silhouettes, the plan and where planes lie.
     recorded : Recorded
+    display : Hologram
+        Whose pixels are wanted; where they are not square, rays were traced on a grid of squares, see `window`.
     progress : callable
         ``progress(done, message)``, may raise.
 
@@ -136,11 +139,17 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
     field = _in_scene(recording, recorded, OWN, stages["tracing"])
     if steps:
         _despeckle(recording, recorded, field, stages["despeckling"])
+    places, out = None, field
+    if not display.square:
+        places = window.places(display, field.shape[-2:], hologram.pitch)
+        out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
     with recording.clock("propagation"):
-        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered):
-            field[m, k] = wave
+        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, places=places):
+            out[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
+    if places is not None:
+        return out
     edge = recording.beyond + recording.plan.beside
     return field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
 
@@ -202,7 +211,7 @@ def _despeckle(recording, recorded, field, progress):
             )
 
 
-def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, np.ndarray]]:
+def _moved(field, hologram, distance, carried=True, places=None) -> Iterator[tuple[int, int, np.ndarray]]:
     """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack."""
     shape = field.shape[-2:]
     for k, wavelength in enumerate(hologram.wavelengths):
@@ -210,5 +219,5 @@ def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, 
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
-        for m, wave in enumerate(moved(field[:, k], transfer)):
+        for m, wave in enumerate(moved(field[:, k], transfer, places)):
             yield k, m, wave
