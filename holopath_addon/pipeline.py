@@ -8,10 +8,9 @@ import numpy as np
 
 from . import engine
 from .engine.hologram import channel
-from .engine.mapping import DepthMapping
+from .engine.mapping import DepthMapping, squared
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, Compiling, stage
-from .engine.window import squared
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line

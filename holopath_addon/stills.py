@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import engine, output, pipeline
+from .engine.mapping import squared
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, stage
 from .engine.settings import current
 from .engine.viewing import assessment
 from .engine.viewing.depth import image_depth_map
 from .engine.viewing.light_field import pinhole_pictures, pupil_points, pupil_row, quilt
-from .engine.window import squared
 from .lengths import format_distance
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InvalidInput
-from .optics import Beam, Optics
+from .optics import Optics
 from .pixels import Pitch, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
@@ -173,9 +173,7 @@ class Hologram:
             math.ceil(n * d / pitch - LITTLE)
             for n, d in ((self.width, self.pitch_x), (self.height, self.pitch_y))
         )
-        # rays do not meet the beam, which may be measured pixel by pixel
-        optics = replace(self.optics, beam=Beam())
-        return replace(self, width=width, height=height, pitch=pitch, optics=optics)
+        return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.unlit)
 
     @property
     def shorter_side(self) -> float:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -376,6 +376,11 @@ class Optics:
             for g, n in zip((-g_y, g_x), self.stop.measured.shape, strict=True)
         )
         return passes & self.stop.measured[rows, columns]
+
+    @property
+    def unlit(self) -> Optics:
+        """The same without the beam, which rays do not meet, and which may be measured pixel by pixel."""
+        return replace(self, beam=Beam())
 
     def passes(self, shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
         """FFT bins of a field on a grid of the pixels' pitch that pass the stop, bool; row 0 is the top.

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, places_on, squared
 from ..pixels import in_words
 from ..settings import BASELINES
 from ..waves.phase_fields import FEW_FRAMES
 from ..waves.propagation import TEACHING_GUARD, padded_shape, sampled, spectrum
-from ..window import places, squared
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -32,7 +31,7 @@ LIGHT_RANDOMNESS = (
     0.0,
     0.1,
 )  # of the phases of the scene's light, which stay as they are, by frames from one on
-# These find phases of pixels; all others find waves, which are recorded in squares where pixels are none, see `window`.
+# These find phases of pixels; all others find waves, which squares record where pixels are none, see `mapping`.
 OF_PIXELS = ("focal_stack", "light_field", "rgbd_descent")
 PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # of a pixel of a picture
 
@@ -112,5 +111,5 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     camera, square = squared(job.camera, hologram)
     waves = module.field(replace(job, camera=camera, hologram=square), progress)
     padded = padded_shape(waves.shape[-2:], square.pitch, max(square.wavelengths), 0.0, TEACHING_GUARD)
-    lines = places(hologram, waves.shape[-2:], square.pitch)
+    lines = places_on(hologram, waves.shape[-2:], square.pitch)
     return np.stack([[sampled(spectrum(wave, padded), lines) for wave in frame] for frame in waves])

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, squared
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
 from ..scene import variants
@@ -22,7 +22,6 @@ from ..waves.phase_fields import (
     straight_share,
 )
 from ..waves.propagation import padded_shape
-from ..window import squared
 from .fixable import check_fixed
 from .layouts import CONE, by_region
 

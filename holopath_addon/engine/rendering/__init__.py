@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import baselines
+from ..mapping import squared, widened
 from ..planning import planner
 from ..progress import Clock, Stages, named, parts
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..wavefield import WaveField
-from ..window import squared, widened
 from .fields import Tracing, at_slm
 from .many import along
 from .planned import PlannedRender, added, report_of

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from .. import window
+from ..mapping import places_on
 from ..progress import Stages, named, parts, stage
 from ..waves import despeckle
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
@@ -125,7 +125,7 @@ def at_slm(recording: Recording, recorded: Recorded, display: Hologram, progress
         For silhouettes, the plan and where planes lie.
     recorded : Recorded
     display : Hologram
-        Whose pixels are wanted; where they are not square, rays were traced on a grid of squares, see `window`.
+        Whose pixels are wanted; where they are not square, rays were traced on a grid of squares, see `mapping`.
     progress : callable
         ``progress(done, message)``, may raise.
 
@@ -141,7 +141,7 @@ def at_slm(recording: Recording, recorded: Recorded, display: Hologram, progress
         _despeckle(recording, recorded, field, stages["despeckling"])
     places, out = None, field
     if not display.square:
-        places = window.places(display, field.shape[-2:], hologram.pitch)
+        places = places_on(display, field.shape[-2:], hologram.pitch)
         out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
     with recording.clock("propagation"):
         for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, places=places):

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..mapping import squared, widened
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of, straight_share
-from ..window import squared, widened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

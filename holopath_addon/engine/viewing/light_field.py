@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..hologram import channel
-from ..window import squared
+from ..mapping import squared
 from .preview import Preview
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import window
 from ..errors import InvalidInput
 from ..hologram import channel
+from ..mapping import places_on
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
 from ..pixels import Pitch, axes, coarsest
@@ -119,7 +119,7 @@ class Refocuser:
         places, size = None, shape
         if not self._own:
             grid = hologram.picture
-            places, size = window.places(grid, shape, hologram.pitch), (grid.height, grid.width)
+            places, size = places_on(grid, shape, hologram.pitch), (grid.height, grid.width)
         images, done = np.empty((len(distances), *size, colours), np.float32), 0
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, farthest)

@@ -9,9 +9,8 @@ import numpy as np
 import scipy.fft
 
 from ..hologram import channel
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, squared
 from ..scene import variants
-from ..window import squared
 from .preview import Lens, number, path_tracer
 
 if TYPE_CHECKING:
