@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .optics import Optics
-from .pixels import Pitch, axes, coarsest
+from .pixels import Pitch, Raster, axes, coarsest, scaled
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
@@ -141,8 +141,13 @@ class Hologram:
         )
 
     def max_slope(self, wavelength: float) -> float:
-        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the larger pitch."""
-        return math.tan(math.asin(wavelength / (2 * coarsest(self.pitch))))
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the largest pitch."""
+        return math.tan(math.asin(wavelength / (2 * self._largest_pitch)))
+
+    @property
+    def _largest_pitch(self):
+        """In both directions and all colors."""
+        return coarsest(self.pitch) * max(self.optics.color_scale, default=1.0)
 
     @property
     def pitch_x(self) -> float:
@@ -155,25 +160,41 @@ class Hologram:
         return axes(self.pitch)[0]
 
     @property
-    def square(self) -> bool:
-        """Whether pixels are square."""
-        return not isinstance(self.pitch, tuple)
+    def plain(self) -> bool:
+        """Whether pixels are square, and all colors lie on each other."""
+        return not isinstance(self.pitch, tuple) and not self.optics.colors_apart
+
+    def raster(self, wavelength: float | None = None) -> Raster:
+        """Where the light of a wavelength has the panel's pixels, see `Optics`; the panel itself without one."""
+        shape = self.height, self.width
+        if wavelength is None or not self.optics.colors_apart:
+            return Raster(shape, self.pitch)
+        scale, _, (right, up) = self.optics.color(self.wavelengths.index(wavelength))
+        return Raster(shape, scaled(self.pitch, scale), (-up, right))
+
+    def pitch_at(self, wavelength: float) -> Pitch:
+        """Pitch of the panel's pixels as the light of a wavelength has them, meters."""
+        return self.raster(wavelength).pitch
+
+    def distance_at(self, wavelength: float) -> float:
+        """Where the panel lies for the light of a wavelength, meters towards the viewer; 0 by default."""
+        return self.optics.color(self.wavelengths.index(wavelength))[1] if self.optics.color_distance else 0.0
 
     @property
     def picture(self) -> Hologram:
-        """Grid of what is recorded and of pictures: squares of the larger pitch that cover the panel.
+        """Grid of what is recorded and of pictures: squares of the largest pitch that cover the panel.
 
-        The round cone, which is all that is recorded, has no more than that. With square pixels it is the hologram
-        itself.
+        The round cone, which is all that is recorded, has no more than that. Where nothing is to be made up for it is
+        the hologram itself.
         """
-        if self.square:
+        if self.plain:
             return self
-        pitch = coarsest(self.pitch)
+        pitch = self._largest_pitch
         width, height = (
             math.ceil(n * d / pitch - LITTLE)
             for n, d in ((self.width, self.pitch_x), (self.height, self.pitch_y))
         )
-        return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.unlit)
+        return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.of_rays)
 
     @property
     def shorter_side(self) -> float:

@@ -10,10 +10,9 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..hologram import channel
-from ..mapping import places_on
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
-from ..pixels import Pitch, axes, coarsest
+from ..pixels import Pitch, axes, beyond, coarsest
 from ..waves.propagation import (
     JUDGING_GUARD,
     field_of,
@@ -84,7 +83,7 @@ class Refocuser:
     """
 
     def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES, own_pixels: bool = False) -> None:
-        self.field, self._own = field, own_pixels or field.hologram.square
+        self.field, self._own = field, own_pixels or field.hologram.plain
         self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
         self._spectra = {}  # by wavelength, frame and shape
         self._lock = threading.Lock()
@@ -101,9 +100,10 @@ class Refocuser:
         field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
         distances = mapping.depth_to_z(list(focus))
         frames, colours, *shape = field.data.shape
-        farthest = float(np.abs(distances).max())
+        aside = max(abs(hologram.distance_at(w)) for w in hologram.wavelengths)
+        farthest = float(np.abs(distances).max()) + aside
         for wavelength in hologram.wavelengths:
-            needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._guard)
+            needed = grid_bytes(shape, hologram.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
             doing = f"Refocusing {farthest * 1e3:.3g} mm from the SLM"
             try:
@@ -116,22 +116,20 @@ class Refocuser:
                     f"{doing} is in its far field, beyond {far:.3g} m, to which light is not propagated: choose a "
                     "nearer distance, or add the phase of a lens and refocus to its focal length."
                 ) from error
-        places, size = None, shape
-        if not self._own:
-            grid = hologram.picture
-            places, size = places_on(grid, shape, hologram.pitch), (grid.height, grid.width)
+        size = shape if self._own else hologram.picture.raster().shape
         images, done = np.empty((len(distances), *size, colours), np.float32), 0
         for k, wavelength in enumerate(hologram.wavelengths):
-            padded = self._padded(k, farthest)
-            mask = hologram.optics.passes(padded, hologram.pitch) if hologram.optics.stopped else None
+            padded, pitch, places = self._padded(k, farthest), hologram.pitch_at(wavelength), self._places(k)
+            mask = hologram.optics.passes(padded, pitch) if hologram.optics.stopped else None
             if pupil is not None:
-                part = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil, hologram.optics)
+                part = pupil_mask(padded, pitch, wavelength, mapping, pupil, hologram.optics)
                 mask = part if mask is None else mask & part
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
                 transfers = [
-                    transfer_function(padded, hologram.pitch, wavelength, z) for z in distances[some]
+                    transfer_function(padded, pitch, wavelength, z - hologram.distance_at(wavelength))
+                    for z in distances[some]
                 ]
                 if mask is not None:
                     for transfer in transfers:
@@ -158,8 +156,18 @@ class Refocuser:
         return volume if min(np.subtract(volume, needed)) >= 0 else needed
 
     def _shape(self, k, distance):
-        hologram, shape = self.field.hologram, self.field.data.shape[-2:]
-        return padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance, self._guard)
+        hologram, shape, places = self.field.hologram, self.field.data.shape[-2:], self._places(k)
+        wavelength, guard = hologram.wavelengths[k], self._guard
+        if places is not None:
+            guard = max(guard, beyond(places, shape))
+        return padded_shape(shape, hologram.pitch_at(wavelength), wavelength, distance, guard)
+
+    def _places(self, k):
+        """Where pixels of the picture lie between those of the panel; None where they are these."""
+        if self._own:
+            return None
+        hologram = self.field.hologram
+        return hologram.picture.raster().lines_on(hologram.raster(hologram.wavelengths[k]))
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
