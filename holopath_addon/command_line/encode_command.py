@@ -185,7 +185,8 @@ def _scene(args, folder, progress, say):
 
 
 def _phases(args, folder, start, progress, scene=None, settings=None):
-    field = options.on_bench(output.stored_field(folder), args)
+    field = output.stored_field(folder)
+    field = engine.at_panel(field, replace(field.hologram.optics, **options.optics_of(args)))
     steps = {} if args.max_steps is None else {"max_steps": args.max_steps}
     return pipeline.encode(
         field,

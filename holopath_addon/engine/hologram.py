@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from .errors import InvalidInput
 from .optics import Optics
+from .pixels import Pitch, Raster, axes, coarsest, scaled
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
 # 8 µm. What is looked at first, between the near end and twice its distance, is at most 1.5 mm from the SLM. Measured:
 # docs/measurements.md, How near to the SLM.
 DEPTH_RANGE, SHORTER_SIDE = (-4e-3, 1e-3), 4.096e-3
+LITTLE = 1e-6  # of a pixel: rounding
 MIN_CAPTURED = 0.9  # of the light; where less passes the aperture, borders are seen to be dark
 
 
@@ -27,8 +29,9 @@ class Hologram:
     ----------
     width, height : int
         Pixels.
-    pitch : float
-        Pixel pitch d, metres. The recordable cone is asin(wavelength / (2 d)).
+    pitch : float or (float, float)
+        Pixel pitch d, metres; of pixels that are not square (x, y). Two equal numbers become one. The recordable cone
+        is asin(wavelength / (2 d)) with the larger d: the round one that both directions hold.
     wavelengths : tuple of float
         Vacuum wavelengths, metres; each takes the red, green or blue radiance of the scene,
         whichever is nearest (`channel`).
@@ -50,7 +53,7 @@ class Hologram:
 
     width: int
     height: int
-    pitch: float
+    pitch: Pitch
     wavelengths: tuple = (640e-9, 516.5e-9, 455.4e-9)
     # pyrefly: ignore[bad-assignment]  # numbers from `__post_init__` on
     depth_far: float = None
@@ -70,16 +73,15 @@ class Hologram:
             raise InvalidInput(
                 f"The hologram's resolution {self.width} x {self.height} is over 67 megapixels: choose a smaller one."
             )
-        if not (math.isfinite(self.pitch) and self.pitch > 0):
-            raise InvalidInput(f"The pixel pitch must be positive, not {self.pitch * 1e6:g} µm.")
+        object.__setattr__(self, "pitch", _pitch(self.pitch))
         if not self.wavelengths:
             raise InvalidInput("The hologram needs at least one wavelength.")
         for wavelength in self.wavelengths:
             if not 100e-9 <= wavelength <= 10e-6:
                 raise InvalidInput(f"The wavelength {wavelength * 1e9:g} nm is outside 100 nm to 10000 nm.")
-            if wavelength >= 2 * self.pitch:
+            if wavelength >= 2 * min(axes(self.pitch)):
                 raise InvalidInput(
-                    f"The pixel pitch {self.pitch * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
+                    f"The pixel pitch {min(axes(self.pitch)) * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
                     f"make it larger than half the wavelength."
                 )
         for name, default in zip(("depth_far", "depth_near"), self._depth_range(), strict=True):
@@ -108,7 +110,7 @@ class Hologram:
         Light spreads on its way to the SLM, by slope times distance, and what passes beside the aperture is lost to
         the picture's border. So the volume lies around the SLM, and that of a small display is less deep.
         """
-        scale = min(1.0, min(self.width, self.height) * self.pitch / SHORTER_SIDE)
+        scale = min(1.0, self.shorter_side / SHORTER_SIDE)
         return tuple(end * scale for end in DEPTH_RANGE)
 
     def captured_share(self, distance: float) -> float:
@@ -121,9 +123,9 @@ class Hologram:
         axis = np.linspace(-1, 1, n)
         slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
         disk = slope_x**2 + slope_y**2 <= 1
-        walk = self.widest_slope * abs(distance) / self.pitch
-        kept = np.clip(1 - np.abs(slope_x) * walk / self.width, 0, 1) * np.clip(
-            1 - np.abs(slope_y) * walk / self.height, 0, 1
+        down, across = (self.widest_slope * abs(distance) / d for d in axes(self.pitch))
+        kept = np.clip(1 - np.abs(slope_x) * across / self.width, 0, 1) * np.clip(
+            1 - np.abs(slope_y) * down / self.height, 0, 1
         )
         return float(kept[disk].mean())
 
@@ -132,15 +134,77 @@ class Hologram:
         captured = self.captured_share(distance)
         if captured >= MIN_CAPTURED:
             return ""
-        border = math.ceil(self.widest_slope * abs(distance) / self.pitch)
+        border = self.border(distance)
         return (
             f"Only {captured:.0%} of the light fits through the SLM's aperture at {abs(distance) * 1e3:.3g} mm: the "
             f"outer {border} pixels darken"
         )
 
     def max_slope(self, wavelength: float) -> float:
-        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge."""
-        return math.tan(math.asin(wavelength / (2 * self.pitch)))
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the largest pitch."""
+        return math.tan(math.asin(wavelength / (2 * self._largest_pitch)))
+
+    @property
+    def _largest_pitch(self):
+        """In both directions and all colors."""
+        return coarsest(self.pitch) * max(self.optics.color_scale, default=1.0)
+
+    @property
+    def pitch_x(self) -> float:
+        """Distance of columns, meters."""
+        return axes(self.pitch)[1]
+
+    @property
+    def pitch_y(self) -> float:
+        """Distance of rows, meters."""
+        return axes(self.pitch)[0]
+
+    @property
+    def plain(self) -> bool:
+        """Whether pixels are square, and all colors lie on each other."""
+        return not isinstance(self.pitch, tuple) and not self.optics.colors_apart
+
+    def raster(self, wavelength: float | None = None) -> Raster:
+        """Where the light of a wavelength has the panel's pixels, see `Optics`; the panel itself without one."""
+        shape = self.height, self.width
+        if wavelength is None or not self.optics.colors_apart:
+            return Raster(shape, self.pitch)
+        scale, _, (right, up) = self.optics.color(self.wavelengths.index(wavelength))
+        return Raster(shape, scaled(self.pitch, scale), (-up, right))
+
+    def pitch_at(self, wavelength: float) -> Pitch:
+        """Pitch of the panel's pixels as the light of a wavelength has them, meters."""
+        return self.raster(wavelength).pitch
+
+    def distance_at(self, wavelength: float) -> float:
+        """Where the panel lies for the light of a wavelength, meters towards the viewer; 0 by default."""
+        return self.optics.color(self.wavelengths.index(wavelength))[1] if self.optics.color_distance else 0.0
+
+    @property
+    def picture(self) -> Hologram:
+        """Grid of what is recorded and of pictures: squares of the largest pitch that cover the panel.
+
+        The round cone, which is all that is recorded, has no more than that. Where nothing is to be made up for it is
+        the hologram itself.
+        """
+        if self.plain:
+            return self
+        pitch = self._largest_pitch
+        width, height = (
+            math.ceil(n * d / pitch - LITTLE)
+            for n, d in ((self.width, self.pitch_x), (self.height, self.pitch_y))
+        )
+        return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.of_rays)
+
+    @property
+    def shorter_side(self) -> float:
+        """Of the panel, meters."""
+        down, across = axes(self.pitch)
+        return min(self.width * across, self.height * down)
+
+    def border(self, distance: float) -> int:
+        """Pixels, of the smaller pitch, that light walks in `distance` meters."""
+        return math.ceil(self.widest_slope * abs(distance) / min(axes(self.pitch)))
 
     @property
     def widest_slope(self) -> float:
@@ -161,6 +225,7 @@ class Hologram:
     def to_dict(self) -> dict:
         """JSON-able form, see `from_dict`; a bench that is as by default is left out."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values["pitch"] = list(self.pitch) if isinstance(self.pitch, tuple) else self.pitch
         optics = values.pop("optics").to_dict()
         return values | ({"optics": optics} if optics else {})
 
@@ -168,6 +233,17 @@ class Hologram:
     def from_dict(cls, values: dict, folder: Path | None = None) -> Hologram:
         """Inverse of `to_dict`; `folder` has the arrays of its `Optics`."""
         return cls(**{**values, "optics": Optics.from_dict(values.get("optics", {}), folder)})
+
+
+def _pitch(pitch):
+    """One number, or the two of pixels that are not square."""
+    pair = tuple(map(float, pitch)) if isinstance(pitch, (tuple, list)) else (pitch, pitch)
+    if len(pair) != 2:
+        raise InvalidInput(f"A pixel has one pitch, or one in x and one in y, not {len(pair)}.")
+    for each in pair:
+        if not (math.isfinite(each) and each > 0):
+            raise InvalidInput(f"The pixel pitch must be positive, not {each * 1e6:g} µm.")
+    return pair[0] if pair[0] == pair[1] else pair
 
 
 def channel(wavelength: float) -> int:

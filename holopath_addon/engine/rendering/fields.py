@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
 from ..waves import despeckle
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
@@ -84,7 +85,7 @@ class Tracing:
             first = last
 
 
-def at_slm(recording: Recording, tracing: Tracing, progress: Progress) -> np.ndarray:
+def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: Progress) -> np.ndarray:
     """The wave field at the SLM.
 
     Parameters
@@ -93,6 +94,8 @@ def at_slm(recording: Recording, tracing: Tracing, progress: Progress) -> np.nda
         For silhouettes, the plan and where planes lie.
     tracing : Tracing
         Of the recording.
+    display : Hologram
+        Whose pixels are wanted; rays may have been traced on another grid, see `mapping`.
     progress : callable
         ``progress(done, message)``, may raise.
 
@@ -106,11 +109,16 @@ def at_slm(recording: Recording, tracing: Tracing, progress: Progress) -> np.nda
     field = _in_scene(recording, tracing, OWN, stages["tracing"])
     if steps:
         _despeckle(recording, tracing, field, stages["despeckling"])
+    out = field
+    if not display.plain:
+        out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
     with recording.clock("propagation"):
-        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered):
-            field[m, k] = wave
+        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, display=display):
+            out[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
+    if not display.plain:
+        return out
     edge = recording.beyond + recording.plan.beside
     return field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
 
@@ -172,13 +180,21 @@ def _despeckle(recording, tracing, field, progress):
             )
 
 
-def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack."""
-    shape = field.shape[-2:]
+def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack.
+
+    To a display that is where its pixels lie for the light of each wavelength.
+    """
+    shape, start = field.shape[-2:], distance
     for k, wavelength in enumerate(hologram.wavelengths):
-        padded = padded_shape(shape, hologram.pitch, wavelength, distance)
+        places, guard = None, 0
+        if display is not None and not display.plain:
+            distance = start + display.distance_at(wavelength)
+            places = display.raster(wavelength).lines_on(Raster(shape, hologram.pitch))
+            guard = beyond(places, shape)
+        padded = padded_shape(shape, hologram.pitch, wavelength, distance, guard)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
-        for m, wave in enumerate(moved(field[:, k], transfer)):
+        for m, wave in enumerate(moved(field[:, k], transfer, places)):
             yield k, m, wave

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..mapping import squared, widened
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of, straight_share
-from ..window import widened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -46,7 +46,7 @@ class PlannedRender:
     Attributes
     ----------
     camera, hologram : Camera, Hologram
-        As wide as the plan says.
+        Of square pixels, and as wide as the plan says.
     cache : RadianceCache or None
         Baked light, after `bake`.
     baked : Bake or None
@@ -62,7 +62,8 @@ class PlannedRender:
         plan: Plan,
         clock: Clock,
     ) -> None:
-        self.scene, (self.camera, self.hologram) = scene, widened(camera, hologram, plan.beside)
+        self.scene, view = scene, squared(camera, hologram)
+        self.camera, self.hologram = widened(*view, plan.beside)
         self.settings, self.plan, self.clock = settings, plan, clock
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None

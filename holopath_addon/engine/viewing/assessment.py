@@ -165,10 +165,10 @@ class PathTraced:
     @property
     def border(self) -> int:
         """Pixels at each edge that lose light of the far end of the volume to the SLM's aperture."""
-        hologram = self.field.hologram
+        hologram = self.field.hologram.picture
         depth = max(abs(hologram.depth_far), abs(hologram.depth_near))
         most = (min(hologram.width, hologram.height) - SMALLEST) // 2
-        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch), most))
+        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch_x), most))
 
 
 def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:
@@ -209,7 +209,7 @@ def efficiency(phase: PhaseHologram) -> list[float]:
 
     Modulated is the beam of the hologram's optics.
     """
-    band = phase.hologram.optics.passes(phase.data.shape[-2:])
+    band = phase.hologram.optics.passes(phase.data.shape[-2:], phase.hologram.pitch)
     found = []
     for colour in range(phase.data.shape[1]):
         inside = total = 0.0

@@ -12,11 +12,13 @@ from ..errors import InvalidInput
 from ..hologram import channel
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
+from ..pixels import Pitch, axes, beyond, coarsest
 from ..waves.propagation import (
     JUDGING_GUARD,
     field_of,
     grid_bytes,
     padded_shape,
+    sampled,
     spectral_u,
     spectrum,
     transfer_function,
@@ -37,7 +39,7 @@ MOST_BYTES = (
 
 def pupil_mask(
     shape: tuple[int, int],
-    pitch: float,
+    pitch: Pitch,
     wavelength: float,
     mapping: DepthMapping,
     pupil: Pupil,
@@ -50,14 +52,14 @@ def pupil_mask(
     InvalidInput
         If it misses the light that passes the stop of the optics.
     """
-    fy, fx = (np.fft.fftfreq(n, pitch) for n in shape)
+    fy, fx = (np.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
     cosine = np.sqrt(np.maximum(1 - spectral_u(shape, pitch, wavelength), 1e-12))
     scale = wavelength / cosine * mapping.beta / mapping.focal
     inside = np.hypot(fx[None, :] * scale - pupil.x, -fy[:, None] * scale - pupil.y) <= pupil.diameter / 2
-    if not (inside & optics.passes(shape)).any():
+    if not (inside & optics.passes(shape, pitch)).any():
         if optics.stopped:
             raise InvalidInput("The pupil lies outside the light that passes the stop: move it there.")
-        radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * pitch))))
+        radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * coarsest(pitch)))))
         raise InvalidInput(
             f"The pupil lies outside the light, which fills a radius of {radius * 1e3:.3g} mm around the axis: "
             f"move it there."
@@ -75,10 +77,13 @@ class Refocuser:
     field : WaveField
     most_bytes : int
         Spectra that do not fit into this much memory are computed anew each time.
+    own_pixels : bool
+        Whether pictures have the display's own pixels where these are not square, instead of those of
+        `Hologram.picture`.
     """
 
-    def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES) -> None:
-        self.field = field
+    def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES, own_pixels: bool = False) -> None:
+        self.field, self._own = field, own_pixels or field.hologram.plain
         self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
         self._spectra = {}  # by wavelength, frame and shape
         self._lock = threading.Lock()
@@ -95,42 +100,49 @@ class Refocuser:
         field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
         distances = mapping.depth_to_z(list(focus))
         frames, colours, *shape = field.data.shape
-        farthest = float(np.abs(distances).max())
+        aside = max(abs(hologram.distance_at(w)) for w in hologram.wavelengths)
+        farthest = float(np.abs(distances).max()) + aside
         for wavelength in hologram.wavelengths:
-            needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._guard)
+            needed = grid_bytes(shape, hologram.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
             doing = f"Refocusing {farthest * 1e3:.3g} mm from the SLM"
             try:
                 shortage(needed, doing)
             except InvalidInput as error:
-                far = (max(shape) * hologram.pitch) ** 2 / wavelength
+                far = (max(shape) * coarsest(hologram.pitch)) ** 2 / wavelength
                 if farthest < far:
                     raise
                 raise InvalidInput(
                     f"{doing} is in its far field, beyond {far:.3g} m, to which light is not propagated: choose a "
                     "nearer distance, or add the phase of a lens and refocus to its focal length."
                 ) from error
-        images, done = np.empty((len(distances), *shape, colours), np.float32), 0
+        size = shape if self._own else hologram.picture.raster().shape
+        images, done = np.empty((len(distances), *size, colours), np.float32), 0
         for k, wavelength in enumerate(hologram.wavelengths):
-            padded = self._padded(k, farthest)
-            mask = hologram.optics.passes(padded) if hologram.optics.stopped else None
+            padded, pitch, places = self._padded(k, farthest), hologram.pitch_at(wavelength), self._places(k)
+            mask = hologram.optics.passes(padded, pitch) if hologram.optics.stopped else None
             if pupil is not None:
-                part = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil, hologram.optics)
+                part = pupil_mask(padded, pitch, wavelength, mapping, pupil, hologram.optics)
                 mask = part if mask is None else mask & part
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
                 transfers = [
-                    transfer_function(padded, hologram.pitch, wavelength, z) for z in distances[some]
+                    transfer_function(padded, pitch, wavelength, z - hologram.distance_at(wavelength))
+                    for z in distances[some]
                 ]
                 if mask is not None:
                     for transfer in transfers:
                         transfer *= mask
-                sums = np.zeros((len(transfers), *shape), np.float32)
+                sums = np.zeros((len(transfers), *size), np.float32)
                 for m in range(frames):
                     waves = self._spectrum(k, m, padded)
                     for total, transfer in zip(sums, transfers, strict=True):
-                        at_focus = field_of(waves * transfer, shape, overwrite=True)
+                        at_focus = (
+                            field_of(waves * transfer, shape, overwrite=True)
+                            if places is None
+                            else sampled(waves * transfer, places)
+                        )
                         total += at_focus.real**2 + at_focus.imag**2
                     done += len(transfers)
                     progress(done / (len(distances) * frames * colours), "Refocusing")
@@ -144,8 +156,18 @@ class Refocuser:
         return volume if min(np.subtract(volume, needed)) >= 0 else needed
 
     def _shape(self, k, distance):
-        hologram, shape = self.field.hologram, self.field.data.shape[-2:]
-        return padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance, self._guard)
+        hologram, shape, places = self.field.hologram, self.field.data.shape[-2:], self._places(k)
+        wavelength, guard = hologram.wavelengths[k], self._guard
+        if places is not None:
+            guard = max(guard, beyond(places, shape))
+        return padded_shape(shape, hologram.pitch_at(wavelength), wavelength, distance, guard)
+
+    def _places(self, k):
+        """Where pixels of the picture lie between those of the panel; None where they are these."""
+        if self._own:
+            return None
+        hologram = self.field.hologram
+        return hologram.picture.raster().lines_on(hologram.raster(hologram.wavelengths[k]))
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
@@ -176,7 +198,7 @@ def reconstruct(
     Returns
     -------
     numpy.ndarray, float32, shape (focus, y, x, wavelength)
-        In the scene's radiance units, row 0 at the top.
+        In the scene's radiance units, row 0 at the top; on the grid `Hologram.picture`.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.fft
 
 from ..hologram import channel
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, squared
 from ..scene import variants
 from .preview import Lens, number, path_tracer
 
@@ -48,7 +48,7 @@ def reference(
     Parameters
     ----------
     scene, camera, hologram :
-        As for `render`.
+        As for `render`; pictures are of the size of `Hologram.picture`.
     focus : sequence of float
         World depths, metres; `math.inf` allowed.
     pupil : Pupil, optional
@@ -85,6 +85,7 @@ def reference(
         ]  # fmt: skip
         return np.stack(pictures, axis=1)
     variants.activate_for(scene)
+    camera, hologram = squared(camera, hologram)
     from ..planning.pilot import near_end
     from ..scene.dispersion import tuned, wavelength_groups
 
@@ -269,7 +270,7 @@ def diffracted(
     """
     openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
     rows, columns = pictures.shape[-3:-1]
-    passes = hologram.optics.passes((rows, columns))
+    passes = hologram.picture.optics.passes((rows, columns))
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty(pictures.shape, np.float32)
     for k, radius in enumerate(openings):
