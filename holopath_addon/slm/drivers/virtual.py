@@ -9,6 +9,7 @@ import numpy as np
 
 from ...engine.errors import InvalidInput
 from ...engine.mapping import DepthMapping
+from ...engine.optics import Beam
 from ...engine.viewing.reconstruction import Refocuser
 from ...engine.wavefield import WaveField
 from ...engine.waves.modulator import Modulator
@@ -133,7 +134,11 @@ class VirtualDriver:
         # neighbors blur the panel's own phases, of any turn, not what is left of them modulo 2 pi
         phases = self._truth.seen(level, wavelength, shape, self._modulator.shown)
         light = np.float32(self._hologram.gains[k]) * self._bare.light(phases)
-        alone = replace(self._hologram.hologram, wavelengths=(wavelength,))
+        illumination = hologram.illumination(k)
+        if illumination is not None:
+            light *= illumination
+        # what is measured of the beam may be of all wavelengths
+        alone = replace(hologram, wavelengths=(wavelength,), optics=replace(hologram.optics, beam=Beam()))
         camera, near = self._hologram.camera, self._hologram.near
         field = WaveField(light[None, None], alone, camera, near, modulated=True)
         return Refocuser(field)([self.focus])[0, ..., 0]
