@@ -382,6 +382,14 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         ),
         default=True,
     )
+    show_bench: BoolProperty(
+        name="Sketch in Viewport",
+        description=(
+            "Draw beam, SLM, volume, stop and eye to scale in the 3D View, while the sidebar's HoloPath tab is open or "
+            "HoloPath is the render engine"
+        ),
+        default=False,
+    )
     use_pupil: BoolProperty(
         name="Partial Pupil",
         description="Look through a part of the pupil only: less light, more depth of field; off: all of the light",

@@ -39,6 +39,7 @@ def optics(layout: UILayout, context: Context) -> None:
         row.prop(props, "use_radius", text="")
         if props.use_radius:
             row.prop(props, "radius", text="")
+    layout.prop(properties.of(context.scene), "show_bench")
     _state(layout, context)
 
 

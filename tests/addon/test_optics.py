@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -13,7 +14,7 @@ from holopath_addon.command_line.sources import BlenderSource
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.optics import BEAMS, STOPS
 from holopath_addon.operators import devices, session
-from holopath_addon.ui import panels
+from holopath_addon.ui import bench_overlay, panels
 from tests.addon.layout import Context, Layout
 
 # Settings, and the words of the command line for the same.
@@ -79,7 +80,7 @@ def test_each_kind_has_a_setting(scene):
 )
 def test_a_kind_shows_its_own_numbers_alone(scene, settings, shown):
     set_all(scene, settings)
-    kinds = ("beam", "carrier", "stop", "use_radius")
+    kinds = ("beam", "carrier", "stop", "use_radius", "show_bench")
     assert [name for name in drawn(scene)[0] if name not in kinds] == shown
 
 
@@ -188,6 +189,38 @@ def test_a_failure_before_the_first_render_does_not_stay(scene):
     scene.holopath.optics.beam = "measured"
     scene.holopath.optics.beam = "flat"
     assert not session.current.error
+
+
+def test_the_sketch_in_the_viewport(scene, monkeypatch):
+    """When it is drawn, and of what its pieces are; the drawing itself needs a window."""
+    space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True), show_region_ui=True)
+    tab = SimpleNamespace(type="UI", active_panel_category="HoloPath")
+    context = SimpleNamespace(scene=scene, space_data=space, area=SimpleNamespace(regions=[tab]))
+    assert bench_overlay.wanted(context) is None
+    scene.holopath.show_bench, scene.holopath.optics.carrier = True, "auto"
+    hologram = properties.hologram_of(scene.holopath)
+    assert bench_overlay.wanted(context) == hologram
+    for thing, name, value in (
+        (tab, "active_panel_category", "View"),
+        (space.overlay, "show_overlays", False),
+    ):
+        with monkeypatch.context() as changed:
+            changed.setattr(thing, name, value)
+            assert bench_overlay.wanted(context) is None
+    scene.holopath.optics.beam = "measured"
+    assert bench_overlay.wanted(context) is None
+
+    drawing = bench_overlay.sketch(hologram, 720.0, 1.0)
+    areas, lines = bench_overlay.pieces(drawing, 1.0)
+
+    def size(points):
+        (a, b, c) = points.reshape(-1, 3, 2).transpose(1, 0, 2)
+        return abs(np.linalg.det(np.stack([b - a, c - a], 1))).sum() / 2
+
+    volume = next(line.points for line in drawing.lines if line.role == "volume" and line.opacity)
+    assert size(areas["volume", 0.3]) == pytest.approx(np.prod(np.ptp(volume, axis=0)))
+    dashes = lines["stop", 1.5].reshape(-1, 2, 2)
+    assert len(dashes) > 4 and np.hypot(*np.diff(dashes, axis=1)[:, 0].T).max() <= 5 + 1e-6
 
 
 def test_undo(scene):
