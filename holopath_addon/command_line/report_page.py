@@ -86,8 +86,8 @@ def focus_curves(depths, values):
     return f'<figure><svg role="img" aria-label="Sharpness over focus" {box}>{drawn}{words}</svg></figure>'
 
 
-def sketch(hologram):
-    """The bench of a hologram, in the colors of the page."""
+def svg_sketch(hologram):
+    """The bench of a hologram as SVG, in the color of the text around it."""
     drawing = bench_sketch.drawing(hologram)
     shapes = [_shape(line) for line in drawing.lines]
     shapes += [
@@ -97,7 +97,7 @@ def sketch(hologram):
     ]
     told = html.escape("; ".join(text.text for text in drawing.texts))
     box = f'viewBox="-2 0 {drawing.width + 4:.0f} {drawing.height:.0f}"'
-    return f'<figure><svg role="img" aria-label="{told}" {box}>{"".join(shapes)}</svg></figure>'
+    return f'<svg role="img" aria-label="{told}" {box}>{"".join(shapes)}</svg>'
 
 
 def _shape(line):

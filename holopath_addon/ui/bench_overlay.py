@@ -80,12 +80,15 @@ def wanted(context):
 
 
 def draw_bench():
-    """Draw it, in pixels of the region."""
+    """Draw it where it is wanted."""
     context = bpy.context
     region, preferences, hologram = context.region, context.preferences, wanted(context)
-    if region is None or preferences is None or hologram is None:
-        return
-    scale = preferences.system.ui_scale
+    if region is not None and preferences is not None and hologram is not None:
+        draw_sketch(hologram, region, preferences.system.ui_scale)
+
+
+def draw_sketch(hologram, region, scale):
+    """Draw the sketch of a hologram's bench in pixels of a region."""
     margin = _MARGIN * scale
     width = min(bench_sketch.WIDTH * scale, region.width - 4 * margin)
     if width < _NARROWEST * scale:
