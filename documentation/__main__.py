@@ -7,6 +7,7 @@ python -m documentation pictures          remake the pictures of the window and 
 python -m documentation pictures NAME ... remake these
 python -m documentation pictures --all    remake all, benchmarks and examples included, which takes hours
 python -m documentation pictures --list   each picture, and the command that makes it
+python -m documentation sketches          remake the sketches of benches, in a second
 """
 
 import sys
@@ -38,5 +39,9 @@ match sys.argv[1:]:
             made.make(made.PICTURES)
         else:
             made.make(names or made.WINDOW | made.RENDERED)
+    case ["sketches"]:
+        from . import sketches
+
+        sketches.write()
     case _:
         sys.exit(__doc__)

@@ -57,10 +57,12 @@ def of_overlay(overlay, scene):
 
 
 def panels(sidebar):
-    """Names of a sidebar's main panel and of those below it, from top to bottom."""
+    """Names of a sidebar's main panel and of those directly below it, from top to bottom: no picture shows others."""
     classes = [cls for cls in bpy.types.Panel.__subclasses__() if cls.is_registered]
     return [
-        cls.__name__ for cls in classes if cls.__name__ == sidebar or cls.__name__.startswith(f"{sidebar}_")
+        cls.__name__
+        for cls in classes
+        if cls.__name__ == sidebar or getattr(cls, "bl_parent_id", None) == sidebar
     ]
 
 

@@ -127,7 +127,11 @@ GALLERY = {
     f"gallery/{name}.webp": _example(name, "webp" if name in FILMS else "png")
     for name in sorted(FILMS | STILLS)
 }
-PICTURES: dict[str, Picture] = WINDOW | RENDERED | MEASURED | GALLERY
+SKETCHES = {
+    f"bench-{name}.svg": Picture(("python -m documentation sketches",))
+    for name in ("point", "gaussian", "carrier", "half")
+}
+PICTURES: dict[str, Picture] = WINDOW | RENDERED | MEASURED | GALLERY | SKETCHES
 
 
 def table() -> str:

@@ -1,10 +1,13 @@
 """`holopath report` beside the path tracer, as it is typed."""
 
 import csv
+import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from holopath_addon import cli
+from holopath_addon import cli, engine
+from holopath_addon.command_line.report_page import svg_sketch
+from holopath_addon.engine.viewing import bench_sketch
 
 SCENE = """<scene version="3.0.0">
 <sensor type="perspective"><float name="fov" value="40"/>
@@ -44,7 +47,12 @@ def test_beside_the_path_tracer(scenes, backend, tmp_path, capsys):
     assert "has changed since the field was rendered" in capsys.readouterr().err
     assert right.keys() == wrong.keys() and len(right) == 3 * 7 + 13 + 4
     page = (out / "report.html").read_text()
-    assert "<h2>Beside Path Tracing</h2>" in page and page.count("<img") == 5 and "http" not in page
+    assert (
+        "<h2>Beside Path Tracing</h2>" in page
+        and "<h2>Bench</h2><figure><svg" in page
+        and page.count("<img") == 5
+        and "http" not in page
+    )
     for key, value in right.items():
         if key[0] == "PSNR, dB" and "pupil" not in key[1]:
             assert value > 18 and value > wrong[key] + 3
@@ -71,3 +79,14 @@ def test_what_is_refused_leaves_nothing(words, says, scenes, tmp_path, monkeypat
     assert cli.main(["report", "out", *words]) == 2
     assert says in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_sketch_of_the_bench():
+    """All that is drawn is in the page, and what is drawn in ink has the color of its text."""
+    hologram = engine.Hologram(256, 128, 8e-6, optics=engine.Optics(carrier="auto"))
+    drawing, page = bench_sketch.drawing(hologram), ElementTree.fromstring(svg_sketch(hologram))
+    assert [each.text for each in page.iter("text")] == [text.text for text in drawing.texts]
+    assert len([*page.iter("polyline"), *page.iter("polygon")]) == len(drawing.lines)
+    inks = [each for each in page.iter() if "currentColor" in (each.get("stroke"), each.get("fill"))]
+    assert len(inks) == len(drawing.texts) + sum(line.role == bench_sketch.INK for line in drawing.lines)
+    assert page.get("viewBox").split()[3] == f"{drawing.height:.0f}"

@@ -5,14 +5,19 @@ from dataclasses import replace
 from pathlib import Path
 
 from .. import engine, exchange, output
+from ..engine.pixels import in_words
+from ..exchange import prints
 from ..exchange.conventions import ROWS, SIGNS
 from ..exchange.holograms import PACKINGS, TRANSFERS, check_packing
+from ..exchange.optics import parse_carrier
 from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
 from .console import Progress
 from .options import add_optics, argument, numbers, optics_of, pitch
 
 _KINDS = ", ".join(exchange.SUFFIXES)
+PRINT = ("dpi", "bits", "carrier", "frame", "wavelength")  # options of a print alone
+SAME = 0.5  # nanometers: wavelengths that differ by less are one
 
 
 def add(command):
@@ -21,8 +26,11 @@ def add(command):
         "export", _export, "Write a stored field, or stored phases, as a file for other programs."
     )
     export.add_argument("folder", metavar="DIR", help="output folder of `holopath render`")
-    export.add_argument("file", metavar="FILE", help=f"its name ends on {_KINDS}")
+    export.add_argument(
+        "file", metavar="FILE", help=f"its name ends on {_KINDS}; of a print on {', '.join(prints.PRINTED)}"
+    )
     export.add_argument("--hologram", action="store_true", help="the stored phases instead of the wave field")
+    _add_print(export)
     _add_convention(export, "how the file has it (default: holopath; matlab in a .mat)")
 
     take = command(
@@ -105,6 +113,32 @@ def add(command):
     add_optics(take, "what the file says")
 
 
+def _add_print(parser):
+    parser.add_argument(
+        "--interference",
+        action="store_true",
+        help="a gray picture of the light's interference with an off-axis reference wave, to be printed on film as an "
+        "amplitude hologram; of phases, of what the SLM lets through",
+    )
+    add = parser.add_argument_group("print, with --interference").add_argument
+    add(
+        "--dpi",
+        type=float,
+        metavar="N",
+        help="dots per inch of the printer, one for each pixel of the hologram (default: as its pitch has them)",
+    )
+    add("--bits", type=int, choices=prints.BITS, help="of the picture's gray (default 8); 1: black and white")
+    add(
+        "--carrier",
+        type=argument(parse_carrier),
+        metavar="X,Y|auto",
+        help="where the middle of the picture's light is to lie, in units of the band's edge (default: the field's; "
+        "auto if that lies on axis)",
+    )
+    add("--frame", type=int, metavar="N", help="which one, from 0, where there are several")
+    add("--wavelength", type=float, metavar="NM", help="which one, where there are several")
+
+
 def _add_convention(parser, what):
     add = parser.add_argument_group("convention, see docs/files.md").add_argument
     add("--convention", choices=tuple(exchange.CONVENTIONS), help=what)
@@ -166,11 +200,91 @@ def _export(args):
     progress = Progress(quiet=args.quiet)
     folder, file = Path(args.folder), Path(args.file)
     thing = output.stored_hologram(folder) if args.hologram else output.stored_field(folder)
+    if args.interference:
+        _print(args, thing, file, progress)
+        return
+    asked = [name for name in PRINT if getattr(args, name) is not None]
+    if asked:
+        raise engine.InvalidInput(f"--{asked[0]} is of a print: add --interference, or leave it out.")
     matlab = exchange.CONVENTIONS["matlab"] if file.suffix.lower() == ".mat" else None
     container = exchange.container_of(thing, _convention(args, matlab))
     progress(0.1, "Writing")
     exchange.write(file, container)
     progress(1.0, f"Done: {file}")
+
+
+def _print(args, thing, file, progress):
+    """Write the amplitude hologram of a frame at one wavelength."""
+    if _convention(args) is not None:
+        raise engine.InvalidInput(
+            "A print has no convention: leave out --convention, --axes, --time and --row-0."
+        )
+    hologram = thing.hologram
+    frame, color = _frame(args.frame, len(thing.data)), _color(args.wavelength, hologram.wavelengths)
+    if isinstance(hologram.pitch, tuple):
+        raise engine.InvalidInput(
+            f"A print has square dots, and the hologram has pixels of {in_words(hologram.pitch)}: render it with one "
+            "--pitch."
+        )
+    if args.dpi is not None:
+        prints.check_dots(args.dpi, hologram.pitch)
+    thing = replace(thing, hologram=replace(hologram, optics=_off_axis(args, hologram.optics)))
+    progress(0.1, "Interfering")
+    bits = args.bits or 8
+    picture = engine.interference(thing, frame, color, binary=bits == 1)
+    progress(0.5, "Writing")
+    prints.write_print(file, picture, bits, prints.INCH / args.dpi if args.dpi else hologram.pitch)
+    sines = (c * hologram.wavelengths[color] / (2 * hologram.pitch) for c in thing.hologram.optics.carrier)
+    angles = " and ".join(f"{math.degrees(math.asin(sine)):.3g}" for sine in sines)
+    width, height = (n * hologram.pitch * 1e3 for n in (hologram.width, hologram.height))
+    progress.say(
+        f"The print is {width:.3g} x {height:.3g} mm at {prints.dots_per_inch(hologram.pitch):.5g} dots per inch. Lit "
+        f"from straight behind, it shows the picture {angles} degrees to the right and up."
+    )
+    progress(1.0, f"Done: {file}")
+
+
+def _frame(frame, count):
+    if frame is None and count > 1:
+        raise engine.InvalidInput(
+            f"A print is one frame, and there are {count}: choose one with --frame N, from 0."
+        )
+    if frame is not None and not 0 <= frame < count:
+        raise engine.InvalidInput(f"There is no frame {frame}: choose --frame 0 to {count - 1}.")
+    return frame or 0
+
+
+def _color(wavelength, there):
+    """Number of a wavelength in nanometers."""
+    names = ", ".join(f"{w * 1e9:.4g}" for w in there)
+    if wavelength is None:
+        if len(there) > 1:
+            raise engine.InvalidInput(
+                f"A print is of one wavelength, and there are {len(there)}: choose --wavelength {names}."
+            )
+        return 0
+    near = min(range(len(there)), key=lambda n: abs(there[n] * 1e9 - wavelength))
+    if abs(there[near] * 1e9 - wavelength) > SAME:
+        raise engine.InvalidInput(f"There is no light of {wavelength:g} nm: choose --wavelength {names}.")
+    return near
+
+
+def _off_axis(args, optics):
+    """The stored bench with the carrier that the words say."""
+    if args.hologram:
+        if args.carrier is not None:
+            raise engine.InvalidInput(
+                "Stored phases have their carrier: leave out --carrier, or encode with it."
+            )
+        if not any(optics.carrier):
+            raise engine.InvalidInput(
+                "The stored phases are for light on axis, where the picture and its twin lie on each other: encode "
+                "them with --carrier auto."
+            )
+        return optics
+    if args.carrier is None and any(optics.carrier):
+        return optics
+    return replace(optics, carrier=args.carrier or "auto")
 
 
 def _import(args):

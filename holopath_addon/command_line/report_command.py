@@ -14,7 +14,7 @@ from ..engine.viewing.metrics import speckle_contrast
 from ..engine.viewing.reconstruction import Refocuser
 from . import options, render_command, sources
 from .console import Progress
-from .report_page import focus_curves, named, picture, table, value_map, write
+from .report_page import focus_curves, named, picture, svg_sketch, table, value_map, write
 
 FOCI, POSITIONS, SHARE, VIEWS, SLICE = 13, 5, 0.5, 9, 0.25
 COMPARED = slice(None, None, 2)  # of the foci, beside path tracing
@@ -76,6 +76,7 @@ def _report(args):
     seen = _parallax(sections, refocus, middle, moving)
     if phase is not None:
         rows += _phases(sections, phase, None if lone else refocus, middle, encoding)
+    sections.append(("Bench", f"<figure>{svg_sketch(field.hologram)}</figure>"))
     if truth:
         light = refocus if phase is None or lone else Refocuser(phase.field())
         rows += _beside_paths(sections, truth, light, depths, seen, stage(progress, 0.2, 1.0))

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import output
 from ..engine.pixels import in_words
-from ..engine.viewing import assessment
+from ..engine.viewing import assessment, bench_sketch
 
 STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}
@@ -18,6 +18,8 @@ h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.5rem}figure{margin:1rem 0;o
 figcaption,small{color:#555}img{image-rendering:pixelated;max-width:100%}
 table{border-collapse:collapse}td,th{padding:.3rem .6rem;text-align:right;font-variant-numeric:tabular-nums}
 .pictures{display:flex;flex-wrap:wrap;gap:.5rem}.pictures figure{flex:1 1 14rem;margin:0}.pictures img{width:100%}
+td[style]{color:#222}
+@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}figcaption,small{color:#aaa}}
 """
 
 
@@ -83,6 +85,32 @@ def focus_curves(depths, values):
     box = f'viewBox="-5 -55 {width + 10} {height + 80}"'
     drawn = "".join([*key, *lines])
     return f'<figure><svg role="img" aria-label="Sharpness over focus" {box}>{drawn}{words}</svg></figure>'
+
+
+def svg_sketch(hologram):
+    """The bench of a hologram as SVG, in the color of the text around it."""
+    drawing = bench_sketch.drawing(hologram)
+    shapes = [_shape(line) for line in drawing.lines]
+    shapes += [
+        f'<text x="{text.x:.1f}" y="{text.y:.1f}" font-size="{bench_sketch.FONT:g}" fill="currentColor" '
+        f'font-family="system-ui,sans-serif">{html.escape(text.text)}</text>'
+        for text in drawing.texts
+    ]
+    told = html.escape("; ".join(text.text for text in drawing.texts))
+    box = f'viewBox="-2 0 {drawing.width + 4:.0f} {drawing.height:.0f}"'
+    return f'<svg role="img" aria-label="{told}" {box}>{"".join(shapes)}</svg>'
+
+
+def _shape(line):
+    """A line of a sketch, or an area, which lets through what is behind it."""
+    color = "currentColor"
+    if line.role != bench_sketch.INK:
+        color = "rgb({})".format(",".join(f"{255 * part:.0f}" for part in bench_sketch.COLORS[line.role]))
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in line.points)
+    if line.opacity:
+        return f'<polygon points="{points}" fill="{color}" fill-opacity="{line.opacity:g}"/>'
+    dashes = ' stroke-dasharray="5 4"' if line.dashed else ""
+    return f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="{line.width:g}"{dashes}/>'
 
 
 def write(page, folder, field, sections, rows):

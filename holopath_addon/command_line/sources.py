@@ -123,11 +123,15 @@ class BlenderSource:
         """
         import bpy
 
+        from .. import properties
+
         blend = Path(bpy.data.filepath)
         if not bpy.data.filepath:
             return {}
         stored = zip(bpy.utils.blend_paths(absolute=True), bpy.utils.blend_paths(absolute=False), strict=True)
         paths = [(Path(path), text.startswith("//")) for path, text in stored]
+        bench = properties.optics.files_of(properties.of(self.scene).optics).values()
+        paths += [(Path(bpy.path.abspath(text)), text.startswith("//")) for text in bench if text]
         paths += [(blend, True), *((path, True) for path in _baked(blend))]
         sequences = _sequences()
         found = {}

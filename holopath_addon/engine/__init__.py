@@ -5,7 +5,7 @@ Imports no bpy, and Mitsuba only when used.
 
 from .camera import Camera
 from .displays import DISPLAYS, Display
-from .encoding import PhaseHologram, encode
+from .encoding import PhaseHologram, encode, interference
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram
 from .light.bake_store import BakeStore
@@ -61,6 +61,7 @@ __all__ = [
     "diffracted",
     "encode",
     "frames_along",
+    "interference",
     "many_frames",
     "parse_fixed",
     "picture_scene",

@@ -2,7 +2,8 @@
 
 `containers` are kinds of files: named arrays, and words and numbers beside them; `pictures` reads some of them. `parts`
 says which arrays make a field, `phases` what their numbers mean, `conventions` how programs lay out a complex field.
-`holograms` brings all to `WaveField` and `PhaseHologram`, and back. `optics` reads the bench.
+`holograms` brings all to `WaveField` and `PhaseHologram`, and back. `optics` reads the bench,
+and `prints` writes pictures for film.
 """
 
 from .containers import READABLE, SUFFIXES, Container, read, write

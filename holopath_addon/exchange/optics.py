@@ -45,7 +45,12 @@ def parse_beam(text: str) -> Beam:
         return Beam(kind, tuple(_UNITS[kind] * number for number in _numbers(text, numbers)))
     if not beam_files(text):
         raise InvalidInput(f"'{text}' is no beam: give {BEAM_WORDS}.")
-    return Beam("measured", measured=_measured(beam_files(text)))
+    return measured_beam(beam_files(text))
+
+
+def measured_beam(files: dict[str, Path]) -> Beam:
+    """The beam of files by what they hold, see `beam_files`; raises as `parse_beam` does."""
+    return Beam("measured", measured=_measured(files))
 
 
 def beam_files(text: str | None) -> dict[str, Path]:
@@ -112,7 +117,12 @@ def parse_stop(text: str) -> Stop:
         return Stop(kind, tuple(unit * number for number in given))
     if not stop_files(text):
         raise InvalidInput(f"'{text}' is no stop: give {STOP_WORDS}.")
-    array = _array("stop", Path(text)).astype(float)
+    return measured_stop(Path(text))
+
+
+def measured_stop(path: Path) -> Stop:
+    """The stop of a picture, which is open where it is bright; raises as `parse_stop` does."""
+    array = _array("stop", path)
     return Stop("measured", measured=array > array.max() / 2)
 
 

@@ -22,6 +22,7 @@ import bpy
 from .. import engine, failures, preferences, properties
 from ..command_line.attended import COPY
 from ..farm.job import job_of
+from ..properties.optics import files_of, optics_of
 from . import session
 from .hologram import ENOUGH_BITS
 from .working import push_undo
@@ -314,10 +315,27 @@ def _words(props, copy, folder):
     if pupil is not None:
         numbers = (pupil.x, pupil.y, pupil.diameter)
         words.append("--pupil=" + ",".join(repr(number * 1e3) for number in numbers))
+    words += _measured_bench(props.optics)
     if props.animation_encodes:
         words += _encoding(props)
     cluster = preferences.cluster()
     return [*words, "--cluster", cluster] if cluster else words
+
+
+def _measured_bench(props):
+    """Words for what was measured of the bench: the copy of the .blend does not lie where its paths begin."""
+    files = {role: Path(bpy.path.abspath(path)).absolute() for role, path in files_of(props).items() if path}
+    stop, words = files.pop("stop", None), []
+    if stop:
+        words += ["--stop", str(stop)]
+        if props.carrier != "stop":
+            place = "auto" if props.carrier == "auto" else ",".join(map(repr, optics_of(props).carrier))
+            words.append(f"--carrier={place}")
+    if "field" in files:
+        words += ["--beam", str(files["field"])]
+    elif files:
+        words += ["--beam", ",".join(f"{role}={path}" for role, path in files.items())]
+    return words
 
 
 def _encoding(props):

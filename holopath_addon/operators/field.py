@@ -113,7 +113,7 @@ class HOLOPATH_OT_sweep(bpy.types.Operator):
             share = 0.5 + 0.5 * math.cos(turn)
             dioptres = self._far + (self._near - self._far) * share
             properties.note_focus(properties.of(scene), 1 / max(dioptres, 1e-9))
-            session.request_refocus(*properties.seen_of(properties.of(scene)))
+            session.refocus_as_set(properties.of(scene))
         return {"PASS_THROUGH"}
 
     def cancel(self, context: bpy.types.Context):

@@ -1,10 +1,13 @@
 """Encode the stored wave field for an SLM, look at the phases and save them."""
 
+from dataclasses import replace
+
 import bpy
 
 from .. import engine, pipeline, preferences, properties
 from ..device_properties import calibration_of
 from ..engine.scene import variants
+from ..properties.optics import optics_of
 from . import session
 from .working import Saving, Working, encoded, rendered
 
@@ -33,6 +36,8 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
     def work(self, scene):
         field, task, before = session.rendered().field, session.current.task, session.current.phase
         props = properties.of(bpy.data.scenes[scene])
+        optics = optics_of(props.optics)
+        on_bench = replace(field, hologram=replace(field.hologram, optics=optics))
         method, calibration = props.encoding, calibration_of(props.device)
         display = {"bits": props.bits if props.bits < ENOUGH_BITS else None}
         if calibration is not None:
@@ -52,7 +57,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
                 )
             try:
                 options = {"seconds": seconds, "eyebox": eyebox, **display}
-                return field, pipeline.encode(field, method, progress, *scene, **options)
+                return field, pipeline.encode(on_bench, method, progress, *scene, **options)
             except engine.Cancelled as error:
                 if error.kept is None or before is not None:
                     raise
@@ -71,7 +76,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         props = self.scene_settings()
         self.present(context, session.show_phase(props.phase_frame if props else 0))
         if props and props.refocused == "PHASE":
-            session.request_refocus(*properties.seen_of(props))
+            session.refocus_as_set(props)
         if phase.report.get("advice"):
             self.report({"INFO"}, phase.report["advice"])
         return (

@@ -5,7 +5,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -16,6 +16,7 @@ from .. import engine, failures, pipeline, preferences, properties, stills
 from ..engine import rendering
 from ..engine.scene import variants
 from ..export import ExportCache, Exported, read_scene
+from ..properties.optics import bench_changed
 from .jobs import Job
 
 IMAGE = "HoloPath Reconstruction"
@@ -37,8 +38,8 @@ class Session:
         Holds the last wave field rendered; its picture can be refocused.
     phase : engine.PhaseHologram or None
         The field's, once it is encoded.
-    phase_light : tuple of engine.PhaseHologram, engine.Modulator and engine.Refocuser, or None
-        What a display with such limits makes of phases.
+    phase_light : tuple of engine.PhaseHologram, engine.Modulator, engine.Optics and engine.Refocuser, or None
+        What a display with such limits makes of phases on such a bench.
     task : Task or None
         What the field was rendered of.
     made : engine.Plan or None
@@ -67,7 +68,7 @@ class Session:
     leave : callable or None
         Takes back what the running operator changed in the window, see `leave`.
     refocus : Job or None
-        The picture in work, and in `wanted` the focus and pupil of the next one.
+        The picture in work, and in `wanted` what the next one is to show, see `properties.seen_of`.
     pace : float
         Seconds that the last picture of the field took.
     sweep : bpy.types.Timer or None
@@ -270,10 +271,19 @@ def keep_shown(props, task, result, draft=False):
         properties.note_focus(props, result.focus[0])
         focus = properties.focus_of(props)
     image = bpy.data.images.get(IMAGE)
-    if image is None or props is None or properties.seen_of(props)[:2] == (focus, task.pupil):
+    if image is None or props is None or not _moved(props, (focus, task.pupil, task.hologram.optics)):
         return show(result.images[0], result.field.hologram.wavelengths)
-    _refocus_as_set(props)  # it was moved meanwhile
+    refocus_as_set(props)  # it was moved meanwhile
     return image
+
+
+def _moved(props, rendered):
+    """Whether focus, pupil and bench are others by now than a picture was rendered with."""
+    try:
+        focus, pupil, _, optics = properties.seen_of(props)
+    except (engine.InvalidInput, engine.BackendUnavailable):  # which the panel says
+        return False
+    return (focus, pupil, optics) != rendered
 
 
 def show_early(props, picture, task, draft=None):
@@ -520,17 +530,21 @@ def redraw(images=True):
                         region.tag_redraw()
 
 
-def light_of(refocuser, modulator):
-    """`engine.Refocuser` of what a display makes of the encoded phases; the field's where none is given or encoded."""
+def light_of(refocuser, modulator, optics):
+    """`engine.Refocuser` of what a display makes of the encoded phases; the field's where none is given or encoded.
+
+    Either is seen on the bench `optics`, whatever it was made for.
+    """
     phase, kept = current.phase, current.phase_light  # another thread may render or encode meanwhile
     if modulator is None or phase is None:
-        return refocuser
-    if kept is None or kept[0] is not phase or kept[1] != modulator:
-        kept = current.phase_light = phase, modulator, engine.Refocuser(phase.field(modulator))
-    return kept[2]
+        return refocuser if optics == refocuser.field.hologram.optics else refocuser.on(optics)
+    if kept is None or kept[0] is not phase or kept[1:3] != (modulator, optics):
+        light = replace(phase, hologram=replace(phase.hologram, optics=optics)).field(modulator)
+        kept = current.phase_light = phase, modulator, optics, engine.Refocuser(light)
+    return kept[3]
 
 
-def refocus(focus, pupil, modulator=None):
+def refocus(focus, pupil, modulator, optics):
     """Refocus the stored field, or the encoded phases, now and show it.
 
     Parameters
@@ -540,6 +554,8 @@ def refocus(focus, pupil, modulator=None):
     pupil : engine.Pupil or None
     modulator : engine.Modulator or None
         Of the display that shows the phases; None: the field.
+    optics : engine.Optics
+        The bench.
 
     Returns
     -------
@@ -548,15 +564,15 @@ def refocus(focus, pupil, modulator=None):
     Raises
     ------
     engine.InvalidInput
-        If there is no field yet or the pupil misses its light.
+        If there is no field yet, the pupil misses its light, or the bench does not go with its pixels.
     """
     refocuser, started = rendered(), time.monotonic()
-    image = light_of(refocuser, modulator)([focus], pupil)[0]
+    image = light_of(refocuser, modulator, optics)([focus], pupil)[0]
     current.error, current.pace = "", time.monotonic() - started
     return show(image, refocuser.field.hologram.wavelengths)
 
 
-def request_refocus(focus, pupil, modulator=None):
+def request_refocus(focus, pupil, modulator, optics):
     """`refocus`: at once where that is quick, else soon, in a thread.
 
     Requests made meanwhile replace each other.
@@ -566,11 +582,11 @@ def request_refocus(focus, pupil, modulator=None):
     current.error = ""
     if bpy.app.background or (current.pace < AT_ONCE and not refocusing()):
         try:
-            refocus(focus, pupil, modulator)
+            refocus(focus, pupil, modulator, optics)
         except Exception as error:
             fail(error)
         return
-    current.wanted = (focus, pupil, modulator)
+    current.wanted = (focus, pupil, modulator, optics)
     _start_refocus()
     if not bpy.app.timers.is_registered(_poll_refocus):
         bpy.app.timers.register(_poll_refocus, first_interval=0.01)
@@ -593,12 +609,13 @@ def _start_refocus():
     """Begin with what is wanted, unless another picture is still in work."""
     if current.refocus is not None or current.wanted is None or current.refocuser is None:
         return
-    (focus, pupil, modulator), current.wanted, refocuser = current.wanted, None, current.refocuser
+    (focus, pupil, modulator, optics), current.wanted = current.wanted, None
+    refocuser = current.refocuser
     wavelengths = refocuser.field.hologram.wavelengths
 
     def refocus(progress):
         started = time.monotonic()
-        image = light_of(refocuser, modulator)([focus], pupil, progress)[0]
+        image = light_of(refocuser, modulator, optics)([focus], pupil, progress)[0]
         return refocuser, picture(image, wavelengths), time.monotonic() - started
 
     current.refocus = Job(refocus)
@@ -626,7 +643,7 @@ def show_again():
     """Show the stored field's picture in place of what a cancelled render left; nothing where there is none."""
     scene = bpy.context.scene
     if current.refocuser is not None and IMAGE in bpy.data.images and scene is not None:
-        _refocus_as_set(properties.of(scene))
+        refocus_as_set(properties.of(scene))
 
 
 def progress_text(job):
@@ -674,8 +691,20 @@ def _after_f12():
     redraw()
 
 
-def _refocus_as_set(props):
-    request_refocus(*properties.seen_of(props))
+def refocus_as_set(props):
+    """`request_refocus` as settings say; where there is no such bench, the picture stays, and the failure is kept."""
+    if current.refocuser is None:
+        return
+    try:
+        seen = properties.seen_of(props)
+    except (engine.InvalidInput, engine.BackendUnavailable) as error:
+        fail(error)
+        return
+    request_refocus(*seen)
+
+
+def _bench_changed(scene):
+    refocus_as_set(properties.of(scene))
 
 
 def _show_frame_as_set(props):
@@ -687,7 +716,8 @@ def handlers():
     """What listens to changed settings, to files being opened and to the end of F12's renders: see `registration`."""
     handlers = bpy.app.handlers
     return [
-        (properties.looking_elsewhere, _refocus_as_set),
+        (properties.looking_elsewhere, refocus_as_set),
+        (bench_changed, _bench_changed),
         (properties.frame_chosen, _show_frame_as_set),
         (handlers.load_pre, _stop),
         (handlers.load_post, _forget),

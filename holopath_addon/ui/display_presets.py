@@ -4,9 +4,11 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
+from ..properties.optics import HoloPathOptics
+
 
 class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
-    """Keep these display settings, depth range and wavelengths as a preset, or remove one"""
+    """Keep these display settings, depth range, wavelengths and optics as a preset, or remove one"""
 
     bl_idname = "holopath.display_preset_add"
     bl_label = "Add Display Preset"
@@ -28,6 +30,7 @@ class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
             "depth_far_mm",
             "depth_near_mm",
             "depth_auto",  # after those, which switch it off
+            *(f"optics.{name}" for name in HoloPathOptics.__annotations__),
         )
     ]
 

@@ -18,6 +18,8 @@ from ..engine.pixels import axes
 from ..export import find_camera, unit_scale, view_of
 from ..operators import session
 from ..properties import focus_list_of, focus_of, hologram_of, pitch_of, pupil_or_none
+from .bench_overlay import draw_bench
+from .plates import draw_plate, tab_open
 
 _FOCUS = (1.0, 0.6, 0.15)
 _LISTED = (0.35, 0.75, 1.0)
@@ -99,7 +101,7 @@ def _mapping(props, camera, plan):
     """The hologram's depth mapping and the hologram; None where the settings do not say."""
     try:
         hologram = hologram_of(props)
-    except engine.InvalidInput:
+    except (engine.InvalidInput, engine.BackendUnavailable):
         return None
     near = hologram.near or (plan.near if plan else None)
     if near is None and hologram.depth_mapping == "fit":
@@ -164,7 +166,7 @@ def _wanted(context):
     space, scene = context.space_data, context.scene
     if not (space.overlay.show_overlays and properties.of(scene).show_overlay):
         return []
-    if not (scene.render.engine == "HOLOPATH" or _tab_open(context.area, space)):
+    if not (scene.render.engine == "HOLOPATH" or tab_open(context.area, space)):
         return []
     try:
         wanted = outlines(scene)
@@ -178,12 +180,6 @@ def _wanted(context):
         for outline in wanted
         if not outline.at_camera
     ]
-
-
-def _tab_open(area, space):
-    return space.show_region_ui and any(
-        region.type == "UI" and region.active_panel_category == "HoloPath" for region in area.regions
-    )
 
 
 def _draw_lines():
@@ -234,26 +230,17 @@ def _draw_labels():
         while any(abs(y - v) < height and x < u + w and u < x + width for u, v, w in taken):
             y -= height
         taken.append((x, y, width))
-        _draw_plate(x - 4 * scale, y - 0.3 * height, width + 8 * scale, height)
+        draw_plate(x - 4 * scale, y - 0.3 * height, width + 8 * scale, height)
         red, green, blue = outline.colour
         blf.color(0, red, green, blue, 1.0)
         blf.position(0, x, y, 0)
         blf.draw(0, outline.label)
 
 
-def _draw_plate(x, y, width, height):
-    """A dark rectangle for a label to stand on."""
-    plain = gpu.shader.from_builtin("UNIFORM_COLOR")
-    plain.uniform_float("color", (0.0, 0.0, 0.0, 0.5))
-    corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
-    gpu.state.blend_set("ALPHA")
-    batch_for_shader(plain, "TRIS", {"pos": corners}, indices=[(0, 1, 2), (0, 2, 3)]).draw(plain)
-    gpu.state.blend_set("NONE")
-
-
 def show_overlay():
     """Begin to draw in 3D Views."""
-    for draw, when in ((_draw_lines, "POST_VIEW"), (_draw_labels, "POST_PIXEL")):
+    drawn = (_draw_lines, "POST_VIEW"), (_draw_labels, "POST_PIXEL"), (draw_bench, "POST_PIXEL")
+    for draw, when in drawn:
         _handlers.append(bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", when))
 
 

@@ -8,11 +8,13 @@ from . import sections
 from .device import device
 from .display_presets import HOLOPATH_PT_display_presets
 from .engine_panels import EnginePanel
+from .optics import optics
 from .text import layout_of, split_layout_of
 
 # In the order of work: name, label (none: no header), sections, closed at first
 _SUBPANELS = (
     ("display", "Display", sections.display, True),
+    ("display_optics", "Optics", optics, True),
     ("depth", "Depth", sections.depth, True),
     ("quality", "Quality", sections.quality, True),
     ("advanced", "Advanced", sections.advanced, True),
@@ -105,6 +107,9 @@ def _display_presets(self, context):
 _HEADERS = {"display": {"draw_header_preset": _display_presets}}
 
 
+_WITHIN = {"display_optics": "_display"}  # panels that lie in another one of these
+
+
 def _subpanels(parent, place):
     for name, label, section, closed in _SUBPANELS:
         identifier = f"{parent.__name__}_{name}"
@@ -115,7 +120,7 @@ def _subpanels(parent, place):
                 "__doc__": section.__doc__,
                 "bl_idname": identifier,
                 "bl_label": label,
-                "bl_parent_id": parent.__name__,
+                "bl_parent_id": parent.__name__ + _WITHIN.get(name, ""),
                 "bl_options": ({"DEFAULT_CLOSED"} if closed else set())
                 | (set() if label else {"HIDE_HEADER"}),
                 "section": staticmethod(section),

@@ -85,6 +85,20 @@ def test_words_of_phases(moving, tmp_path):
     assert background._words(props, Path("a.blend"), out)[-2:-1] == ["--response"]
 
 
+def test_words_of_a_measured_bench(moving, tmp_path):
+    """The copy lies elsewhere than the .blend."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    props = bpy.context.scene.holopath
+    optics = props.optics
+    optics.beam, optics.beam_file, optics.beam_phase = "measured", "//size.png", "//phase.npy"
+    optics.stop, optics.stop_file, optics.carrier = "measured", "//stop.png", "auto"
+    words = background._words(props, "c.blend", "out")[6:]
+    beam = f"amplitude={tmp_path / 'size.png'},phase={tmp_path / 'phase.npy'}"
+    assert words == ["--stop", str(tmp_path / "stop.png"), "--carrier=auto", "--beam", beam]
+    optics.beam_holds, optics.stop = "field", "circle"
+    assert background._words(props, "c.blend", "out")[6:] == ["--beam", str(tmp_path / "size.png")]
+
+
 def playing(lines, then="sys.stdin.read()"):
     """A process that says so much and then waits for the end of its input, or does otherwise."""
     code = f"import json, os, sys\nfor line in {lines!r}: print(line, file=sys.stderr, flush=True)\n{then}"

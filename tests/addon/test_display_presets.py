@@ -13,6 +13,7 @@ def test_kept_and_taken(scene):
     props.colours, props.wavelength_nm = "MONO", 532.0
     props.wavelengths_nm = (630.0, 520.0, 460.0)
     props.depth_far_mm, props.depth_near_mm = 33.0, 44.0
+    props.optics.beam, props.optics.middle_mm, props.optics.stop = "gaussian", (0.5, 0.25), "half"
     frames = props.frames
     names = [
         "display", "resolution_x", "resolution_y", "pitch_um", "square_pixels", "pitch_y_um", "bits", "colours",
@@ -23,7 +24,8 @@ def test_kept_and_taken(scene):
     path = bpy.utils.preset_find("My_SLM", "holopath/display")
     assert path is not None
 
-    props.display = "gaea-2"
+    props.display, props.optics.beam, props.optics.stop = "gaea-2", "flat", "circle"
+    props.optics.middle_mm = (0.0, 0.0)
     props.colours, props.wavelengths_nm, props.frames = "RGB", (640, 516, 455), frames + 1
     assert bpy.ops.script.execute_preset(filepath=path, menu_idname="HOLOPATH_PT_display_presets") == {
         "FINISHED"
@@ -31,7 +33,8 @@ def test_kept_and_taken(scene):
     assert {name: getattr(props, name) for name in names} | {
         "wavelengths": tuple(props.wavelengths_nm)
     } == kept
-    assert props.frames == frames + 1
+    assert (props.optics.beam, tuple(props.optics.middle_mm)) == ("gaussian", (0.5, 0.25))
+    assert props.optics.stop == "half" and props.frames == frames + 1
     assert bpy.ops.holopath.display_preset_add(remove_name=True, name="My_SLM") == {"FINISHED"}
     assert bpy.utils.preset_find("My_SLM", "holopath/display") is None
 

@@ -229,6 +229,19 @@ def encoding_again(scene, monkeypatch):
 
 
 @state
+def on_another_bench(scene, monkeypatch):
+    after("encoded", scene)
+    scene.holopath.optics.stop = "half"
+    yield
+
+
+@state
+def no_such_bench(scene, monkeypatch):
+    scene.holopath.optics.beam, scene.holopath.optics.stop = "measured", "measured"
+    yield
+
+
+@state
 def opening_the_device(scene, monkeypatch):
     with shown(scene, lambda counts: True, opens=False):
         yield
@@ -302,7 +315,8 @@ def test_every_panel_with_every_setting(window, monkeypatch, name):
     # the Render properties have the same sections
     shown = [cls for cls in SHOWN if not cls.__name__.startswith("HOLOPATH_PT_render")]
     with STATES[name](scene, monkeypatch):
-        for props in (scene.holopath, scene.holopath.device, bpy.context.view_layer.holopath):
+        settings = scene.holopath
+        for props in (settings, settings.device, settings.optics, bpy.context.view_layer.holopath):
             for setting, value in list(choices(props)):
                 before = getattr(props, setting)
                 setattr(props, setting, value)

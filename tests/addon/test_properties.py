@@ -143,8 +143,9 @@ def test_pupil(settings):
 
 def test_every_setting_says_what_it_is(settings):
     item = properties.HoloPathFocus.bl_rna.properties
-    for prop in (*settings.bl_rna.properties, *settings.device.bl_rna.properties, *item):
-        if prop.identifier in ("rna_type", "name", "device"):
+    groups = settings, settings.device, settings.optics
+    for prop in (*(prop for group in groups for prop in group.bl_rna.properties), *item):
+        if prop.identifier in ("rna_type", "name", "device", "optics"):
             continue
         assert prop.description, prop.identifier
         assert not prop.description.endswith("."), prop.identifier
@@ -157,6 +158,7 @@ def test_every_setting_says_what_it_is(settings):
             "m": "meter",
             "D": "diopter",
             "px": "pixels",
+            "°": "degrees",
             "": "",
         }
         assert word[unit] in prop.description, prop.identifier
@@ -182,11 +184,19 @@ DEVICE_NUMBERS = {
     "packing": "time colour bits plm-067 plm-047 slm-200 slm-200-120hz layout",
     "order": "RGB GRB BRG RBG GBR BGR",
 }
+OPTICS_NUMBERS = {
+    "beam": "flat tilt point gaussian measured",
+    "beam_holds": "amplitude intensity field",
+    "carrier": "stop auto given",
+    "stop": "circle half rectangle measured",
+}
 
 
-@pytest.mark.parametrize("numbers", [NUMBERS, DEVICE_NUMBERS])
-def test_numbers_in_files_stay(settings, numbers):
-    group = settings if numbers is NUMBERS else settings.device
+@pytest.mark.parametrize(
+    ("inner", "numbers"), [("", NUMBERS), ("device", DEVICE_NUMBERS), ("optics", OPTICS_NUMBERS)]
+)
+def test_numbers_in_files_stay(settings, inner, numbers):
+    group = getattr(settings, inner) if inner else settings
     enums = {p.identifier: p for p in group.bl_rna.properties if p.type == "ENUM"}
     for name, words in numbers.items():
         held = {item.identifier: item.value for item in enums.pop(name).enum_items}
@@ -194,7 +204,8 @@ def test_numbers_in_files_stay(settings, numbers):
     assert not enums, "a new enum: pin its numbers here"
 
 
-GROUPS = ("rna_type", "name", "focus_list", "device")
+INNER = ("device", "optics")
+GROUPS = ("rna_type", "name", "focus_list", *INNER)
 
 
 def other(settings, prop):
@@ -216,8 +227,11 @@ def held(settings):
     """Every setting's value."""
     names = [p.identifier for p in settings.bl_rna.properties if p.identifier not in GROUPS]
     values = {name: getattr(settings, name) for name in names}
-    device = settings.device
-    values |= {f"device.{n}": getattr(device, n) for n in device.bl_rna.properties.keys() if n not in GROUPS}
+    for group in INNER:
+        inner = getattr(settings, group)
+        values |= {
+            f"{group}.{n}": getattr(inner, n) for n in inner.bl_rna.properties.keys() if n not in GROUPS
+        }
     values["focus_list"] = [item.focus for item in settings.focus_list]
     return {name: tuple(v) if hasattr(v, "foreach_get") else v for name, v in values.items()}
 
@@ -227,9 +241,10 @@ def test_settings_survive_a_file(settings, tmp_path):
     for prop in settings.bl_rna.properties:
         if prop.identifier not in (*GROUPS, "focus_infinity", "focus_dioptres"):
             setattr(settings, prop.identifier, other(settings, prop))
-    for prop in settings.device.bl_rna.properties:
-        if prop.identifier not in GROUPS:
-            setattr(settings.device, prop.identifier, other(settings.device, prop))
+    for inner in (settings.device, settings.optics):
+        for prop in inner.bl_rna.properties:
+            if prop.identifier not in GROUPS:
+                setattr(inner, prop.identifier, other(inner, prop))
     for metres in (0.5, properties.LARGEST_FOCUS):
         settings.focus_list.add().focus = metres
     values = held(settings)
@@ -344,6 +359,7 @@ def test_a_file_of_version_0_1_0_keeps_its_settings(addon):
     try:
         told = {name: getattr(scene.holopath, name) for name in OLD}
         assert properties.hologram_of(scene.holopath).depth_far == 100e-3
+        assert properties.hologram_of(scene.holopath).optics == engine.Optics()
         assert {name: round(v, 5) if isinstance(v, float) else v for name, v in told.items()} == OLD
     finally:
         bpy.data.scenes.remove(scene)

@@ -124,6 +124,8 @@ def watch_all():
 
     rows = bpy.types.HOLOPATH_UL_focus
     draw_item, wanted, add_menu = rows.draw_item, overlay._wanted, menus._add_menu
+    bench = module("ui.bench_overlay")
+    draw_sketch = bench.draw_sketch
 
     def watched_item(self, context, layout, data, item, icon, active_data, active_property, index):
         with noted(rows.__name__):
@@ -137,13 +139,17 @@ def watch_all():
         with noted("VIEW3D_MT_add"):
             add_menu(self, context)
 
-    rows.draw_item, overlay._wanted = watched_item, watched_overlay
+    def watched_sketch(hologram, region, scale):
+        with noted("sketch"):
+            draw_sketch(hologram, region, scale)
+
+    rows.draw_item, overlay._wanted, bench.draw_sketch = watched_item, watched_overlay, watched_sketch
     menus.remove_from_menus()
     menus._add_menu = watched_menu
     menus.add_to_menus()
     for name in ("HOLOPATH_MT_demos", "HOLOPATH_PT_display_presets"):
         watch(getattr(bpy.types, name))
-    return there | {rows.__name__, "overlay"}
+    return there | {rows.__name__, "overlay", "sketch"}
 
 
 def lay_out():
@@ -306,6 +312,7 @@ def configure(scene, pixels):
             props.property_unset(prop.identifier)
     props.resolution_x = props.resolution_y = pixels
     props.depth_far_mm, props.depth_near_mm = 10 * pixels / 512, 15 * pixels / 512
+    props.show_bench = True
 
 
 def steps():
@@ -318,6 +325,7 @@ def steps():
     there = watch_all()
     gate = Gate()
     yield from lay_out()
+    scene.holopath.show_bench = True
     for dioptres in (2.0, 0.0):
         scene.holopath.focus_dioptres = dioptres
         press(bpy.ops.holopath.focus_list_add)

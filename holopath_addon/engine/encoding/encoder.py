@@ -21,7 +21,7 @@ from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
-from .double_phase import clipping_level, double_phase, half_band
+from .double_phase import clipping_level, double_phase, half_band, transmission
 from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
 from .shown_light import ShownLight
@@ -42,9 +42,6 @@ STARTS = ("arg", "dpac")
 MOST_BYTES = 4 << 30  # of arrays that a stage works on: frames that do not fit are done after another
 SMOOTH = 0.8  # correlation of a field's neighbors; of random phases that fill the band it is 0.2
 MARGIN = 12  # pixels around a display's, into which its relay scatters light
-# Of a beam's largest amplitude: no pixel makes up for less. Of 0.05 to 1 the least light of double phase goes astray,
-# and what is within the field's own band is nearest to it (a waist of 0.9 times half the panel).
-FAINT = 0.2
 DARK = 1e-6  # of the brightest colour's amplitude
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # of a pixel of a frame
 MOST_STEPS = 1000
@@ -594,10 +591,7 @@ class _Work:
 
     def _at_pixels(self, waves, colour):
         """What pixels have to let through so that the beam becomes waves; where it is faint, less."""
-        beam = self._beams[colour]
-        if beam is None:
-            return waves
-        return waves * (np.conj(beam) / np.maximum(np.abs(beam), FAINT) ** 2)
+        return transmission(waves, self._beams[colour])
 
     def _volume(self, colour):
         """Distances between which the scene lies, from the panel as a wavelength has it."""

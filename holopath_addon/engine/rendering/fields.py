@@ -15,6 +15,7 @@ from ..waves.propagation import carrier, moved, padded_shape, transfer_function
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from ..hologram import Hologram
     from ..light.path_tracer import PathsPerRay
     from ..plan import RecordingPlane
     from ..progress import Progress

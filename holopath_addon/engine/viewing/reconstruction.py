@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import threading
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,6 +96,18 @@ class Refocuser:
         """Pictures at several distances, as `reconstruct`; one thread at a time."""
         with self._lock:
             return self._pictures(focus, pupil, progress)
+
+    def on(self, optics: Optics) -> Refocuser:
+        """The same field, of any beam, seen on another bench: through its stop. Spectra are kept for both.
+
+        Raises
+        ------
+        InvalidInput
+            If the optics do not go with the field's pixels.
+        """
+        other = copy.copy(self)
+        other.field = replace(self.field, hologram=replace(self.field.hologram, optics=optics))
+        return other
 
     def _pictures(self, focus, pupil, progress):
         progress = progress or (lambda done, message: None)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...engine.errors import InvalidInput
 from ...engine.mapping import DepthMapping
+from ...engine.optics import Beam
 from ...engine.viewing.reconstruction import Refocuser
 from ...engine.wavefield import WaveField
 from ...engine.waves.modulator import Modulator
@@ -134,6 +135,9 @@ class VirtualDriver:
         # neighbors blur the panel's own phases, of any turn, not what is left of them modulo 2 pi
         phases = self._truth.seen(level, wavelength, shape, self._modulator.shown)
         light = np.float32(self._hologram.gains[k]) * self._bare.light(phases)
+        illumination = hologram.illumination(k)
+        if illumination is not None:
+            light *= illumination
         camera, near = self._hologram.camera, self._hologram.near
         if hologram.optics.colors_apart:  # pictures of all colors have one grid, which all decide
             whole = np.zeros((1, len(hologram.wavelengths), *shape), np.complex64)
@@ -141,6 +145,7 @@ class VirtualDriver:
             return Refocuser(WaveField(whole, hologram, camera, near, modulated=True))([self.focus])[
                 0, ..., k
             ]
-        alone = replace(hologram, wavelengths=(wavelength,))
+        # what is measured of the beam may be of all wavelengths
+        alone = replace(hologram, wavelengths=(wavelength,), optics=replace(hologram.optics, beam=Beam()))
         field = WaveField(light[None, None], alone, camera, near, modulated=True)
         return Refocuser(field)([self.focus])[0, ..., 0]

@@ -16,16 +16,15 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import engine
-from .device_properties import HoloPathDevice, menu
-from .engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
+from .. import engine
+from ..device_properties import HoloPathDevice, menu
+from ..engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
+from .decimals import tidy
+from .optics import RELATIVE, HoloPathOptics, optics_of
 
 CUSTOM = "CUSTOM"
 LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
 _VALUES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}  # types of properties that hold one
-# Options of a path that may start at the .blend; older Blenders let any path do so.
-_KNOWS_RELATIVE = "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
-_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if _KNOWS_RELATIVE else set()
 
 
 def _display_items():
@@ -352,7 +351,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         description="Folder in which an animation render makes frame_0001 and so on",
         default="//holopath",
         subtype="DIR_PATH",
-        options=_RELATIVE,
+        options=RELATIVE,
     )
     animation_encodes: BoolProperty(
         name="Encode",
@@ -399,6 +398,14 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
             "open or HoloPath is the render engine"
         ),
         default=True,
+    )
+    show_bench: BoolProperty(
+        name="Sketch in Viewport",
+        description=(
+            "Draw beam, SLM, volume, stop and eye to scale in the 3D View, while the sidebar's HoloPath tab is open or "
+            "HoloPath is the render engine"
+        ),
+        default=False,
     )
     use_pupil: BoolProperty(
         name="Partial Pupil",
@@ -486,6 +493,7 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
         max=255,
         update=_phase_frame_changed,
     )
+    optics: PointerProperty(type=HoloPathOptics, name="Optics", description="The bench around the SLM")
     device: PointerProperty(type=HoloPathDevice, name="Device", description="What shows the hologram")
 
 
@@ -571,26 +579,27 @@ def hologram_of(props, resolution=None):
 
     Raises
     ------
-    engine.InvalidInput
+    engine.InvalidInput, engine.BackendUnavailable
     """
     width, height = resolution or (props.resolution_x, props.resolution_y)
     wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
     ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
-    ends = {} if depth_is_auto(props) else {name: _tidy(mm * 1e-3) for name, mm in ends.items()}
+    ends = {} if depth_is_auto(props) else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
     return engine.Hologram(
         width,
         height,
         pitch_of(props),
-        tuple(_tidy(w * 1e-9) for w in wavelengths),
+        tuple(tidy(w * 1e-9) for w in wavelengths),
         depth_mapping=props.depth_mapping,
-        near=None if props.near_auto else _tidy(props.near),
+        near=None if props.near_auto else tidy(props.near),
+        optics=optics_of(props.optics),
         **ends,
     )
 
 
 def pitch_of(props):
     """The display's pixel pitch, meters; a pair where pixels are not square."""
-    across, down = (_tidy(um * 1e-6) for um in (props.pitch_um, props.pitch_y_um))
+    across, down = (tidy(um * 1e-6) for um in (props.pitch_um, props.pitch_y_um))
     return across if props.square_pixels else (across, down)
 
 
@@ -625,24 +634,24 @@ def _value(props, name, declared) -> Any:
     if name == "fixed":
         return engine.parse_fixed(value)
     if isinstance(value, float):
-        return _tidy(value * (1e-3 if declared.unit else 1))
+        return tidy(value * (1e-3 if declared.unit else 1))
     return value
 
 
 def encode_seconds_of(props):
     """Seconds that encoding may take; None for no limit."""
     limited = props.limit_encoding and props.encoding != "dpac"
-    return _tidy(props.encode_seconds) if limited else None
+    return tidy(props.encode_seconds) if limited else None
 
 
 def eyebox_of(props):
     """Weight of parts of the pupil in phases; None for the plan's."""
-    return None if props.eyebox_auto else _tidy(props.eyebox)
+    return None if props.eyebox_auto else tidy(props.eyebox)
 
 
 def focus_of(props):
     """Focus distance in metres, infinity included."""
-    return math.inf if props.focus_infinity else _tidy(props.focus)
+    return math.inf if props.focus_infinity else tidy(props.focus)
 
 
 def focus_list_of(props):
@@ -660,16 +669,36 @@ def modulator_of(props):
 
 
 def seen_of(props):
-    """What the reconstruction shows: focus in metres, `engine.Pupil` and, of phases, `engine.Modulator`, or None."""
+    """What the reconstruction shows.
+
+    Parameters
+    ----------
+    props : HoloPathSettings
+
+    Returns
+    -------
+    focus : float
+        Meters.
+    pupil : engine.Pupil or None
+    modulator : engine.Modulator or None
+        Of phases.
+    optics : engine.Optics
+        The bench that it is seen on.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+        If there is no such bench.
+    """
     modulator = modulator_of(props) if props.refocused == "PHASE" else None
-    return focus_of(props), pupil_or_none(props), modulator
+    return focus_of(props), pupil_or_none(props), modulator, optics_of(props.optics)
 
 
 def pupil_or_none(props):
     """`engine.Pupil`, or None for the whole cone."""
     if not props.use_pupil:
         return None
-    return engine.Pupil(*(_tidy(v * 1e-3) for v in (*props.pupil_offset_mm, props.pupil_diameter_mm)))
+    return engine.Pupil(*(tidy(v * 1e-3) for v in (*props.pupil_offset_mm, props.pupil_diameter_mm)))
 
 
 def set_focus(props, metres):
@@ -698,12 +727,14 @@ def _quietly():
         _noting.pop()
 
 
-def _tidy(value):
-    """Blender's single precision as the decimal number that was meant."""
-    return float(f"{value:.6g}")
-
-
-CLASSES = (HoloPathDevice, HoloPathFocus, HoloPathSettings, HoloPathMaterial, HoloPathViewLayer)
+CLASSES = (
+    HoloPathDevice,
+    HoloPathOptics,
+    HoloPathFocus,
+    HoloPathSettings,
+    HoloPathMaterial,
+    HoloPathViewLayer,
+)
 
 
 def register():
@@ -744,7 +775,7 @@ def _settle(*_):
             props.pixel_shape = True
         if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):
             props.depth_far_mm, props.depth_near_mm = props.depth_far_mm, props.depth_near_mm
-        for props in (of(scene), of(scene).device):
+        for props in (of(scene), of(scene).device, of(scene).optics):
             for prop in props.bl_rna.properties:
                 if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
                     props.property_unset(prop.identifier)

@@ -1,0 +1,138 @@
+"""The sketch of the bench: to scale, within its borders, and with labels that do not lie on each other."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.viewing import bench_sketch
+from holopath_addon.engine.viewing.bench_sketch import FONT, LETTER, axial_view, drawing
+
+PITCH = 8e-6
+
+
+def hologram(width=256, height=192, ends=(-2e-3, 0.5e-3), pitch=PITCH, **optics):
+    return engine.Hologram(width, height, pitch, (520e-9,), *ends, optics=engine.Optics(**optics))
+
+
+HALF_UP = engine.Stop("half", (math.pi / 2,))
+HOLOGRAMS = {
+    "flat": hologram(),
+    "tilt": hologram(beam=engine.Beam("tilt", (math.radians(-1), math.radians(0.5)))),
+    "steep": hologram(ends=(60e-3, 65e-3), beam=engine.Beam("tilt", (0.0, math.radians(-1.5)))),
+    "near point": hologram(ends=(20e-3, 30e-3), beam=engine.Beam("point", (50e-3,))),
+    "far point": hologram(1920, 1080, beam=engine.Beam("point", (-0.4,))),
+    "gaussian": hologram(beam=engine.Beam("gaussian", (0.6e-3, 0.2e-3, -0.4e-3))),
+    "measured": hologram(64, 48, beam=engine.Beam("measured", measured=np.ones((48, 64)))),
+    "auto": hologram(carrier="auto"),
+    "half": hologram(stop=HALF_UP),
+    "rectangle": hologram(
+        1920, 1080, (80e-3, 85e-3), 4.5e-6, carrier=(0.3, -0.5), stop=engine.Stop("rectangle", (0.4, 0.8))
+    ),
+    "picture": hologram(carrier="auto", stop=engine.Stop("measured", measured=np.tri(8, dtype=bool).T)),
+    "tiny": hologram(16, 16, (1e-4, 2e-4)),
+}  # fmt: skip
+
+
+def role(thing, name):
+    return [line.points for line in thing.lines if line.role == name]
+
+
+@pytest.mark.parametrize("width", [400, 720, 1500])
+@pytest.mark.parametrize("name", HOLOGRAMS)
+def test_all_lies_within_and_labels_apart(name, width):
+    drawn = drawing(HOLOGRAMS[name], width=width)
+    for line in drawn.lines:
+        x, y = line.points.T
+        assert x.min() > -1 and x.max() < width + 1 and y.min() > -1 and y.max() < drawn.height + 1, line
+    boxes = [(text.x, text.y - FONT, text.x + LETTER * FONT * len(text.text), text.y) for text in drawn.texts]
+    for left, top, right, bottom in boxes:
+        assert left >= 0 and top >= 0 and right <= width + 1 and bottom <= drawn.height
+    for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
+        assert c <= e or g <= a or d <= f or h <= b
+
+
+@pytest.mark.parametrize("name", HOLOGRAMS)
+def test_to_scale(name):
+    """SLM and volume have their size and place, and the bars and words say by which scales."""
+    which = HOLOGRAMS[name]
+    bench, drawn = axial_view(which), drawing(which)
+    side = 1e3 * (which.height if bench.upright else which.width) * which.pitch
+    (slm,) = role(drawn, "slm")
+    volume = role(drawn, "volume")[0]
+    across = abs(slm[1, 1] - slm[0, 1]) / side
+    along = (volume[1, 0] - volume[0, 0]) / (1e3 * (which.depth_near - which.depth_far))
+    assert volume[0, 0] - slm[0, 0] == pytest.approx(1e3 * which.depth_far * along, abs=1e-6)
+    assert volume[2, 1] - volume[1, 1] == pytest.approx(-side * across)
+    words = [text.text for text in drawn.texts]
+    told = next(text for text in words if text.startswith("across at"))
+    ratio = told.split()[2]
+    ratio = 1 / float(ratio[2:]) if ratio.startswith("1/") else float(ratio)
+    assert across / along == pytest.approx(ratio)
+    bars = [line.points for line in drawn.lines if line.role == "ink" and line.width == 2.0]
+    for bar, word, scale in zip(bars, ("along", "across"), (along, across), strict=True):
+        length = next(float(text.split()[0]) for text in words if text.endswith(f" mm {word}"))
+        assert np.abs(bar[1] - bar[0]).max() == pytest.approx(length * scale)
+
+
+def test_beams_run_as_the_light_does():
+    """Their slopes, up the page, are the phase's: of a tilt its tangent; rays of a point meet there."""
+    for name, slope in (("tilt", math.tan(math.radians(-1))), ("steep", math.tan(math.radians(-1.5)))):
+        bench = axial_view(HOLOGRAMS[name])
+        assert bench.upright == (name == "steep")
+        for (x, y), (u, v) in role(bench, "beam"):
+            assert u == x or (v - y) / (u - x) == pytest.approx(slope)
+    for points in role(axial_view(HOLOGRAMS["near point"]), "beam"):
+        np.testing.assert_allclose(points[0], (-50.0, 0.0), atol=1e-9)
+    for (x, y), (u, v) in role(axial_view(HOLOGRAMS["far point"]), "beam"):
+        assert y + (v - y) / (u - x) * (400 - x) == pytest.approx(0, abs=1e-9)
+    bench = axial_view(HOLOGRAMS["gaussian"])
+    assert bench.upright
+    np.testing.assert_allclose(
+        [p[0, 1] for p in role(bench, "beam")], (-0.4 - 0.6, -0.4, -0.4 + 0.6), atol=0.25
+    )
+
+
+@pytest.mark.parametrize("name", ["auto", "half", "rectangle"])
+def test_light_behind_the_slm(name):
+    """The stop's edges and the zero order, by the angles of light of such frequencies."""
+    which = HOLOGRAMS[name]
+    bench, optics = axial_view(which), which.optics
+    axis = int(bench.upright)
+    assert abs(optics.carrier[axis]) == max(map(abs, optics.carrier))
+    slope = math.tan(math.asin(520e-9 / (2 * which.pitch)))
+    assert bench.zero_order == pytest.approx(-optics.carrier[axis] * slope * bench.end)
+    x, radius = optics.opening[axis], optics.opening[2]
+    way = bench.end - 0.5e3 * (which.depth_far + which.depth_near)
+    assert bench.edges == pytest.approx(((x - radius) * slope * way, (x + radius) * slope * way))
+
+
+@pytest.mark.parametrize("name", ["auto", "half", "rectangle", "picture"])
+def test_the_fourier_plane(name):
+    """As much is open as light passes, and on the same side."""
+    optics, drawn = HOLOGRAMS[name].optics, drawing(HOLOGRAMS[name])
+    areas = [
+        line.points for line in drawn.lines if line.role == "light" and line.opacity and len(line.points) == 4
+    ]
+    side = bench_sketch.SIDE
+    left, top = drawn.width - side, 1.6 * FONT
+    sizes = [np.ptp(p[:, 0]) * np.ptp(p[:, 1]) / side**2 for p in areas]
+    axis = np.linspace(-1, 1, 401)
+    x, y = optics.carrier
+    is_open = optics.open_at(axis[None, :] - x, -axis[:, None] - y)
+    assert sum(sizes) == pytest.approx(is_open.mean(), abs=0.01)
+    middle = (
+        sum(size * (p.mean(0) - (left, top)) for size, p in zip(sizes, areas, strict=True))
+        / sum(sizes)
+        / side
+    )
+    rows, columns = np.nonzero(is_open)
+    np.testing.assert_allclose(middle, (columns.mean() / 400, rows.mean() / 400), atol=0.01)
+    words = [text.text for text in drawn.texts]
+    assert ["Fourier plane", "zero order", "picture", "twin"] == words[-4:] and "stop" in words
+
+
+def test_without_a_stop_there_is_none():
+    assert not {"stop", "twin"} & {text.text for text in drawing(HOLOGRAMS["flat"]).texts}

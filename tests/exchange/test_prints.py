@@ -1,0 +1,108 @@
+"""Prints: what other programs read of them, and what `holopath export --interference` refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holopath_addon import cli, engine, exchange, output
+from holopath_addon.exchange import prints
+from tests.exchange.fields import field, phases
+
+PIL = pytest.importorskip("PIL.Image")
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("bits", prints.BITS)
+def test_pictures_and_the_size_of_their_dots(tmp_path, suffix, bits):
+    """By Pillow, which shares nothing with what writes them, and by our own reader."""
+    file, top = tmp_path / f"a.{suffix}", 2**bits - 1
+    picture = np.random.default_rng(0).uniform(size=(5, 11)).round() if bits == 1 else np.linspace(0, 1, 55)
+    picture = picture.reshape(5, 11)
+    prints.write_print(file, picture, bits, 8e-6)
+    with PIL.open(file) as found:
+        assert found.mode == {1: "1", 8: "L", 16: "I;16"}[bits]
+        assert found.info["dpi"] == pytest.approx((3175, 3175), rel=1e-4)
+        np.testing.assert_array_equal(np.array(found).astype(int), np.round(picture * top))
+    (again,) = exchange.read(file).arrays.values()
+    np.testing.assert_array_equal(again.astype(int), np.round(picture * top))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three frames of two wavelengths on axis, of pixels of 8 µm, and their phases off axis."""
+    with output.output_folder(tmp_path / "out") as part:
+        field(height=32, width=48).save(part / "wavefield")
+        phases().save(part / "hologram")
+        output.write_report(part, {})
+    return tmp_path / "out"
+
+
+def test_on_the_command_line(folder, tmp_path, capsys):
+    file, again = tmp_path / "a.png", tmp_path / "again.png"
+    words = ["export", str(folder), str(file), "--interference", "--frame", "1", "--wavelength", "455"]
+    assert cli.main([*words, "--dpi", "3175"]) == 0
+    told = capsys.readouterr().err
+    # sin(angle) = 455.4 nm / (4 x 8 µm)
+    assert "0.384 x 0.256 mm at 3175 dots per inch" in told and "0.815 and 0 degrees to the right" in told
+    optics = engine.Optics(carrier="auto")
+    stored = output.stored_field(folder)
+    expected = engine.interference(
+        engine.WaveField(
+            stored.data,
+            engine.Hologram(48, 32, 8e-6, stored.hologram.wavelengths, 1e-3, 3e-3, optics=optics),
+            stored.camera,
+            stored.near,
+        ),
+        frame=1,
+        color=1,
+    )
+    (found,) = exchange.read(file).arrays.values()
+    np.testing.assert_array_equal(found, np.round(255 * expected))
+    words[2] = str(again)
+    assert cli.main([*words, "--carrier", "0,0.6", "--bits", "1", "--quiet"]) == 0
+    with PIL.open(again) as found:
+        assert found.mode == "1" and found.info["dpi"] == pytest.approx((3175, 3175), rel=1e-4)
+
+
+WHICH = ["--frame", "0", "--wavelength", "640"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--interference"], "one frame, and there are 3: choose one with --frame N"),
+        (["--interference", "--frame", "3"], "choose --frame 0 to 2"),
+        (["--interference", "--frame", "0"], "choose --wavelength 640, 455.4"),
+        (["--interference", "--frame", "0", "--wavelength", "532"], "no light of 532 nm"),
+        (["--interference", *WHICH, "--dpi", "2400"], "render it with --pitch 10.583, or print it with 3175"),
+        (["--interference", *WHICH, "--dpi", "0"], "positive number of dots"),
+        (["--interference", *WHICH, "--carrier", "0,0"], "lie on each other"),
+        (["--interference", *WHICH, "--carrier", "1,0"], "A carrier lies within the band"),
+        (["--interference", *WHICH, "--axes", "y,x"], "A print has no convention"),
+        (["--interference", *WHICH, "--hologram"], "encode them with --carrier auto"),
+        (["--interference", *WHICH, "--hologram", "--carrier", "auto"], "Stored phases have their carrier"),
+        (["--dpi", "3175"], "--dpi is of a print: add --interference"),
+        (["--bits", "1"], "--bits is of a print"),
+    ],
+)
+def test_what_is_refused(folder, tmp_path, capsys, words, says):
+    assert cli.main(["export", str(folder), str(tmp_path / "a.png"), *words]) == 2
+    assert says in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"out"}
+
+
+def test_another_kind_of_file(folder, tmp_path, capsys):
+    assert cli.main(["export", str(folder), str(tmp_path / "a.jpg"), "--interference", *WHICH]) == 2
+    assert "A print ends on .png, .tif, .tiff, not on '.jpg'" in capsys.readouterr().err
+
+
+def test_dots_are_square(tmp_path, capsys):
+    plain = field(height=32, width=48)
+    oblong = replace(plain, hologram=replace(plain.hologram, pitch=(6.4e-6, 8e-6)))
+    with output.output_folder(tmp_path / "out") as part:
+        oblong.save(part / "wavefield")
+        output.write_report(part, {})
+    words = [str(tmp_path / "out"), str(tmp_path / "a.png"), "--interference", *WHICH]
+    assert cli.main(["export", *words]) == 2
+    assert "A print has square dots, and the hologram has pixels of 6.4 × 8 µm" in capsys.readouterr().err
