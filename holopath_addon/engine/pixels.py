@@ -16,7 +16,7 @@ import scipy.fft
 Pitch = float | tuple[float, float]
 
 
-class Places(NamedTuple):
+class EvenSteps(NamedTuple):
     """Evenly spaced places along an axis of a grid, in its pixels from the first one's middle."""
 
     first: float
@@ -41,7 +41,7 @@ class Raster(NamedTuple):
     pitch: Pitch
     middle: tuple[float, float] = (0.0, 0.0)
 
-    def lines_on(self, other: Raster) -> list[Places]:
+    def lines_on(self, other: Raster) -> list[EvenSteps]:
         """Its rows and its columns on another grid."""
         lines = []
         each = zip(self.shape, axes(self.pitch), self.middle, strict=True)
@@ -49,11 +49,11 @@ class Raster(NamedTuple):
         for (count, own, middle), (n, pitch, aside) in zip(each, theirs, strict=True):
             step = own / pitch
             first = (n - 1) / 2 - step * (count - 1) / 2 + (middle - aside) / pitch
-            lines.append(Places(first, step, count))
+            lines.append(EvenSteps(first, step, count))
         return lines
 
 
-def beyond(lines: Sequence[Places], shape: Sequence[int]) -> int:
+def beyond(lines: Sequence[EvenSteps], shape: Sequence[int]) -> int:
     """Pixels that a grid has to be wider, both sides together, for lines to be on it."""
     out = [
         max(-line.first, line.first + line.step * (line.count - 1) - n + 1)

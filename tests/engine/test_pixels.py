@@ -9,7 +9,7 @@ from scipy.special import j1
 
 from holopath_addon import engine
 from holopath_addon.engine import Hologram, InvalidInput
-from holopath_addon.engine.pixels import Places
+from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves import propagation
 
 GREEN = 516.5e-9
@@ -93,7 +93,7 @@ def test_a_spherical_wave_comes_to_an_airy_disk():
 
 def test_waves_between_pixels_are_direct_sums():
     rng = np.random.default_rng(0)
-    shape, rows, columns = (24, 31), Places(-0.3, 0.7, 20), Places(2.1, 1.25, 17)
+    shape, rows, columns = (24, 31), EvenSteps(-0.3, 0.7, 20), EvenSteps(2.1, 1.25, 17)
     spectrum = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
     down, across = (line.first + line.step * np.arange(line.count) for line in (rows, columns))
     fy, fx = (np.fft.fftfreq(n) for n in shape)

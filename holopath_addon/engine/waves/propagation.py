@@ -14,7 +14,7 @@ import numpy as np
 import scipy.fft
 
 from ..memory import installed
-from ..pixels import Places, Pitch, axes, coarsest, frequencies
+from ..pixels import EvenSteps, Pitch, axes, coarsest, frequencies
 from ..scene.variants import threads
 
 BLOCK = 1 << 18  # numbers that are worked on at a time
@@ -196,7 +196,7 @@ def _at_once(grid, fields):
 
 
 def moved(
-    fields: Sequence[np.ndarray], transfer: np.ndarray, places: Sequence[Places] | None = None
+    fields: Sequence[np.ndarray], transfer: np.ndarray, places: Sequence[EvenSteps] | None = None
 ) -> Iterator[np.ndarray]:
     """Each of some fields times a transfer function; several are moved at once.
 
@@ -206,7 +206,7 @@ def moved(
         None may change before it has come.
     transfer : numpy.ndarray, complex64
         On a grid of `padded_shape`.
-    places : (Places, Places), optional
+    places : (EvenSteps, EvenSteps), optional
         Rows and columns at which the result is wanted, see `sampled`. Default: the fields' own.
 
     Yields
@@ -271,7 +271,7 @@ def field_of(
     return rows[..., : shape[1]]
 
 
-def sampled(spectrum_: np.ndarray, places: Sequence[Places]) -> np.ndarray:
+def sampled(spectrum_: np.ndarray, places: Sequence[EvenSteps]) -> np.ndarray:
     """Inverse of `spectrum` at places that may lie between the pixels: exact for a spectrum within the band.
 
     Sums of waves at evenly spaced places are a chirp-z transform of the spectrum along each axis (Rabiner, Schafer and
@@ -281,7 +281,7 @@ def sampled(spectrum_: np.ndarray, places: Sequence[Places]) -> np.ndarray:
     ----------
     spectrum_ : numpy.ndarray, complex64, shape (y, x)
         In FFT order.
-    places : (Places, Places)
+    places : (EvenSteps, EvenSteps)
         Rows and columns.
 
     Returns
