@@ -738,7 +738,7 @@ def by_torchoptics(pictures, gain, pitch, wavelength, z):
 
 @pytest.mark.oracle
 def test_pictures_of_phases_are_by_torchoptics_what_they_are_by_us(xml, tmp_path):
-    """Against the thin lens, from the files that a device is sent: the same PSNR, near, far and between."""
+    """From the files that a device is sent: the same pictures, near, far and between, and those of the thin lens."""
     out, focus, side = tmp_path / "out", [0.4, 0.6, 2.0], 256
     words = ["render", str(xml), "--resolution", f"{side}x{side}", "--frames", "4", "--wavelengths", "516.5"]
     assert cli.main([*words, "--encode", "refine", "--out", str(out), "--quiet"]) == 0
@@ -758,8 +758,8 @@ def test_pictures_of_phases_are_by_torchoptics_what_they_are_by_us(xml, tmp_path
         theirs = by_torchoptics(pictures, stored.gains[0], hologram.pitch, hologram.wavelengths[0], z)[
             ..., None
         ]
-        psnr = engine.psnr(theirs, wanted, 12)
-        assert psnr == pytest.approx(engine.psnr(own, wanted, 12), abs=0.1) and psnr > 18
+        assert engine.psnr(theirs, own, 12) > 50  # 53 to 55: our grid has less room for strays
+        assert engine.psnr(theirs, wanted, 12) > 30  # 33 to 39
         assert theirs.mean() == pytest.approx(own.mean(), rel=0.005)
 
 

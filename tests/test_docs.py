@@ -309,7 +309,7 @@ ROOM = """
 
 
 def brought(folder):
-    """What users bring: pictures of amplitude, phase, levels and depth, a photo, a lens, a scan."""
+    """What users bring: pictures of amplitude, phase, levels and depth, a photo, a quilt of views, a lens, a scan."""
     import mitsuba as mi
 
     rows, columns = np.mgrid[:24, :32]
@@ -320,6 +320,7 @@ def brought(folder):
         "p.png": (turn % 256).astype(np.uint8),
         "levels.png": (64 * (turn % 1024)).astype(np.uint16),
         "photo.png": np.stack([8 * rows, 7 * columns, 5 * rows], -1).astype(np.uint8),
+        "quilt_qs8x6a0.75.png": np.full((6 * 16, 8 * 12, 3), turn.max() % 256, np.uint8),
         "disparity.png": (10 * rows).astype(np.uint8),
         "depth.exr": (1 + 0.1 * rows).astype(np.float32),
     }.items():
