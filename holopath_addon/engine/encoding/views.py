@@ -13,7 +13,7 @@ from ..optics import ON_AXIS, Optics
 from ..pixels import Line, Pitch, axes, coarsest
 from ..scene.variants import threads
 from ..waves.pictures import Vantage
-from ..waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
+from ..waves.propagation import TEACHING_GUARD, FreeSpace, commensurate, padded_shape
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +27,6 @@ USUAL_FRAMES, MORE_PARTS = (
     8,
     3.0,
 )  # parts of the pupil are as many times more as frames, but so many times at most
-OFF = 0.03  # pixels of the picture that samples may lie beside them, where it is not on the fields' own grid
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
@@ -150,9 +149,7 @@ class Views:
         farthest = max(abs(low), abs(high))
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
         if places is not None:
-            self.padded = tuple(
-                _commensurate(n, line.step) for n, line in zip(self.padded, places, strict=True)
-            )
+            self.padded = commensurate(self.padded, places, COARSEST)
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
         self.wanted = []
         self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded, pitch))
@@ -357,18 +354,6 @@ def _parts(radius, count, rng):
     return [
         (x, y, 0.5 * radius) for x, y in np.stack([aside * np.cos(angle), aside * np.sin(angle)], -1).tolist()
     ]
-
-
-def _commensurate(count, step):
-    """A length from `count` on of which samples so far apart are nearly a whole number, best one that FFTs are fast on.
-
-    The last sample is then off by `OFF` pixels at most.
-    """
-    choices = range(count, count + count // 8 + 20 * COARSEST, COARSEST)
-    near = [n for n in choices if abs(n / step - round(n / step)) < OFF] or [
-        min(choices, key=lambda n: abs(n / step - round(n / step)))
-    ]
-    return min(near, key=lambda n: (scipy.fft.next_fast_len(n) + scipy.fft.next_fast_len(round(n / step)), n))
 
 
 def _fast(count):
