@@ -348,7 +348,9 @@ class _Work:
             for colour in range(count)
         ]
         self._beams = [hologram.illumination(colour) for colour in range(count)]
-        self._passes = hologram.optics.passes(self._shape, hologram.pitch)
+        self._passes = [
+            hologram.optics.passes(self._shape, hologram.pitch_at(w)) for w in hologram.wavelengths
+        ]
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -394,9 +396,10 @@ class _Work:
 
     def double_phase(self):
         """The method dpac; the gain is one for all frames, as their mean intensity counts."""
-        keep = half_band(self.field.data.shape[-2:]) & self._passes
+        half = half_band(self.field.data.shape[-2:])
         frames, count = self.field.data.shape[:2]
         for colour in self.colours:
+            keep = half & self._passes[colour]
             waves = np.empty((frames, *keep.shape), np.complex64)
             for frame in range(frames):
                 waves[frame] = filtered(self._fields(frame, colour), keep)
@@ -427,7 +430,7 @@ class _Work:
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
                 waves = self._at_pixels(
-                    filtered(data[:, colour], half_band(data.shape[-2:]) & self._passes), colour
+                    filtered(data[:, colour], half_band(data.shape[-2:]) & self._passes[colour]), colour
                 )
                 level = clipping_level(waves, self._beams[colour]) or 1
                 self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
@@ -472,12 +475,12 @@ class _Work:
     def _target(self, fields, colour):
         """What `sgd` compares the light of some frames with."""
         hologram, asked = self.field.hologram, self._asked
-        if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics, hologram.pitch)
-        distances = _spread(*self._volume(colour), asked.planes)
         wavelength = hologram.wavelengths[colour]
-        grid = hologram.pitch_at(wavelength), wavelength
-        return AmplitudeTarget(fields, *grid, distances, self._threads, hologram.optics)
+        pitch = hologram.pitch_at(wavelength)
+        if asked.supervision == "complex":
+            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics, pitch)
+        distances = _spread(*self._volume(colour), asked.planes)
+        return AmplitudeTarget(fields, pitch, wavelength, distances, self._threads, hologram.optics)
 
     def joint(self):
         """All frames together, towards their own mean."""
@@ -512,7 +515,11 @@ class _Work:
         volume, frames = self._volume(colour), len(self.field.data)
         wavelength = hologram.wavelengths[colour]
         space = self._shape, hologram.pitch_at(wavelength), wavelength, *volume
-        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics)
+        places = None
+        if not hologram.plain:
+            lines = hologram.picture.raster().lines_on(hologram.raster(wavelength))
+            places = [line._replace(first=line.first + self._margin) for line in lines]
+        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -602,7 +609,7 @@ class _Work:
 
     def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
-        band = self._passes
+        band = self._passes[colour]
         wanted = shown = 0.0
         for frame, phase in enumerate(self.phases[:, colour]):
             wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())

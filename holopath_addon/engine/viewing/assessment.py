@@ -209,9 +209,9 @@ def efficiency(phase: PhaseHologram) -> list[float]:
 
     Modulated is the beam of the hologram's optics.
     """
-    band = phase.hologram.optics.passes(phase.data.shape[-2:], phase.hologram.pitch)
-    found = []
-    for colour in range(phase.data.shape[1]):
+    hologram, found = phase.hologram, []
+    for colour, wavelength in enumerate(hologram.wavelengths):
+        band = hologram.optics.passes(phase.data.shape[-2:], hologram.pitch_at(wavelength))
         inside = total = 0.0
         illumination = phase.hologram.illumination(colour)
         beam = 1 if illumination is None else illumination

@@ -17,6 +17,7 @@ from ..optics import ON_AXIS, Optics
 from ..pixels import Pitch, axes, beyond, coarsest
 from ..waves.propagation import (
     JUDGING_GUARD,
+    commensurate,
     field_of,
     grid_bytes,
     padded_shape,
@@ -174,7 +175,8 @@ class Refocuser:
         wavelength, guard = hologram.wavelengths[k], self._guard
         if places is not None:
             guard = max(guard, beyond(places, shape))
-        return padded_shape(shape, hologram.pitch_at(wavelength), wavelength, distance, guard)
+        padded = padded_shape(shape, hologram.pitch_at(wavelength), wavelength, distance, guard)
+        return padded if places is None else commensurate(padded, places)
 
     def _places(self, k):
         """Where pixels of the picture lie between those of the panel; None where they are these."""
