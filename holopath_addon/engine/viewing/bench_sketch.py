@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # What lines are of: their colors, as red, green and blue, are seen on white and on black. Ink has that of the text.
 INK = "ink"
 COLORS = {
-    "beam": (0.85, 0.5, 0.1),
+    "beam": (0.83, 0.48, 0.1),
     "slm": (0.2, 0.5, 0.95),
     "volume": (0.2, 0.65, 0.4),
     "light": (0.7, 0.4, 0.85),

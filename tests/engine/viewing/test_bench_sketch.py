@@ -136,3 +136,16 @@ def test_the_fourier_plane(name):
 
 def test_without_a_stop_there_is_none():
     assert not {"stop", "twin"} & {text.text for text in drawing(HOLOGRAMS["flat"]).texts}
+
+
+@pytest.mark.parametrize("page", [(1.0, 1.0, 1.0), (24 / 255, 24 / 255, 24 / 255)])
+def test_colors_are_seen_on_light_and_dark_pages(page):
+    """A contrast of 3, as WCAG 2.1 asks of what is drawn (1.4.11), with its relative luminance."""
+
+    def luminance(color):
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color]
+        return float(np.dot((0.2126, 0.7152, 0.0722), linear)) + 0.05
+
+    for color in bench_sketch.COLORS.values():
+        darker, lighter = sorted((luminance(color), luminance(page)))
+        assert lighter / darker >= 3
