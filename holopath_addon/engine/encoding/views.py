@@ -15,7 +15,7 @@ from ..waves.pictures import Vantage
 from ..waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 MOST_DEPTHS = 20
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
@@ -112,6 +112,8 @@ class Views:
         Weight of the parts of the pupil, see `kinds_for`.
     optics : Optics
         Through whose stop all is seen; parts of the pupil are those of its `opening`.
+    heard : callable
+        Called several times a second while views are looked at; may raise `Cancelled`.
 
     Attributes
     ----------
@@ -138,8 +140,9 @@ class Views:
         seed: int,
         eyebox: float = 1.0,
         optics: Optics = ON_AXIS,
+        heard: Callable[[], object] = lambda: None,
     ) -> None:
-        self.shape = shape
+        self.shape, self._heard = shape, heard
         farthest = max(abs(low), abs(high))
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
@@ -159,6 +162,7 @@ class Views:
             distances = np.repeat(np.linspace(low, high, depths), each)
             for distance, part in zip(distances, _parts(kind.radius, each * depths, rng), strict=True):
                 numbers.append(len(self._views))
+                heard()
                 if part is not None:
                     part = (radius * part[0] + x / 2, radius * part[1] - y / 2, radius * part[2])
                 self._views.append(_View(Vantage(float(distance), part), kind.apart, self.padded))
@@ -180,7 +184,7 @@ class Views:
             wanted *= np.float32(before)
         together = max(1, TOGETHER // (8 * math.prod(self.padded)))
         for first in range(0, len(fields), together):
-            spectra = scipy.fft.fft2(fields[first : first + together], self.padded, workers=threads())
+            spectra = self.spectra(fields[first : first + together])
             for number, wanted in enumerate(self.wanted):
                 wanted += intensity(self.waves(spectra, number), wanted.shape)
         for wanted in self.wanted:
@@ -199,6 +203,26 @@ class Views:
                 met[distance] = _met(self.shape, self.padded, abs(distance) * self._reach)
             self.wanted[number] /= met[distance][::apart, ::apart]
 
+    def spectra(self, light: np.ndarray) -> np.ndarray:
+        """Padded spectra of light; both of shape (frame, y, x)."""
+        spectra = np.empty((len(light), *self.padded), np.result_type(light, np.complex64))
+        for some in self._few(spectra):
+            spectra[some] = scipy.fft.fft2(light[some], self.padded, workers=threads())
+        return spectra
+
+    def light(self, spectra: np.ndarray) -> np.ndarray:
+        """The inverse of `spectra`; overwrites them."""
+        for some in self._few(spectra):
+            spectra[some] = scipy.fft.ifft2(spectra[some], overwrite_x=True, workers=threads())
+        return spectra[:, : self.shape[0], : self.shape[1]]
+
+    def _few(self, spectra):
+        """Slices of frames that are transformed at once, with a look at who may want to cancel before each."""
+        together = max(1, TOGETHER // spectra[:1].nbytes)
+        for first in range(0, len(spectra), together):
+            self._heard()
+            yield slice(first, first + together)
+
     def waves(self, spectra: np.ndarray, number: int) -> np.ndarray:
         """The waves in a view, on its own padded grid, of padded spectra; both of shape (frame, y, x)."""
         view = self._views[number]
@@ -208,12 +232,16 @@ class Views:
         else:
             part = view.cut(spectra)
             part *= transfer
-        return scipy.fft.ifft2(part, overwrite_x=True, workers=threads())
+        for some in self._few(part):
+            part[some] = scipy.fft.ifft2(part[some], overwrite_x=True, workers=threads())
+        return part
 
     def back(self, waves: np.ndarray, number: int, gradient: np.ndarray) -> None:
         """The adjoint of `waves` times the spectrum's number of bins, added to `gradient`; overwrites the waves."""
         view = self._views[number]
-        part = scipy.fft.fft2(waves, overwrite_x=True, workers=threads())
+        for some in self._few(waves):
+            waves[some] = scipy.fft.fft2(waves[some], overwrite_x=True, workers=threads())
+        part = waves
         part *= np.conj(self._transfer(view)) * np.float32(view.apart**2)
         view.put(part, gradient)
 
