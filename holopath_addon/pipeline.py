@@ -289,7 +289,8 @@ def compute(
     started, clock = time.monotonic(), Clock()
     progress(0.0, "Planning")
     with clock("plan"):
-        plan = _planned(field) or engine.plan(scene, camera, hologram, settings, store)
+        at = stage(progress, 0.0, 0.0)
+        plan = _planned(field) or engine.plan(scene, camera, hologram, settings, store, at)
     asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
     if "centre" in asked:
         centre = centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]
@@ -363,7 +364,7 @@ def encode(
     if scene is None or settings is None:
         return engine.encode(field, method, progress, eyebox=eyebox, **options)
     view = scene, field.camera, field.hologram, settings
-    plan = _planned(field) or engine.plan(*view, store)
+    plan = _planned(field) or engine.plan(*view, store, stage(progress, 0.0, 0.0))
     along = 0 if field.more is None else len(field.more)
     chosen = engine.plan_encoding(plan, settings, method, seconds, along, eyebox)
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}

@@ -111,9 +111,9 @@ class Pace:
             self.together = max(self.together // 2, 1)
 
 
-def paced(units: range, most: int) -> Iterator[range]:
+def paced(units: range, most: int, at_first: int = 1) -> Iterator[range]:
     """Units of work in parts that are done at a time, see `Pace`."""
-    pace, first = Pace(most), units.start
+    pace, first = Pace(most, at_first), units.start
     while first < units.stop:
         part = range(first, min(first + pace.together, units.stop))
         with pace():

@@ -157,10 +157,7 @@ class Task:
         """`engine.Plan` of the task."""
         progress(0.0, "Building the scene")
         scene, camera = self.exported.scene, self.exported.camera
-        progress(0.0, "Planning")
-        plan = engine.plan(scene, camera, self.hologram, self.settings, self.store)
-        progress(1.0, "Planning")  # may have been canceled
-        return plan
+        return engine.plan(scene, camera, self.hologram, self.settings, self.store, progress)
 
     def still(self, more=()):
         """`stills.Still` of the task: a picture at its own focus, and at `more` distances."""

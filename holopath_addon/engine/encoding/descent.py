@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 
-from ..scene.variants import threads
 from .phases import PARTLY
 from .views import intensity
 
@@ -178,14 +176,19 @@ def together(
                     kept, least = phases.values(), seen.loss
             stage.update(steps=steps, loss=seen.loss, psnr_db=seen.psnr)
             told(min(1.0, done), seen.psnr)
-    finally:
+    except BaseException:  # what there is, by losses as views were last looked at
         if levels is not None:
             phases.fix(1, levels)
-        seen.look(phases.light)
-        if levels is None and seen.loss > least:
+        elif seen.loss > least:
             phases.set(kept)
-            seen.look(phases.light)
-        stage.update(loss=seen.loss, psnr_db=seen.psnr)
+        raise
+    if levels is not None:
+        phases.fix(1, levels)
+    seen.look(phases.light)
+    if levels is None and seen.loss > least:
+        phases.set(kept)
+        seen.look(phases.light)
+    stage.update(loss=seen.loss, psnr_db=seen.psnr)
     return seen.brightness_gain
 
 
@@ -239,7 +242,7 @@ class Seen:
 
     def look(self, light: np.ndarray) -> None:
         """Look at all views."""
-        spectra = self._transform(light)
+        spectra = self._views.spectra(light)
         for number in range(len(self._views)):
             self._compare(number, self._image(spectra, number)[1])
         self.adjust()
@@ -268,8 +271,7 @@ class Seen:
             G with dL = 2 Re sum conj(G) du.
         """
         views, frames = self._views, len(light)
-        rows, columns = views.shape
-        spectra = self._transform(light)
+        spectra = views.spectra(light)
         gradient = np.zeros_like(spectra)
         for number, share in chosen:
             if not self._totals[number]:
@@ -287,10 +289,7 @@ class Seen:
             waves[:, :height, :width] *= slope
             waves[:, height:], waves[:, :height, width:] = 0, 0
             views.back(waves, number, gradient)
-        return scipy.fft.ifft2(gradient, overwrite_x=True, workers=threads())[:, :rows, :columns]
-
-    def _transform(self, light):
-        return scipy.fft.fft2(light, self._views.padded, workers=threads())
+        return views.light(gradient)
 
     def _image(self, spectra, number):
         """Each frame's wave in a view, and the mean of their intensities."""

@@ -325,7 +325,8 @@ class _Work:
     """Phases of all wavelengths under way."""
 
     def __init__(self, field, asked, progress, threads):
-        self.field, self._asked, self._progress, self._threads = field, asked, progress, threads
+        self.field, self._asked, self._tell, self._threads = field, asked, progress, threads
+        self._told = 0.0, "Encoding"
         self._begun = time.perf_counter()
         self.phases = np.zeros(field.data.shape, np.float32)
         count = field.data.shape[1]
@@ -358,6 +359,14 @@ class _Work:
             "stages": [],
         }
 
+    def _progress(self, done, message):
+        self._told = done, message
+        self._tell(done, message)
+
+    def _heard(self):
+        """Tell the same again, to whom may want to cancel."""
+        self._tell(*self._told)
+
     def hologram(self):
         """What has been done."""
         field = self.field
@@ -388,6 +397,7 @@ class _Work:
 
     def stopped(self):
         """What there is of it: the phases of each wavelength's last step, or of the start."""
+        self._tell = lambda done, message: None  # who canceled is heard already
         for colour in self.colours:
             self.gains[colour] = self.gains[colour] or self._gain(colour)
         self.round()
@@ -417,6 +427,7 @@ class _Work:
         """Phases to start with."""
         data, start, randomness = self.field.data, self._asked.start, self._asked.randomness
         for colour in self.colours:
+            self._heard()
             display = self._displays[colour]
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
@@ -453,6 +464,7 @@ class _Work:
         rate = descent.WARM if on or isinstance(asked.start, PhaseHologram) else descent.RATE
         levels = self._coarse[colour] if on or asked.method == "sgd" else None  # else the next stage's
         for number, group in enumerate(groups):
+            self._heard()
             target = self._target(self._fields(group, colour), colour)
             if not target.energy:
                 continue
@@ -519,7 +531,7 @@ class _Work:
         if not hologram.plain:
             lines = hologram.picture.raster().lines_on(hologram.raster(wavelength))
             places = [line._replace(first=line.first + self._margin) for line in lines]
-        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places)
+        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places, self._heard)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -612,6 +624,7 @@ class _Work:
         band = self._passes[colour]
         wanted = shown = 0.0
         for frame, phase in enumerate(self.phases[:, colour]):
+            self._heard()
             wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())
             wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
             display = self._displays[colour]

@@ -10,13 +10,13 @@ import numpy as np
 import scipy.fft
 
 from ..optics import ON_AXIS, Optics
-from ..pixels import Line, Pitch, axes, coarsest
+from ..pixels import EvenSteps, Pitch, axes, coarsest
 from ..scene.variants import threads
 from ..waves.pictures import Vantage
 from ..waves.propagation import TEACHING_GUARD, FreeSpace, commensurate, padded_shape
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 MOST_DEPTHS = 20
 COARSEST = 4  # pixels between samples of a view; FFT shapes are multiples of it
@@ -114,9 +114,11 @@ class Views:
         Weight of the parts of the pupil, see `kinds_for`.
     optics : Optics
         Through whose stop all is seen; parts of the pupil are those of its `opening`.
-    places : (Line, Line), optional
+    places : (EvenSteps, EvenSteps), optional
         Rows and columns of the picture between those of the fields, at which the whole pupil shows it, but for how far
         FFTs allow that. Default: the fields' own.
+    heard : callable
+        Called several times a second while views are looked at; may raise `Cancelled`.
 
     Attributes
     ----------
@@ -145,9 +147,10 @@ class Views:
         seed: int,
         eyebox: float = 1.0,
         optics: Optics = ON_AXIS,
-        places: Sequence[Line] | None = None,
+        places: Sequence[EvenSteps] | None = None,
+        heard: Callable[[], object] = lambda: None,
     ) -> None:
-        self.shape, self._places = shape, places
+        self.shape, self._places, self._heard = shape, places, heard
         farthest = max(abs(low), abs(high))
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
         if places is not None:
@@ -169,6 +172,7 @@ class Views:
             distances = np.repeat(np.linspace(low, high, depths), each)
             for distance, part in zip(distances, _parts(kind.radius, each * depths, rng), strict=True):
                 numbers.append(len(self._views))
+                heard()
                 if part is not None:
                     part = (radius * part[0] + x / 2, radius * part[1] - y / 2, radius * part[2])
                 vantage = Vantage(float(distance), part)
@@ -193,7 +197,7 @@ class Views:
             wanted *= np.float32(before)
         together = max(1, TOGETHER // (8 * math.prod(self.padded)))
         for first in range(0, len(fields), together):
-            spectra = scipy.fft.fft2(fields[first : first + together], self.padded, workers=threads())
+            spectra = self.spectra(fields[first : first + together])
             for number, wanted in enumerate(self.wanted):
                 wanted += intensity(self.waves(spectra, number), wanted.shape)
         for wanted in self.wanted:
@@ -215,6 +219,26 @@ class Views:
                 rows, columns = map(_nearest, self._places, self.shape)
             self.wanted[number] /= met[distance][np.ix_(rows, columns)]
 
+    def spectra(self, light: np.ndarray) -> np.ndarray:
+        """Padded spectra of light; both of shape (frame, y, x)."""
+        spectra = np.empty((len(light), *self.padded), np.result_type(light, np.complex64))
+        for some in self._few(spectra):
+            spectra[some] = scipy.fft.fft2(light[some], self.padded, workers=threads())
+        return spectra
+
+    def light(self, spectra: np.ndarray) -> np.ndarray:
+        """The inverse of `spectra`; overwrites them."""
+        for some in self._few(spectra):
+            spectra[some] = scipy.fft.ifft2(spectra[some], overwrite_x=True, workers=threads())
+        return spectra[:, : self.shape[0], : self.shape[1]]
+
+    def _few(self, spectra):
+        """Slices of frames that are transformed at once, with a look at who may want to cancel before each."""
+        together = max(1, TOGETHER // spectra[:1].nbytes)
+        for first in range(0, len(spectra), together):
+            self._heard()
+            yield slice(first, first + together)
+
     def waves(self, spectra: np.ndarray, number: int) -> np.ndarray:
         """The waves in a view, on its own padded grid, of padded spectra; both of shape (frame, y, x)."""
         view = self._views[number]
@@ -224,12 +248,16 @@ class Views:
         else:
             part = view.cut(spectra)
             part *= transfer
-        return scipy.fft.ifft2(part, overwrite_x=True, workers=threads())
+        for some in self._few(part):
+            part[some] = scipy.fft.ifft2(part[some], overwrite_x=True, workers=threads())
+        return part
 
     def back(self, waves: np.ndarray, number: int, gradient: np.ndarray) -> None:
         """The adjoint of `waves` times the spectrum's number of bins, added to `gradient`; overwrites the waves."""
         view = self._views[number]
-        part = scipy.fft.fft2(waves, overwrite_x=True, workers=threads())
+        for some in self._few(waves):
+            waves[some] = scipy.fft.fft2(waves[some], overwrite_x=True, workers=threads())
+        part = waves
         part *= np.conj(self._transfer(view)) * np.float32(1 / view.share)
         view.put(part, gradient)
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from ..progress import paced
 from ..scene.buffers import loaded
-from ..scene.variants import units_at_once
+from ..scene.variants import threads, units_at_once
 from .atlas import BLOCK
 from .path_tracer import PathTracer
 from .radiance_cache import NUMBERS, SUMS, zeros
@@ -28,6 +28,7 @@ REST = 0.03  # of the texels may stay noisier than wished
 ROUND = 16  # samples of a texel between two looks at the noise
 SETTLED = 1e-3  # of all light: bounces that add less are left out
 SMOOTH_OVER = 0.15  # of the harmonic mean distance to other surfaces: light from them varies little over that
+BLOCK_LANES = 1 << 14  # that one thread takes at once: with their samples half a second
 STRIDES = (1, 2, 4, 8, 16)  # groups of texels
 
 
@@ -95,8 +96,9 @@ class _Sampling:
         sums, groups = np.empty((len(which), NUMBERS), np.float32), self._groups
         size = self._cache.lanes
         unit = dr.opaque(mi.UInt32, size)
-        for units in paced(range(math.ceil(len(which) / size)), units_at_once()):
-            part = slice(units.start * size, min(units.stop * size, len(which)))
+        few = min(size, BLOCK_LANES * threads())
+        for units in paced(range(math.ceil(len(which) / few)), size // few * units_at_once()):
+            part = slice(units.start * few, min(units.stop * few, len(which)))
             lanes = (groups.starts[which[part]], groups.counts[which[part]], done[part])
             starts, counts, before = (loaded(mi.UInt32, values) for values in lanes)
             lane = dr.arange(mi.UInt32, part.stop - part.start) + dr.opaque(mi.UInt32, part.start)

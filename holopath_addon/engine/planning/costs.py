@@ -12,7 +12,7 @@ from ..memory import AT_ONCE
 from ..plan import PHASES
 from ..progress import OFTEN
 from ..scene.variants import chunks_at_once, units_at_first, units_at_once
-from ..tracing.grains import CHUNK_PATHS
+from ..tracing.grains import CHUNK_PATHS, UNIT_PATHS
 from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
@@ -111,16 +111,19 @@ def _shares(light):
 def path_seconds(light: Light, paths: float, slowness: Slowness) -> float:
     """Seconds of radiance paths."""
     traced = PATH * paths / light.paths_per_second
-    return traced + slowness.core * LAUNCH[1] * launches(traced, paths / CHUNK_PATHS)
+    return traced + slowness.core * LAUNCH[1] * launches(
+        traced, paths / UNIT_PATHS, most=CHUNK_PATHS // UNIT_PATHS
+    )
 
 
-def launches(seconds: float, units: float, first: float = 1.0) -> float:
-    """Times that work is launched whose programs take so many seconds, in so many units, and `first` ones at first.
+def launches(seconds: float, units: float, first: float = 1.0, most: int = 1) -> float:
+    """Times that work is launched whose programs take so many seconds, in so many units: `first` ones at first, and
+    `most` times `units_at_once` at most.
 
     `progress.Pace` doubles the units of a launch until it takes one to two times `OFTEN`.
     """
     units = max(units, 1.0)
-    together = min(max(1.4 * OFTEN * units / max(seconds, 1e-9), 1.0), units_at_once(), units)
+    together = min(max(1.4 * OFTEN * units / max(seconds, 1e-9), 1.0), most * units_at_once(), units)
     return units / together + max(0.0, math.log2(together / min(first, units)))
 
 

@@ -9,6 +9,7 @@ from ..errors import InvalidInput
 from ..mapping import DepthMapping, squared
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
+from ..progress import named
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from ..light.bake_store import BakeStore
     from ..light.radiance_cache import RadianceCache
     from ..plan import RecordingPlane
+    from ..progress import Progress
     from .survey import Survey
 
 RAY_OFFSET = 9e-5  # that Mitsuba starts rays above surfaces, times 1 m + their largest coordinate
@@ -51,6 +53,7 @@ def plan(
     hologram: Hologram,
     settings: Settings | None = None,
     store: BakeStore | None = None,
+    progress: Progress | None = None,
 ) -> Plan:
     """Decide what to compute for a scene on a display; computes nothing but a few probe rays.
 
@@ -63,6 +66,8 @@ def plan(
         Its `fixed` overrides decisions, see `FIXABLE`.
     store : BakeStore, optional
         Where baked light may be found.
+    progress : callable, optional
+        ``progress(done, message)``, may raise `Cancelled`.
 
     Returns
     -------
@@ -74,10 +79,13 @@ def plan(
         If nothing is in view, or the machine has too little memory.
     BackendUnavailable
         If Mitsuba cannot compute here.
+    Cancelled
     """
     variants.activate_for(scene)
     from .unmodelled import refuse_method, unmodelled
 
+    told = named(progress or (lambda done, message: None), "Planning")
+    told(0.0)
     settings = settings or Settings()
     check_fixed(settings.fixed)
     settings = resolved(settings)
@@ -87,20 +95,22 @@ def plan(
         # the least that tells the depths in view
         least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
         least = resolved(replace(least, phase_field="designed", randomness=None))
-        return _of_baseline(_planned(scene, *view, least, None, []), settings, warnings)
-    return _planned(scene, *view, settings, store, warnings)
+        return _of_baseline(_planned(scene, *view, least, None, [], told), settings, warnings)
+    return _planned(scene, *view, settings, store, warnings, told)
 
 
-def _planned(scene, camera, hologram, settings, store, warnings):
+def _planned(scene, camera, hologram, settings, store, warnings, progress):
     """The plan of HoloPath's own methods, of resolved settings; see `plan`."""
     from . import costs, light, noise
     from .planes import margin_of, recording_planes
     from .survey import look_at
 
-    survey = look_at(scene, camera, hologram, settings, store and store.speed)
+    survey = look_at(scene, camera, hologram, settings, store and store.speed, progress)
     planes = recording_planes(survey)
     margin = margin_of(planes.value, survey)
+    progress(0.9)
     baking = light.diffuse_light(survey, margin, store)
+    progress(1.0)
     cached = baking.value is not None
     bounces = light.light_bounces(survey, cached)
     paths = light.radiance_paths(survey, cached)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from ..camera import Camera
     from ..hologram import Hologram
+    from ..progress import PartProgress
     from ..settings import Settings
     from .machine import Slowness
     from .pilot_light import Light
@@ -115,15 +116,22 @@ class Survey:
 
 
 def look_at(
-    scene: mi.Scene, camera: Camera, hologram: Hologram, settings: Settings, folder: Path | None
+    scene: mi.Scene,
+    camera: Camera,
+    hologram: Hologram,
+    settings: Settings,
+    folder: Path | None,
+    progress: PartProgress,
 ) -> Survey:
-    """Look at a scene with a few rays and paths; `folder` keeps this machine's speed."""
+    """Look at a scene with a few rays and paths; `folder` keeps this machine's speed, `progress(done)` may raise."""
     near = near_end(scene, camera, hologram, settings.seed)
+    progress(0.2)
     beside = settings.fixed.get("beside", pixels_beside(hologram))
     camera, hologram = widened(camera, hologram, beside)
     mapping = DepthMapping.of(hologram, camera, near)
     pilot = Pilot.of(scene, hologram, camera, mapping, settings)
     hits = specular_hits(pilot, settings)
+    progress(0.4)
     chains, seen = hits.value, hits.value.seen
     most = settings.max_depth
     least = most if "max_depth" in settings.fixed else 1
@@ -132,6 +140,7 @@ def look_at(
     if seen.turn <= GLOSSY_TURN or settings.quality == "draft":  # it looks alike from all over the pupil
         seen = replace(seen, gloss=np.empty(0))
     z_low, z_high = (mapping.z_far + mapping.beta * end for end in ends)
+    progress(0.6)
     return Survey(
         scene=scene,
         camera=camera,

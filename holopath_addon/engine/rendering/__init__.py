@@ -10,7 +10,7 @@ import numpy as np
 from .. import baselines
 from ..mapping import squared, widened
 from ..planning import planner
-from ..progress import Clock, Stages, named, parts
+from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..wavefield import WaveField
@@ -79,7 +79,7 @@ def render(
     progress(0.0, "Planning")
     if plan is None:
         with clock("plan"):
-            plan = planner.plan(scene, camera, hologram, settings, store)
+            plan = planner.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
     if settings.method in BASELINES:
         job = baselines.BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
         with clock(settings.method):
@@ -157,7 +157,7 @@ def baked_picture(
     from ..scene.specular_chains import optics_of
 
     settings = replace(settings, method="fast")
-    planned = planner.plan(scene, camera, hologram, settings, store)
+    planned = planner.plan(scene, camera, hologram, settings, store, progress and stage(progress, 0.0, 0.0))
     camera, hologram = widened(*squared(camera, hologram), planned.beside)
     optics = optics_of(scene, camera, planned)
     cache, done = bake(

@@ -19,7 +19,7 @@ from ..errors import InvalidInput
 from ..files import earlier, whole_folder
 from ..light.bake_store import BakeStore, JobStore
 from ..planning import planner
-from ..progress import Clock, Progress, parts
+from ..progress import Clock, Progress, parts, stage
 from ..scene import variants
 from .planned import PlannedRender
 
@@ -160,8 +160,7 @@ def _found(frames, look, moves, store, progress):
             if asked in seen:
                 continue
             what = view.scene, view.camera, view.hologram, settings
-            at(0.0, "Planning")
-            plan = planner.plan(*what, known)
+            plan = planner.plan(*what, known, stage(at, 0.0, 0.0))
             method, digest = "fast" if plan.cached else "full", scene_digest(view.scene)
             if not plan.cached:
                 store.clear()  # what it may have begun with

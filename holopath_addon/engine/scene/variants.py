@@ -191,7 +191,14 @@ def made(parts: dict) -> Any:
     """
     import mitsuba as mi
 
-    return mi.load_dict(parts, parallel=False)
+    try:
+        return mi.load_dict(parts, parallel=False)
+    except RuntimeError as error:
+        if KeyboardInterrupt.__name__ in str(
+            error
+        ):  # in the constructor of a class of ours, told as a text alone
+            raise KeyboardInterrupt from error
+        raise
 
 
 def stop_profiling() -> None:

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from ..progress import paced
 from ..scene.buffers import gather_row, row_stride
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..progress import PartProgress
     from .grain_grid import GrainGrid
 
 WIDTH = 2.0  # columns: standard deviation of the Gaussian
@@ -93,7 +95,12 @@ Halves = tuple[Half, Half]
 
 
 def filtered(
-    halves: Halves, cells: mi.UInt32, numbers: mi.UInt32, grid: GrainGrid, reach: int
+    halves: Halves,
+    cells: mi.UInt32,
+    numbers: mi.UInt32,
+    grid: GrainGrid,
+    reach: int,
+    progress: PartProgress,
 ) -> tuple[Halves, mi.Bool]:
     """Sums of each row and of rows near it that are like it.
 
@@ -109,6 +116,8 @@ def filtered(
     grid : GrainGrid
     reach : int
         Columns to either side.
+    progress : callable
+        ``progress(done)``, may raise.
 
     Returns
     -------
@@ -134,15 +143,26 @@ def filtered(
         )
         return step + 1, first, second
 
-    nothing = tuple(mi.Float(0) for _ in range(size))
-    state = (dr.zeros(mi.Int, rows.size), nothing, nothing)
-    _, *sums = dr.while_loop(state, lambda step, *_: step < 27, gathered, label="guides of the radiance map")
+    side = 2 * reach + 1
+    steps = 27 + 3 * side**2
+
+    def summed(body, count, before, label):
+        """Sums of all steps, some of them at a time."""
+        sums = [tuple(dr.opaque(mi.Float, 0, rows.size) for _ in range(size)) for _ in range(2)]
+        for some in paced(range(count), count, side):
+            state, stop = (dr.opaque(mi.Int, some.start, rows.size), *sums), dr.opaque(mi.Int, some.stop)
+            _, *sums = dr.while_loop(state, lambda step, *_, stop=stop: step < stop, body, label=label)
+            dr.eval(sums)
+            dr.sync_thread()
+            progress((before + some.stop) / steps)
+        return sums
+
+    sums = summed(gathered, 27, 0, "guides of the radiance map")
     around = [Half.of(values) for values in sums]
     guide, noise = [half.over for half in around], [half.variance for half in around]
     told = (around[0].count > 1) & (around[1].count > 1)
     of_path = [half.variance * half.count for half in around]
     guides = _table([*guide[0], noise[0], of_path[0], *guide[1], noise[1], of_path[1]])
-    side = 2 * reach + 1
     middle = reach + side * (reach + side)
 
     def averaged(step, first, second):
@@ -171,9 +191,7 @@ def filtered(
         )
         return step + 1, *sums
 
-    _, *sums = dr.while_loop(
-        state, lambda step, *_: step < 3 * side**2, averaged, label="filter of the radiance map"
-    )
+    sums = summed(averaged, 3 * side**2, 27, "filter of the radiance map")
     kept = [
         Half.of([dr.select(rows.shared, value, alone) for value, alone in zip(values, alone_, strict=True)])
         for values, alone_ in zip(sums, own, strict=True)

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from ..scene.rays import ImagePoint, Rays
     from ..scene.specular_chains import FirstHits, SpecularChains
 
-CHUNK_PATHS = 1 << 20  # about half a second on two cores
+CHUNK_PATHS = 1 << 20  # that draw random numbers together
+UNIT_PATHS = 1 << 17  # of a unit of work: an eighth of a second of two cores, several times that of busy ones
 TILT = 2  # slopes before the radiances in a row of means
 # added to reflectances: of black surfaces, and for light that no diffuse lobe scatters
 BLACK, SPECULAR = 1e-3, 0.04
@@ -141,14 +142,14 @@ class Grains:
     binned: mi.Bool
 
 
-def chunk_count(grid: GrainGrid, passes: int) -> int:
-    """Parts that the pixels of a grid are asked in, so many rays each."""
-    return math.ceil(grid.columns * grid.rows / _chunk(passes))
+def unit_count(grid: GrainGrid, passes: int) -> int:
+    """Units of work that the pixels of a grid are asked in, so many rays each."""
+    return math.ceil(grid.columns * grid.rows / _pixels(UNIT_PATHS, passes))
 
 
-def _chunk(passes):
-    """Pixels of a part: rays meet the same surfaces whatever parts go together."""
-    return max(1, CHUNK_PATHS // (passes * PACKET)) * PACKET
+def _pixels(paths, passes):
+    """Pixels of so many paths, of whole packets: rays meet the same surfaces whatever units go together."""
+    return max(1, paths // (passes * PACKET)) * PACKET
 
 
 def grains_of(
@@ -156,34 +157,35 @@ def grains_of(
     rays: Rays,
     optics: FirstHits | SpecularChains,
     grid: GrainGrid,
-    chunks: range,
+    units: range,
     passes: int,
     seed: int,
     before: int,
 ) -> Grains:
-    """The `Grains` of the pixels of some chunks, all passes; the same at every call, whatever chunks go together.
+    """The `Grains` of the pixels of some units, all passes; the same at every call, whatever units go together.
 
     Parameters
     ----------
     scene, rays, optics, grid :
         As of `measurement.Measurement`.
-    chunks : range
-        Below `chunk_count`.
+    units : range
+        Below `unit_count`.
     passes : int
         Rays of a pixel.
     seed : int
     before : int
         Number of the first of them.
     """
-    first = chunks.start * _chunk(passes)
-    count = min(len(chunks) * _chunk(passes), grid.columns * grid.rows - first)
+    size = _pixels(UNIT_PATHS, passes)
+    first = units.start * size
+    count = min(len(units) * size, grid.columns * grid.rows - first)
     # the passes of a pixel side by side: their rays stay near each other, which fine meshes repay
     index, each = dr.arange(mi.UInt32, count * passes), dr.opaque(mi.UInt32, passes)
     number = index % each + dr.opaque(mi.UInt32, before)
     pixel = index // each + dr.opaque(mi.UInt32, first)
-    chunk = dr.opaque(mi.UInt32, _chunk(passes))
+    chunk = dr.opaque(mi.UInt32, _pixels(CHUNK_PATHS, passes))
     own = dr.opaque(mi.UInt32, (seed * 9973 + 0x9E3779B1 * before) & 0xFFFFFFFF)
-    sampler = Sampler.seeded(own + pixel // chunk * chunk, index % (chunk * each))
+    sampler = Sampler.seeded(own + pixel // chunk * chunk, pixel % chunk * each + index % each)
     jitter = sampler.next_2d()
     columns, margin = dr.opaque(mi.UInt32, grid.columns), dr.opaque(mi.Float, grid.margin)
     column = mi.Float(pixel % columns) - margin + jitter.x - 0.5

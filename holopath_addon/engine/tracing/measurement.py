@@ -20,7 +20,7 @@ from ..scene.buffers import mean, row_stride
 from ..scene.rays import OUTSIDE
 from ..scene.variants import units_at_once
 from .filtering import Half, filtered, squared_error
-from .grains import TILT, RadianceMap, chunk_count, grains_of, numbered, row_of, shown
+from .grains import CHUNK_PATHS, TILT, UNIT_PATHS, RadianceMap, grains_of, numbered, row_of, shown, unit_count
 from .regions import DEPTHS, TILE, Sightings, tiles_of
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ MOST_LOOKS = 256  # rays of a pixel that see textures alone
 NOISIER = 1.1  # than wished is good enough
 CELLS = 0.1  # of the time goes to find them
 ROUNDS = 3  # of paths at most
+ASKED = 0.9  # of a question's time goes to ask it, the rest to what follows from the answers
 
 Totals = dict[str, Any]  # flat arrays of whole numbers by name, Dr.Jit's
 
@@ -129,8 +130,8 @@ class Measurement:
         """Ask all pixels, and add what they tell to the totals."""
         add = {"cells": self._cells_of, "light": self._light_of, "textures": self._textures_of}[question.kind]
         what = self._scene, self._rays, self._optics, self._grid
-        count = chunk_count(self._grid, question.passes)
-        for some in paced(range(count), units_at_once()):
+        count = unit_count(self._grid, question.passes)
+        for some in paced(range(count), CHUNK_PATHS // UNIT_PATHS * units_at_once()):
             add(grains_of(*what, some, question.passes, self._seed, question.before), totals)
             dr.eval(totals)
             dr.sync_thread()
@@ -179,13 +180,13 @@ class Measurement:
         else:
             self._looked, self._looks = _looked(totals["reflectances"]), question.passes
 
-    def _next(self, asked):
+    def _next(self, asked, progress):
         """The question after one that was asked; None where all is known."""
         plan = self._plan
         if asked.kind == "cells":
             return self._paths(plan.passes)
         if asked.kind == "light":
-            self._share()
+            self._share(progress)
         wanted, most = plan.wanted_error, plan.most_passes
         self._error, of_textures = _field_error(
             self._halves, self._kept, self._shared, self._looked.count, plan.white / self._unit
@@ -207,7 +208,7 @@ class Measurement:
         another = self._rounds < ROUNDS - 1 and self._taken + passes < self._plan.most_passes
         return _Question("light", passes, self._taken, 0.5 if another else 1.0)
 
-    def _share(self):
+    def _share(self, progress):
         """Have grains share their light."""
         self._halves = self._kept = _halves(self._light["sums"])
         self._shared = dr.zeros(mi.Bool, self._rows)
@@ -215,7 +216,8 @@ class Measurement:
         shining = dr.gather(mi.UInt32, self._light["shining"], numbers >> 1)
         cells = dr.compress((self._occupied > 0) & (shining == 0))
         if plan.reach and self._taken > 1 and dr.width(cells):
-            self._kept, self._shared = filtered(self._halves, cells, numbers, self._grid, plan.reach)
+            what = self._halves, cells, numbers, self._grid, plan.reach
+            self._kept, self._shared = filtered(*what, progress)
 
     def _radiance_map(self):
         own = self._halves[0] + self._halves[1]
@@ -246,10 +248,14 @@ class Measurement:
             # paths of a later round add to those before
             again = question.kind == "light" and self._light
             totals = self._light if again else self._nothing(question)
-            self._ask(question, totals, lambda part, done=done, share=share: progress(done + share * part))
-            done += share
+
+            def told(part, done=done, share=share):
+                progress(done + share * part)
+
+            self._ask(question, totals, lambda part, told=told: told(ASKED * part))
             self._include(question, totals)
-            self._question = self._next(question)
+            self._question = self._next(question, lambda part, told=told: told(ASKED + (1 - ASKED) * part))
+            done += share
         return self._radiance_map()
 
 

@@ -382,7 +382,10 @@ def test_cancelling_keeps_what_is_done(method):
     told = []
 
     def progress(done, message):
-        told.append((done, message))
+        if (
+            "dB" in message and (done, message) not in told[-1:]
+        ):  # a step is told again while the next one is made
+            told.append((done, message))
         if len(told) == 25:
             raise engine.Cancelled
 
@@ -698,7 +701,8 @@ def test_refinement_that_is_stopped_keeps_its_best_round():
     field, told = wave_field(smooth(3)), []
 
     def progress(done, message):
-        told.append((done, message))
+        if (done, message) not in told[-1:]:
+            told.append((done, message))
         if "All frames" in message and len(told) > 200:
             raise engine.Cancelled
 

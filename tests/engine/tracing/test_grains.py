@@ -94,6 +94,7 @@ def test_chunks_together_or_apart(build, camera, monkeypatch):
     from holopath_addon.engine.tracing import grains, measurement
 
     monkeypatch.setattr(grains, "CHUNK_PATHS", 1 << 13)
+    monkeypatch.setattr(grains, "UNIT_PATHS", 1 << 11)
     hologram = engine.Hologram(48, 48, 8e-6, (516.5e-9,), 1e-3, 2e-3)
     settings = engine.Settings(frames=1, method="full", fixed={"passes": 6})
     view = build.two_planes(build.emissive), camera, hologram, settings
