@@ -159,9 +159,8 @@ def _check_view(plan, camera, hologram, focus, pupil):
     mapping.depth_to_z(list(focus))
     if pupil is not None:
         for wavelength in hologram.wavelengths:
-            pupil_mask(
-                (hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil, hologram.optics
-            )
+            grid = (hologram.height, hologram.width), hologram.picture.pitch, wavelength
+            pupil_mask(*grid, mapping, pupil, hologram.optics_at(wavelength))
 
 
 def _begun(started, plan):

@@ -346,7 +346,12 @@ def _compare(folder, still, result, progress, shown=None):
     The border that light from outside the view reaches is left out. PSNR also against what light through the pupil
     shows at best, see `engine.diffracted`. Where there are phases, `shown` are their pictures, which are compared, too.
     """
-    hologram, plan, mapping, pupil = result.field.hologram, result.plan, result.field.mapping, still.pupil
+    hologram, plan, mapping, pupil = (
+        result.field.hologram.picture,
+        result.plan,
+        result.field.mapping,
+        still.pupil,
+    )
     truth = engine.reference(
         still.scene,
         still.camera,
@@ -362,7 +367,10 @@ def _compare(folder, still, result, progress, shown=None):
     files = output.picture_files(truth_rgb, result.focus, output.exposure(truth_rgb), still.pupil)
     output.write_pictures(folder / "reference", files)
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
-    openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
+    openings = [
+        0.5 * hologram.band(w) * (min(1.0, pupil.diameter / (2 * r)) if pupil else 1.0)
+        for w, r in zip(hologram.wavelengths, radii, strict=True)
+    ]
     slope = hologram.widest_slope
     rows = []
     of_phases = [None] * len(result.focus) if shown is None else shown

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InvalidInput
-from .optics import Optics
+from .optics import ON_AXIS, Optics, Stop
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
 # 8 µm. What is looked at first, between the near end and twice its distance, is at most 1.5 mm from the SLM. Measured:
 # docs/measurements.md, How near to the SLM.
 DEPTH_RANGE, SHORTER_SIDE = (-4e-3, 1e-3), 4.096e-3
+SHORTER_PIXELS, PIXEL = 512, 8e-6  # the same
+SAME = 1e-9  # meters between planes that are one
 MIN_CAPTURED = 0.9  # of the light; where less passes the aperture, borders are seen to be dark
 
 
@@ -34,7 +36,8 @@ class Hologram:
         whichever is nearest (`channel`).
     depth_far, depth_near : float
         Distance from the SLM of the far end (world infinity) and of the near end, metres, negative behind it. Default:
-        around the SLM, so that its aperture shows both without dark edges.
+        around the SLM, so that its aperture shows both without dark edges. With a lens and ``fit`` they are counted
+        from the plane of the `picture`; with a lens and ``eyepiece`` the far end is its front focal plane.
     depth_mapping : {'fit', 'eyepiece'}
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
@@ -82,6 +85,7 @@ class Hologram:
                     f"The pixel pitch {self.pitch * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
                     f"make it larger than half the wavelength."
                 )
+        self._check_lens()
         for name, default in zip(("depth_far", "depth_near"), self._depth_range(), strict=True):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, default)
@@ -102,14 +106,73 @@ class Hologram:
             raise InvalidInput(f"The near end of the scene must be a positive distance, not {self.near:g} m.")
         self.optics.check((self.height, self.width), self.pitch, self.wavelengths)
 
+    def _check_lens(self):
+        """Refuse a lens that does not go with the rest."""
+        lens = self.optics.lens
+        if lens is None:
+            return
+        if self.depth_mapping != "eyepiece":
+            if self.optics.stopped:
+                raise InvalidInput(
+                    "A carrier or a stop is for a relay's Fourier plane, and behind a lens the picture itself lies "
+                    "there: leave out the carrier and the stop, or the lens."
+                )
+            pixel = _picture_pitch(self)
+            if pixel <= max(self.wavelengths):
+                raise InvalidInput(
+                    f"The lens makes the picture's pixels {pixel * 1e6:.3g} µm wide, too small for light of "
+                    f"{max(self.wavelengths) * 1e9:g} nm: choose a longer focal length."
+                )
+            return
+        if lens.picture is not None:
+            raise InvalidInput(
+                "With the depth mapping eyepiece somebody looks through the lens, and there is no picture behind it: "
+                "leave out the picture's distance, or choose the depth mapping fit."
+            )
+        infinity = lens.distance - lens.focal
+        if self.depth_far is not None and abs(self.depth_far - infinity) > SAME:
+            raise InvalidInput(
+                f"The lens has infinity in its front focal plane, {infinity * 1e3:g} mm from the SLM, and the depth "
+                f"range has it at {self.depth_far * 1e3:g} mm: leave out the depth range, or give the lens another "
+                "distance."
+            )
+
     def _depth_range(self):
         """Depth range that the aperture shows without dark edges.
 
         Light spreads on its way to the SLM, by slope times distance, and what passes beside the aperture is lost to
-        the picture's border. So the volume lies around the SLM, and that of a small display is less deep.
+        the picture's border. So the volume lies around the SLM, and that of a small display is less deep. Around the
+        plane of a `picture` behind a lens it is as deep in depths of focus.
         """
+        lens = self.optics.lens
+        if lens is not None and self.depth_mapping == "eyepiece":
+            far, span = lens.distance - lens.focal, DEPTH_RANGE[1] - DEPTH_RANGE[0]
+            scale = min(1.0, min(self.width, self.height) * self.pitch / SHORTER_SIDE)
+            return far, far + scale * span
+        if lens is not None:
+            pixels = min(1.0, min(self.width, self.height) / SHORTER_PIXELS)
+            return tuple(end * pixels * (_picture_pitch(self) / PIXEL) ** 2 for end in DEPTH_RANGE)
         scale = min(1.0, min(self.width, self.height) * self.pitch / SHORTER_SIDE)
         return tuple(end * scale for end in DEPTH_RANGE)
+
+    @property
+    def picture(self) -> Hologram:
+        """The hologram as the scene meets it: itself; behind a lens the `Picture` that stands there in the air.
+
+        With the depth mapping eyepiece the volume lies before the lens, and that is the hologram itself.
+        """
+        if self.optics.lens is None or self.depth_mapping == "eyepiece":
+            return self
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return Picture(**values | {"pitch": _picture_pitch(self), "optics": ON_AXIS, "panel": self})
+
+    def band(self, wavelength: float) -> float:
+        """Radius of the circular band of light of a wavelength, in units of the largest that the pixels record."""
+        return 1.0
+
+    def optics_at(self, wavelength: float) -> Optics:
+        """The bench as light of a wavelength meets it on the grid of the `picture`."""
+        return self.optics if self.picture is self else self.picture.optics_at(wavelength)
 
     def captured_share(self, distance: float) -> float:
         """Share of the recordable cones' light, from a picture at `distance` in meters, that passes the aperture.
@@ -117,6 +180,8 @@ class Hologram:
         Geometric: the overlap of the picture and its copies shifted by slope times distance, averaged over
         the cone of the widest wavelength.
         """
+        if self.picture is not self:
+            return self.picture.captured_share(distance)
         n = 33
         axis = np.linspace(-1, 1, n)
         slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
@@ -129,6 +194,8 @@ class Hologram:
 
     def lost_light(self, distance: float) -> str:
         """What a picture at `distance` in meters loses beside the aperture, in words; empty where that is little."""
+        if self.picture is not self:
+            return self.picture.lost_light(distance)
         captured = self.captured_share(distance)
         if captured >= MIN_CAPTURED:
             return ""
@@ -139,8 +206,9 @@ class Hologram:
         )
 
     def max_slope(self, wavelength: float) -> float:
-        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge."""
-        return math.tan(math.asin(wavelength / (2 * self.pitch)))
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, of a `picture` that of its `band`."""
+        picture = self.picture
+        return math.tan(math.asin(picture.band(wavelength) * wavelength / (2 * picture.pitch)))
 
     @property
     def widest_slope(self) -> float:
@@ -168,6 +236,44 @@ class Hologram:
     def from_dict(cls, values: dict, folder: Path | None = None) -> Hologram:
         """Inverse of `to_dict`; `folder` has the arrays of its `Optics`."""
         return cls(**{**values, "optics": Optics.from_dict(values.get("optics", {}), folder)})
+
+
+@dataclass(frozen=True)
+class Picture(Hologram):
+    """What stands in the air behind the lens of a hologram, as if it were the SLM: scenes are rendered on its grid.
+
+    z is counted from its plane, in the space that a field lens there makes telecentric. In the back focal plane of a
+    lens that stands its focal length behind the SLM there is nothing to be made; elsewhere what is z before the plane
+    stands at z / (1 - z D / B), with B and D = 1 - L / f of the ray matrix, and is as much larger.
+
+    All wavelengths share its grid, on which the shortest fills the band. The aperture sends all of them through the
+    same cone, so that of longer ones the band is less.
+
+    Parameters
+    ----------
+    panel : Hologram
+        The hologram whose picture it is.
+    """
+
+    # pyrefly: ignore[bad-assignment]  # always given
+    panel: Hologram = None
+
+    @property
+    def picture(self) -> Hologram:
+        return self
+
+    def band(self, wavelength: float) -> float:
+        return min(self.panel.wavelengths) / wavelength
+
+    def optics_at(self, wavelength: float) -> Optics:
+        band = self.band(wavelength)
+        return Optics(stop=Stop("circle", (band,))) if band < 1 else ON_AXIS
+
+
+def _picture_pitch(hologram):
+    """Pixel pitch of a picture behind a lens: that of which the shortest wavelength's fill what the panel reaches."""
+    lens, pixels = hologram.optics.lens, min(hologram.width, hologram.height)
+    return min(hologram.wavelengths) * abs(lens.reach) / (pixels * hologram.pitch)
 
 
 def channel(wavelength: float) -> int:

@@ -32,7 +32,7 @@ class DepthMapping:
     focal : float
         F = hologram width / (2 tan(fov_x / 2)), metres.
     beta : float
-        Metres squared; F^2 is what a thin lens of focal length F does.
+        Metres squared; F^2 is what a thin lens of focal length F does, and f^2 what the lens of the bench does.
     z_far : float
         Hologram-space depth of world infinity, metres.
     centre_x, centre_y : float
@@ -57,10 +57,12 @@ class DepthMapping:
             World depth at `hologram.depth_near` for the `fit` mapping, metres; needed when
             ``hologram.near`` is not set.
         """
+        hologram = hologram.picture
         width = hologram.width * hologram.pitch
         focal = width / (2 * math.tan(camera.fov_x / 2))
+        lens = hologram.optics.lens
         if hologram.depth_mapping == "eyepiece":
-            beta = focal**2
+            beta = lens.focal**2 if lens else focal**2
         else:
             near = hologram.near or near
             beta = (hologram.depth_near - hologram.depth_far) * near

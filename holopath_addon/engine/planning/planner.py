@@ -87,8 +87,13 @@ def plan(
         # the least that tells the depths in view
         least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
         least = resolved(replace(least, phase_field="designed", randomness=None))
+        if hologram.picture is not hologram:
+            raise InvalidInput(
+                f"The method {settings.method} is made for light without a lens behind the SLM: leave out the lens, or "
+                "choose the method auto."
+            )
         return _of_baseline(_planned(scene, camera, hologram, least, None, []), settings, warnings)
-    return _planned(scene, camera, hologram, settings, store, warnings)
+    return _planned(scene, camera, hologram.picture, settings, store, warnings)
 
 
 def _planned(scene, camera, hologram, settings, store, warnings):

@@ -157,7 +157,7 @@ def baked_picture(
 
     settings = replace(settings, method="fast")
     planned = planner.plan(scene, camera, hologram, settings, store)
-    camera, hologram = widened(camera, hologram, planned.beside)
+    camera, hologram = widened(camera, hologram.picture, planned.beside)
     optics = optics_of(scene, camera, planned)
     cache, done = bake(
         scene, camera, hologram, planned, optics, settings, store=store, progress=progress, anew=anew

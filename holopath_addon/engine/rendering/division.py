@@ -283,7 +283,9 @@ class DividedRender:
 
         own = planned.phasors
         with self._clock("phase fields"):
-            kept = [kept_energy(phasors_numbered(n, own), settings.estimator) for n in self._sets]
+            kept = [
+                kept_energy(phasors_numbered(n, own), planned.hologram, settings.estimator) for n in self._sets
+            ]
         prepared = {
             "scene": scene_digest(self.scene),
             "plan": plan.to_dict(),
@@ -432,9 +434,9 @@ class DividedRender:
         """Frames of a set of phasors, see `fields.OWN`."""
         return self.settings.frames if number == OWN else SETS[-1]
 
-    def kept_energy(self, number: int) -> float:
+    def kept_energy(self, number: int, wavelength: float) -> float:
         """Of a set of phasors, see `fields.kept_energy`."""
-        return self._prepared["kept_energy"][number]
+        return self._prepared["kept_energy"][number][self.hologram.wavelengths.index(wavelength)]
 
     @cached_property
     def _index(self) -> list[tuple[Path, list[int]]]:
@@ -484,7 +486,7 @@ class _Stored:
         return chosen.stop - chosen.start
 
     def recordable(self, number):
-        return self._divided.kept_energy(number)
+        return np.array([self._divided.kept_energy(number, w) for w in self.hologram.wavelengths])
 
     def add(self, number, plane, out, progress):
         from ..tracing.wave_tracer import add_pixels

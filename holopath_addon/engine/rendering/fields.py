@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..hologram import Picture
 from ..progress import Stages, named, parts, stage
 from ..waves import despeckle
+from ..waves.lens import behind_lens
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
-from ..waves.propagation import carrier, moved, padded_shape, transfer_function
+from ..waves.propagation import carrier, circular_band, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,8 +50,10 @@ class Recorded(Protocol):
         """Frames of the set of phasors with a number, see `OWN`."""
         ...
 
-    def recordable(self, number: int) -> float | np.ndarray:
-        """Their energy that a field keeps, see `kept_energy`; of each, where that is not one for all."""
+    def recordable(self, number: int) -> np.ndarray:
+        """Their energy that a field keeps in each wavelength, see `kept_energy`; shape (frames, wavelengths), or one for
+        all frames.
+        """
         ...
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
@@ -97,8 +101,8 @@ class Tracing:
     def recordable(self, number: int) -> np.ndarray:
         sets = self._sets if number == OWN else self._phasors(number)
         with self._recording.clock("phase fields"):
-            kept = [kept_energy(each, self._recording.settings.estimator) for each in sets]
-        return np.repeat(kept, [len(each) for each in sets])
+            kept = [kept_energy(each, self.hologram, self._recording.settings.estimator) for each in sets]
+        return np.repeat(kept, [len(each) for each in sets], axis=0)
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
         first, count = 0, self.frames(number)
@@ -110,9 +114,16 @@ class Tracing:
             first = last
 
 
-def kept_energy(phasors: np.ndarray, estimator: str) -> float:
-    """Share of the energy of phasors that a field keeps: what is in the band, and passes the paper's pixels."""
-    return recordable_fraction(phasors) * (pixel_transmission() if estimator == "paper" else 1.0)
+def kept_energy(phasors: np.ndarray, hologram: Hologram, estimator: str) -> list[float]:
+    """Share of the energy of phasors that a field keeps in each wavelength: what is in its band, and passes the paper's
+    pixels."""
+    bands = [hologram.band(wavelength) for wavelength in hologram.wavelengths]
+    paper = estimator == "paper"
+    kept = {
+        band: recordable_fraction(phasors, band) * (pixel_transmission(band) if paper else 1.0)
+        for band in set(bands)
+    }
+    return [kept[band] for band in bands]
 
 
 def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.ndarray:
@@ -142,7 +153,14 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
     edge = recording.beyond + recording.plan.beside
-    return field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
+    field = field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
+    if isinstance(hologram, Picture):
+        with recording.clock("propagation"):
+            for k, wavelength in enumerate(hologram.wavelengths):
+                way = behind_lens(hologram.panel, wavelength)
+                for wave in field[:, k]:
+                    wave[:] = way.back(wave)
+    return field
 
 
 def _in_scene(recording, recorded, number, progress):
@@ -177,7 +195,7 @@ def _in_scene(recording, recorded, number, progress):
                     field[m, k] = wave
         z = plane.z
         recorded.add(number, plane, field, told)
-    field *= np.float32(1 / np.sqrt(recorded.recordable(number))).reshape(-1, 1, 1, 1)
+    field *= np.float32(1 / np.sqrt(recorded.recordable(number)))[..., None, None]
     return field
 
 
@@ -208,6 +226,9 @@ def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, 
     for k, wavelength in enumerate(hologram.wavelengths):
         padded = padded_shape(shape, hologram.pitch, wavelength, distance)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
+        band = hologram.band(wavelength)
+        if band < 1:
+            transfer *= circular_band(padded, radius=band)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
         for m, wave in enumerate(moved(field[:, k], transfer)):

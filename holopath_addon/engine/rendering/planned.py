@@ -46,7 +46,7 @@ class PlannedRender:
     Attributes
     ----------
     camera, hologram : Camera, Hologram
-        As wide as the plan says.
+        As wide as the plan says; behind a lens, of the picture there.
     cache : RadianceCache or None
         Baked light, after `bake`.
     baked : Bake or None
@@ -62,7 +62,7 @@ class PlannedRender:
         plan: Plan,
         clock: Clock,
     ) -> None:
-        self.scene, (self.camera, self.hologram) = scene, widened(camera, hologram, plan.beside)
+        self.scene, (self.camera, self.hologram) = scene, widened(camera, hologram.picture, plan.beside)
         self.settings, self.plan, self.clock = settings, plan, clock
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None

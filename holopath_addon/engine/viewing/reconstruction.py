@@ -12,8 +12,11 @@ from ..errors import InvalidInput
 from ..hologram import channel
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
+from ..progress import stage
+from ..waves.lens import Collins, behind_lens
 from ..waves.propagation import (
     JUDGING_GUARD,
+    circular_band,
     field_of,
     grid_bytes,
     padded_shape,
@@ -25,6 +28,7 @@ from ..waves.propagation import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..hologram import Hologram
     from ..mapping import DepthMapping
     from ..optics import Pupil
     from ..progress import Progress
@@ -33,6 +37,28 @@ if TYPE_CHECKING:
 MOST_BYTES = (
     1 << 29
 )  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
+FAR = 4  # widths that the steepest waves walk: to where a grid of the SLM's pixels, padded, is wide enough
+
+
+def far_from(hologram: Hologram) -> float:
+    """Distance from the SLM, meters, from which on pictures are those of the far field, by one Fresnel transform.
+
+    Nearer the angular spectrum is sampled well on the SLM's pixels, and from one such width on the transform's chirp
+    is. The volume lies before it. Behind a lens there is no far field: its picture is one.
+    """
+    if hologram.picture is not hologram:
+        return math.inf
+    width = max(hologram.width, hologram.height) * hologram.pitch
+    volume = max(abs(hologram.depth_far), abs(hologram.depth_near))
+    return max(FAR * width / hologram.widest_slope, 2 * volume)
+
+
+def picture_pitch(hologram: Hologram, distance: float) -> float:
+    """Width in meters of a pixel of a picture at a distance from the SLM, or from the plane of the `Picture`."""
+    picture = hologram.picture
+    if abs(distance) < far_from(hologram):
+        return picture.pitch
+    return min(hologram.wavelengths) * abs(distance) / (min(hologram.width, hologram.height) * hologram.pitch)
 
 
 def pupil_mask(
@@ -80,6 +106,8 @@ class Refocuser:
     def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES) -> None:
         self.field = field
         self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
+        hologram = field.hologram
+        self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
         self._spectra = {}  # by wavelength, frame and shape
         self._lock = threading.Lock()
 
@@ -92,31 +120,66 @@ class Refocuser:
 
     def _pictures(self, focus, pupil, progress):
         progress = progress or (lambda done, message: None)
-        field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
+        field, mapping = self.field, self.field.mapping
         distances = mapping.depth_to_z(list(focus))
+        far = np.abs(distances) >= far_from(field.hologram)
+        if not far.any():
+            return self._pictures_near(distances, pupil, progress)
         frames, colours, *shape = field.data.shape
+        images = np.empty((len(distances), *shape, colours), np.float32)
+        share = np.count_nonzero(far) / len(distances)
+        near, beyond = stage(progress, 0.0, 1 - share), stage(progress, 1 - share, 1.0)
+        images[~far] = self._pictures_near(distances[~far], pupil, near)
+        images[far] = self._pictures_far(distances[far], pupil, beyond)
+        return images
+
+    def _mask(self, k, padded, pupil):
+        """FFT bins of the picture's grid that pass the stop and the pupil; None for all of the band."""
+        hologram, wavelength = self.field.hologram, self.field.hologram.wavelengths[k]
+        optics = hologram.optics_at(wavelength)
+        mask = optics.passes(padded) if optics.stopped else None
+        if pupil is not None:
+            part = pupil_mask(padded, hologram.picture.pitch, wavelength, self.field.mapping, pupil, optics)
+            mask = part if mask is None else mask & part
+        return mask
+
+    def _pictures_far(self, distances, pupil, progress):
+        """By one transform each, whose pixels are as wide as `picture_pitch` says; each has the light that meets it."""
+        field, hologram = self.field, self.field.hologram
+        frames, colours, *shape = field.data.shape
+        images, done = np.zeros((len(distances), *shape, colours), np.float32), 0
+        for k, wavelength in enumerate(hologram.wavelengths if len(distances) else ()):
+            padded = self._padded(k, 0.0)
+            mask = self._mask(k, padded, pupil)
+            band = circular_band(padded) if mask is None else mask
+            ways = [
+                Collins(shape, hologram.pitch, wavelength, 1.0, z, min(hologram.wavelengths))
+                for z in distances
+            ]
+            for m in range(frames):
+                wave = field_of(self._spectrum(k, m, padded) * band, shape, overwrite=True)
+                for image, way in zip(images, ways, strict=True):
+                    there = way.there(wave)
+                    image[..., k] += (there.real**2 + there.imag**2) / frames
+                done += len(ways)
+                progress(done / (len(distances) * frames * colours), "Refocusing")
+        return images
+
+    def _pictures_near(self, distances, pupil, progress):
+        """By angular spectra from the plane of the SLM, or of the picture behind its lens."""
+        field, hologram = self.field, self.field.hologram.picture
+        frames, colours, *shape = field.data.shape
+        images, done = np.empty((len(distances), *shape, colours), np.float32), 0
+        if not len(distances):
+            return images
         farthest = float(np.abs(distances).max())
         for wavelength in hologram.wavelengths:
             needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
-            doing = f"Refocusing {farthest * 1e3:.3g} mm from the SLM"
-            try:
-                shortage(needed, doing)
-            except InvalidInput as error:
-                far = (max(shape) * hologram.pitch) ** 2 / wavelength
-                if farthest < far:
-                    raise
-                raise InvalidInput(
-                    f"{doing} is in its far field, beyond {far:.3g} m, to which light is not propagated: choose a "
-                    "nearer distance, or add the phase of a lens and refocus to its focal length."
-                ) from error
-        images, done = np.empty((len(distances), *shape, colours), np.float32), 0
+            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from the SLM")
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, farthest)
-            mask = hologram.optics.passes(padded) if hologram.optics.stopped else None
-            if pupil is not None:
-                part = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil, hologram.optics)
-                mask = part if mask is None else mask & part
+            mask = self._mask(k, padded, pupil)
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
@@ -144,14 +207,17 @@ class Refocuser:
         return volume if min(np.subtract(volume, needed)) >= 0 else needed
 
     def _shape(self, k, distance):
-        hologram, shape = self.field.hologram, self.field.data.shape[-2:]
+        hologram, shape = self.field.hologram.picture, self.field.data.shape[-2:]
         return padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance, self._guard)
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
         if kept is not None:
             return kept
-        waves = spectrum(self.field.data[m, k], padded)
+        wave = self.field.data[m, k]
+        if self._ways[k] is not None:
+            wave = self._ways[k].there(wave)
+        waves = spectrum(wave, padded)
         held = sum(wave.nbytes for wave in self._spectra.values())
         if padded == self._padded(k, 0.0) and held + waves.nbytes <= self._most_bytes:
             self._spectra[k, m, padded] = waves
@@ -162,6 +228,9 @@ def reconstruct(
     field: WaveField, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
 ) -> np.ndarray:
     """Time-averaged intensity of a wave field, focused at world depths.
+
+    Depths from `far_from` the SLM on are of its far field, where a pixel is as wide as `picture_pitch` says and holds
+    the light that meets it.
 
     Parameters
     ----------

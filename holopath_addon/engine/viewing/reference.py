@@ -89,6 +89,7 @@ def reference(
     from ..scene.dispersion import tuned, wavelength_groups
 
     progress = progress or (lambda done, message: None)
+    hologram = hologram.picture
     near = near or near_end(scene, camera, hologram)
     mapping = DepthMapping.of(hologram, camera, near)
     mapping.depth_to_z(list(focus))  # refuses what is behind the camera
@@ -269,10 +270,10 @@ def diffracted(
     """
     openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
     rows, columns = pictures.shape[-3:-1]
-    passes = hologram.optics.passes((rows, columns))
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty(pictures.shape, np.float32)
     for k, radius in enumerate(openings):
+        passes = hologram.optics_at(hologram.wavelengths[k]).passes((rows, columns))
         kernel = np.abs(scipy.fft.ifft2((f <= radius) & passes)) ** 2
         transfer = scipy.fft.fft2(kernel / kernel.sum())
         out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real
