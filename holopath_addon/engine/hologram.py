@@ -164,7 +164,8 @@ class Hologram:
         if self.optics.lens is None or self.depth_mapping == "eyepiece":
             return self
         values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return Picture(**values | {"pitch": _picture_pitch(self), "optics": ON_AXIS, "panel": self})
+        values |= {"pitch": _picture_pitch(self), "optics": ON_AXIS}
+        return Picture(**values, panel=self, shortest=min(self.wavelengths))
 
     def band(self, wavelength: float) -> float:
         """Radius of the circular band of light of a wavelength, in units of the largest that the pixels record."""
@@ -247,23 +248,26 @@ class Picture(Hologram):
     stands at z / (1 - z D / B), with B and D = 1 - L / f of the ray matrix, and is as much larger.
 
     All wavelengths share its grid, on which the shortest fills the band. The aperture sends all of them through the
-    same cone, so that of longer ones the band is less.
+    same cone, so that of longer ones the band is less: these reach farther than the grid, and resolve less.
 
     Parameters
     ----------
     panel : Hologram
         The hologram whose picture it is.
+    shortest : float
+        Wavelength that fills the band, meters.
     """
 
     # pyrefly: ignore[bad-assignment]  # always given
     panel: Hologram = None
+    shortest: float = 0.0
 
     @property
     def picture(self) -> Hologram:
         return self
 
     def band(self, wavelength: float) -> float:
-        return min(self.panel.wavelengths) / wavelength
+        return self.shortest / wavelength
 
     def optics_at(self, wavelength: float) -> Optics:
         band = self.band(wavelength)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .camera import Camera
-    from .hologram import Hologram
+    from .hologram import Hologram, Picture
 
 MAX_SHARE = 0.25  # of the picture's pixels: far from the SLM most of what more rays bring misses the aperture
 
@@ -43,7 +43,27 @@ def widened(camera: Camera, hologram: Hologram, beside: int) -> tuple[Camera, Ho
     if not beside:
         return camera, hologram
     wide = replace(hologram, width=hologram.width + 2 * beside, height=hologram.height + 2 * beside)
-    times = wide.width / hologram.width
+    return _seen_over(camera, wide.width / hologram.width), wide
+
+
+def filled(camera: Camera, picture: Picture) -> tuple[Camera, Picture]:
+    """Camera and grid of a picture of one wavelength alone, on pixels of which that fills the band.
+
+    It sees as much more than the picture that all wavelengths share as this one's light reaches farther.
+
+    Parameters
+    ----------
+    camera : Camera
+    picture : Picture
+        Of one wavelength.
+    """
+    (wavelength,) = picture.wavelengths
+    times = wavelength / picture.shortest
+    return _seen_over(camera, times), replace(picture, pitch=picture.pitch * times, shortest=wavelength)
+
+
+def _seen_over(camera, times):
+    """A camera that sees so many times as wide, and the rest where it was."""
     fov = 2 * math.atan(times * math.tan(camera.fov_x / 2))
     shifts = camera.shift_x / times, camera.shift_y / times  # in image widths
-    return replace(camera, fov_x=fov, shift_x=shifts[0], shift_y=shifts[1]), wide
+    return replace(camera, fov_x=fov, shift_x=shifts[0], shift_y=shifts[1])

@@ -283,9 +283,7 @@ class DividedRender:
 
         own = planned.phasors
         with self._clock("phase fields"):
-            kept = [
-                kept_energy(phasors_numbered(n, own), planned.hologram, settings.estimator) for n in self._sets
-            ]
+            kept = [kept_energy(phasors_numbered(n, own), settings.estimator) for n in self._sets]
         prepared = {
             "scene": scene_digest(self.scene),
             "plan": plan.to_dict(),
@@ -422,9 +420,9 @@ class DividedRender:
                 (n, g) for n, g in enumerate(planned.groups) if self.hologram.wavelengths[k] in g
             )
             colour = wavelengths.index(self.hologram.wavelengths[k])
-            hologram = replace(planned.hologram, wavelengths=(wavelengths[colour],))
-            stored = _Stored(self, group, colour, hologram, slice(start, stop))
             with planned.recording(wavelengths) as recording:
+                hologram = replace(recording.hologram, wavelengths=(wavelengths[colour],))
+                stored = _Stored(self, group, colour, hologram, slice(start, stop))
                 field = at_slm(recording, stored, parts(progress, len(ways))[number])
             np.save(folder / f"{number}_{FIELD}", field[:, 0])
             rows.append([number, k, start, stop])
@@ -434,9 +432,9 @@ class DividedRender:
         """Frames of a set of phasors, see `fields.OWN`."""
         return self.settings.frames if number == OWN else SETS[-1]
 
-    def kept_energy(self, number: int, wavelength: float) -> float:
+    def kept_energy(self, number: int) -> float:
         """Of a set of phasors, see `fields.kept_energy`."""
-        return self._prepared["kept_energy"][number][self.hologram.wavelengths.index(wavelength)]
+        return self._prepared["kept_energy"][number]
 
     @cached_property
     def _index(self) -> list[tuple[Path, list[int]]]:
@@ -486,7 +484,7 @@ class _Stored:
         return chosen.stop - chosen.start
 
     def recordable(self, number):
-        return np.array([self._divided.kept_energy(number, w) for w in self.hologram.wavelengths])
+        return self._divided.kept_energy(number)
 
     def add(self, number, plane, out, progress):
         from ..tracing.wave_tracer import add_pixels

@@ -11,7 +11,7 @@ from ..progress import Stages, named, parts, stage
 from ..waves import despeckle
 from ..waves.lens import behind_lens
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
-from ..waves.propagation import carrier, circular_band, moved, padded_shape, transfer_function
+from ..waves.propagation import carrier, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,10 +50,8 @@ class Recorded(Protocol):
         """Frames of the set of phasors with a number, see `OWN`."""
         ...
 
-    def recordable(self, number: int) -> np.ndarray:
-        """Their energy that a field keeps in each wavelength, see `kept_energy`; shape (frames, wavelengths), or one for
-        all frames.
-        """
+    def recordable(self, number: int) -> float | np.ndarray:
+        """Their energy that a field keeps, see `kept_energy`; of each, where that is not one for all."""
         ...
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
@@ -101,8 +99,8 @@ class Tracing:
     def recordable(self, number: int) -> np.ndarray:
         sets = self._sets if number == OWN else self._phasors(number)
         with self._recording.clock("phase fields"):
-            kept = [kept_energy(each, self.hologram, self._recording.settings.estimator) for each in sets]
-        return np.repeat(kept, [len(each) for each in sets], axis=0)
+            kept = [kept_energy(each, self._recording.settings.estimator) for each in sets]
+        return np.repeat(kept, [len(each) for each in sets])
 
     def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
         first, count = 0, self.frames(number)
@@ -114,16 +112,9 @@ class Tracing:
             first = last
 
 
-def kept_energy(phasors: np.ndarray, hologram: Hologram, estimator: str) -> list[float]:
-    """Share of the energy of phasors that a field keeps in each wavelength: what is in its band, and passes the paper's
-    pixels."""
-    bands = [hologram.band(wavelength) for wavelength in hologram.wavelengths]
-    paper = estimator == "paper"
-    kept = {
-        band: recordable_fraction(phasors, band) * (pixel_transmission(band) if paper else 1.0)
-        for band in set(bands)
-    }
-    return [kept[band] for band in bands]
+def kept_energy(phasors: np.ndarray, estimator: str) -> float:
+    """Share of the energy of phasors that a field keeps: what is in the band, and passes the paper's pixels."""
+    return recordable_fraction(phasors) * (pixel_transmission() if estimator == "paper" else 1.0)
 
 
 def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.ndarray:
@@ -155,11 +146,13 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
     edge = recording.beyond + recording.plan.beside
     field = field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
     if isinstance(hologram, Picture):
+        # light of a pixel of its own is spread over more of those that all wavelengths share
+        more = np.float32(hologram.pitch / hologram.panel.picture.pitch)
         with recording.clock("propagation"):
             for k, wavelength in enumerate(hologram.wavelengths):
-                way = behind_lens(hologram.panel, wavelength)
+                way = behind_lens(hologram, wavelength)
                 for wave in field[:, k]:
-                    wave[:] = way.back(wave)
+                    wave[:] = more * way.back(wave)
     return field
 
 
@@ -195,7 +188,7 @@ def _in_scene(recording, recorded, number, progress):
                     field[m, k] = wave
         z = plane.z
         recorded.add(number, plane, field, told)
-    field *= np.float32(1 / np.sqrt(recorded.recordable(number)))[..., None, None]
+    field *= np.float32(1 / np.sqrt(recorded.recordable(number))).reshape(-1, 1, 1, 1)
     return field
 
 
@@ -226,9 +219,6 @@ def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, 
     for k, wavelength in enumerate(hologram.wavelengths):
         padded = padded_shape(shape, hologram.pitch, wavelength, distance)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
-        band = hologram.band(wavelength)
-        if band < 1:
-            transfer *= circular_band(padded, radius=band)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
         for m, wave in enumerate(moved(field[:, k], transfer)):

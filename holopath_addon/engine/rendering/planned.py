@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..hologram import Picture
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of, straight_share
-from ..window import widened
+from ..window import filled, widened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -96,10 +97,12 @@ class PlannedRender:
 
     @cached_property
     def groups(self) -> Sequence[tuple[float, ...]]:
-        """Wavelengths that share their rays: all, or each for itself where glass in view disperses."""
+        """Wavelengths that share their rays: all; or each for itself, where glass in view disperses or behind a lens."""
         from ..scene.dispersion import wavelength_groups
 
         wavelengths = self.hologram.wavelengths
+        if isinstance(self.hologram, Picture):
+            return [(wavelength,) for wavelength in wavelengths]
         return [wavelengths] if self.plan.traversals == 1 else wavelength_groups(self.scene, wavelengths)
 
     @contextmanager
@@ -115,12 +118,14 @@ class PlannedRender:
     def _recording(self, group):
         from ..tracing.recording import Recording
 
-        part, plan = replace(self.hologram, wavelengths=group), self.plan
+        camera, part, plan = self.camera, replace(self.hologram, wavelengths=group), self.plan
+        if isinstance(part, Picture):
+            camera, part = filled(camera, part)
         if self.cache is not None:
             with self.clock("radiance"):
-                plan = planner.once_baked(plan, self.scene, self.camera, part, self.settings, self.cache)
+                plan = planner.once_baked(plan, self.scene, camera, part, self.settings, self.cache)
         with self.clock("optics"):
-            what = self.scene, self.camera, part, self.settings, plan, self.clock
+            what = self.scene, camera, part, self.settings, plan, self.clock
             return Recording(*what, cache=self.cache)
 
     def error(self, errors: Sequence[float | None]) -> float | None:

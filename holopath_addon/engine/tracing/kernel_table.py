@@ -169,9 +169,7 @@ class Lattice:
         return np.stack([offsets[:, j], offsets[:, i]]), share.astype(np.float32)
 
 
-def kernel_table(
-    lattice: Lattice, pitch: float, wavelength: float, straight: float = 0.0, band: float = 1.0
-) -> np.ndarray:
+def kernel_table(lattice: Lattice, pitch: float, wavelength: float, straight: float = 0.0) -> np.ndarray:
     """W(dz, o) = K(dz, o) / shares(dz, o) sqrt((pi/4) / E(dz)) for dz > 0 and one quadrant of offsets.
 
     K is the carrier-free, band-limited kernel that takes the field of a grain at distance dz behind the
@@ -198,8 +196,6 @@ def kernel_table(
         Metres.
     straight : float
         s, see `straight_share`; 0 for random phases.
-    band : float
-        Radius of the circular band, see `Hologram.band`. pi/4 above is its area, where it is less than 1 times band^2.
 
     Returns
     -------
@@ -207,7 +203,7 @@ def kernel_table(
     """
     offsets = lattice.offsets(pitch)
     farthest = int(offsets.max()) + 1
-    grid, whole = _Grid.of(farthest, pitch, wavelength, band), math.pi / 4 * band**2
+    grid = _Grid.of(farthest, pitch, wavelength)
     power = grid.power(straight)
     together = max(1, min(TOGETHER, MOST_BINS // grid.detour.size))
     table = np.zeros((lattice.levels, farthest, farthest), np.complex64)
@@ -233,8 +229,8 @@ def kernel_table(
         energy = (images * (kernel.conj() * within(kernel)).real).sum((1, 2))
         if straight:
             ahead = np.abs((images * kernel).sum((1, 2))) ** 2
-            energy = straight * whole * ahead + (1 - straight) * energy
-        kernel *= np.sqrt(whole / energy)[:, None, None] / np.where(reached, shares, 1)
+            energy = straight * (math.pi / 4) * ahead + (1 - straight) * energy
+        kernel *= np.sqrt(math.pi / 4 / energy)[:, None, None] / np.where(reached, shares, 1)
         table[levels, :side, :side] = kernel
         first = last
     return table
@@ -260,8 +256,8 @@ class _Grid:
     detour: np.ndarray
 
     @classmethod
-    def of(cls, side, pitch, wavelength, band):
-        """For kernels of `side` pixels in a quadrant, and a band of this radius."""
+    def of(cls, side, pitch, wavelength):
+        """For kernels of `side` pixels in a quadrant."""
         n = max(128, 4 * side + 64)
         pixels, bins = np.arange(2 * side), np.arange(n // 2 + 1)
         cosine = np.cos(2 * math.pi / n * np.outer(pixels, bins))
@@ -270,7 +266,7 @@ class _Grid:
         return cls(
             cosine * np.where((bins == 0) | (bins == n // 2), 1.0, 2.0) / n,
             cosine.T * np.where(pixels == 0, 1.0, 2.0),
-            f[:, None] ** 2 + f**2 <= 0.25 * band**2,
+            f[:, None] ** 2 + f**2 <= 0.25,
             u / (1 + np.sqrt(np.maximum(1 - u, 0))) / wavelength,
         )
 

@@ -217,9 +217,7 @@ class Recording:
             return RandomEstimator(hologram, most, self.settings.seed)
         if (depth_limit, straight) not in self._estimators:
             lattice = self._lattice(depth_limit, most)
-            tables = [
-                kernel_table(lattice, hologram.pitch, w, straight, hologram.band(w)) for w in hologram.wavelengths
-            ]
+            tables = [kernel_table(lattice, hologram.pitch, w, straight) for w in hologram.wavelengths]
             self._estimators[depth_limit, straight] = LatticeEstimator(hologram, lattice, tables)
         return self._estimators[depth_limit, straight]
 

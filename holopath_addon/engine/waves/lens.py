@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..hologram import Picture
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -133,12 +135,13 @@ class _Axis:
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
-    """The way from the SLM to the plane of the `Picture` behind its lens; None where there is no such picture."""
-    if hologram.picture is hologram:
+    """The way from the SLM to the grid of the `Picture` behind its lens; None where there is no such picture."""
+    picture = hologram.picture
+    if not isinstance(picture, Picture):
         return None
-    lens = hologram.optics.lens
-    size = (hologram.height, hologram.width), hologram.pitch
-    return Collins(*size, wavelength, lens.curvature, lens.reach, min(hologram.wavelengths))
+    panel, lens = picture.panel, picture.panel.optics.lens
+    size = (panel.height, panel.width), panel.pitch
+    return Collins(*size, wavelength, lens.curvature, lens.reach, picture.shortest)
 
 
 def _phasor(turns):

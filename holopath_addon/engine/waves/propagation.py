@@ -43,11 +43,11 @@ def spectral_u(shape: Sequence[int], pitch: float, wavelength: float) -> np.ndar
     return (wavelength * fx[None, :]) ** 2 + (wavelength * fy[:, None]) ** 2
 
 
-def circular_band(shape: Sequence[int], radius: float = 1.0) -> np.ndarray:
+def circular_band(shape: Sequence[int]) -> np.ndarray:
     """True on the FFT bins within the circle of radius 1 / (2 pitch): what a pixel grid records at every
-    azimuth (paper section 4.3, Omega_f). Of another `radius`, in units of this one, see `Hologram.band`."""
+    azimuth (paper section 4.3, Omega_f)."""
     fy, fx = (scipy.fft.fftfreq(n) for n in shape)
-    return fx[None, :] ** 2 + fy[:, None] ** 2 <= 0.25 * radius**2
+    return fx[None, :] ** 2 + fy[:, None] ** 2 <= 0.25
 
 
 def transfer_function(

@@ -196,20 +196,18 @@ def frames_for(kind: str, contrast: float, randomness: float | None = None) -> i
     )
 
 
-def recordable_fraction(phasors: np.ndarray, radius: float = 1.0) -> float:
+def recordable_fraction(phasors: np.ndarray) -> float:
     """Share of the phasors' energy inside the circular band: what a plane of unit amplitude keeps.
 
     Parameters
     ----------
     phasors : numpy.ndarray, complex, shape (frames, height, width)
-    radius : float
-        Of the band, see `Hologram.band`.
 
     Returns
     -------
     float
     """
-    band = circular_band(phasors.shape[-2:], radius=radius)
+    band = circular_band(phasors.shape[-2:])
     kept = total = 0.0
     for phasor in phasors:
         energy = np.abs(scipy.fft.fft2(phasor, workers=threads())) ** 2
@@ -218,9 +216,9 @@ def recordable_fraction(phasors: np.ndarray, radius: float = 1.0) -> float:
     return kept / total
 
 
-def pixel_transmission(radius: float = 1.0, samples: int = 256) -> float:
+def pixel_transmission(samples: int = 256) -> float:
     """Mean of sinc^2(fx d) sinc^2(fy d) over the circular band: what is kept by an estimator that holds a
-    phase constant over a pixel of width d, as the paper's random rays do; `radius` as of `recordable_fraction`.
+    phase constant over a pixel of width d, as the paper's random rays do.
 
     Returns
     -------
@@ -228,5 +226,5 @@ def pixel_transmission(radius: float = 1.0, samples: int = 256) -> float:
     """
     f = (np.arange(samples) + 0.5) / samples - 0.5
     window = np.sinc(f) ** 2
-    inside = f[:, None] ** 2 + f**2 <= 0.25 * radius**2
+    inside = f[:, None] ** 2 + f**2 <= 0.25
     return float((window[:, None] * window)[inside].mean())
