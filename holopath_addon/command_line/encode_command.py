@@ -177,7 +177,12 @@ def _scene(args, folder, progress, say):
 
 
 def _phases(args, folder, start, progress, scene=None, settings=None):
-    field = options.on_bench(output.stored_field(folder), args)
+    stored = output.stored_field(folder)
+    field = options.on_bench(stored, args)
+    if field.hologram.depth_mapping == "fit" and field.hologram.optics.lens != stored.hologram.optics.lens:
+        raise engine.InvalidInput(
+            f"The field in {folder} was rendered for another lens: leave out --lens, or render it with this one."
+        )
     steps = {} if args.max_steps is None else {"max_steps": args.max_steps}
     return pipeline.encode(
         field,

@@ -167,6 +167,11 @@ class Hologram:
         values |= {"pitch": _picture_pitch(self), "optics": ON_AXIS}
         return Picture(**values, panel=self, shortest=min(self.wavelengths))
 
+    @property
+    def origin(self) -> str:
+        """What distances of the volume are counted from, in words."""
+        return "the SLM" if self.picture is self else self.picture.origin
+
     def band(self, wavelength: float) -> float:
         """Radius of the circular band of light of a wavelength, in units of the largest that the pixels record."""
         return 1.0
@@ -265,6 +270,10 @@ class Picture(Hologram):
     @property
     def picture(self) -> Hologram:
         return self
+
+    @property
+    def origin(self) -> str:
+        return "the picture's plane"
 
     def band(self, wavelength: float) -> float:
         return self.shortest / wavelength

@@ -437,7 +437,7 @@ def _optics(attributes, given):
         return Optics.from_dict(json.loads(attributes["optics"]))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInput(
-            f"The file's optics cannot be read ({error}): give --beam, --carrier and --stop."
+            f"The file's optics cannot be read ({error}): give --beam, --carrier, --stop and --lens."
         ) from error
 
 

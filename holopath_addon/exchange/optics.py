@@ -1,4 +1,4 @@
-"""The bench by words, as `--beam`, `--carrier` and `--stop` take them, and with arrays of other programs' files."""
+"""The bench by words, as `--beam`, `--carrier`, `--stop` and `--lens` take them, and with arrays of other programs' files."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine import Beam, InvalidInput, Stop
+from ..engine import Beam, InvalidInput, Lens, Stop
 from .containers import read
 from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
 
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
 STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
+LENS_WORDS = "MM[@MM[@MM]]|none"
 # Unit of each kind's numbers in words, in that of `Beam`.
 _UNITS = {"tilt": math.radians(1), "point": 1e-3, "gaussian": 1e-3}
 _ROLES = ({FIELD}, {AMPLITUDE}, {INTENSITY}, {AMPLITUDE, PHASE}, {INTENSITY, PHASE})
@@ -85,6 +86,25 @@ def parse_stop(text: str) -> Stop:
         raise InvalidInput(f"'{text}' is no stop: give {STOP_WORDS}.")
     array = _array("stop", Path(text)).astype(float)
     return Stop("measured", measured=array > array.max() / 2)
+
+
+def parse_lens(text: str) -> Lens | None:
+    """The lens of words, all in millimeters: its focal length, how far behind the SLM it stands, and how far behind it
+    the picture does; None of ``none``.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if text == "none":
+        return None
+    try:
+        numbers = [1e-3 * float(part) for part in text.split("@")]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 3:
+        raise InvalidInput(f"'{text}' is no lens: give {LENS_WORDS}.")
+    return Lens(*numbers)
 
 
 def stop_files(text: str | None) -> dict[str, Path]:

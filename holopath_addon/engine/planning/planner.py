@@ -274,7 +274,7 @@ def _depth(survey: Survey) -> Decided[None]:
     """The depths in view, which nothing is chosen of."""
     hologram, mapping, z_low, z_high = survey.hologram, survey.mapping, survey.z_low, survey.z_high
     end = "infinity" if z_low <= mapping.z_far else f"{mapping.z_to_depth(z_low):.3g} m"
-    value = f"{survey.near:.3g} m to {end} at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from the SLM"
+    value = f"{survey.near:.3g} m to {end} at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from {hologram.origin}"
     nearest = hologram.depth_mapping == "fit" and not hologram.near
     reason = (
         "the volume ends at the nearest surface in view" if nearest else f"{hologram.depth_mapping} mapping"
@@ -347,7 +347,8 @@ def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Decided[No
     farthest, pixels = abs(gathered_on(planes).z), hologram.width * hologram.height
     size = hologram.height, hologram.width
     rows, columns = padded_shape(size, hologram.pitch, max(hologram.wavelengths), farthest)
-    reason = f"the least that {farthest * 1e3:.3g} mm to the SLM need without wrapping around"
+    place = hologram.origin
+    reason = f"the least that {farthest * 1e3:.3g} mm to {place} need without wrapping around"
     twice = 4 * pixels / (rows * columns)
     saving = f"{twice:.1f} x against twice the size" if rows * columns < 3.6 * pixels else ""
     return Decided(None, (Decision("padding", f"{columns} x {rows} pixels", reason, saving, 0.0),))
