@@ -46,7 +46,12 @@ def add(command):
     )
     _add_convention(take, "how the program has it (default: as the file says, else holopath)")
     add = take.add_argument_group("what the file does not say").add_argument
-    add("--pitch", type=argument(pitch), metavar="UM", help="pixel pitch, micrometers")
+    add(
+        "--pitch",
+        type=argument(pitch),
+        metavar="UM[,UM]",
+        help="pixel pitch, micrometers; X,Y where pixels are not square",
+    )
     add(
         "--wavelengths",
         type=numbers(0, "a list of wavelengths", "nanometers"),
@@ -178,7 +183,7 @@ def _import(args):
     given = exchange.Given(
         array,
         _convention(args),
-        args.pitch and args.pitch * 1e-6,
+        args.pitch,
         args.wavelengths and [nm * 1e-9 for nm in args.wavelengths],
         args.depth_range and tuple(mm * 1e-3 for mm in args.depth_range),
         args.near,

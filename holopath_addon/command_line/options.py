@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from .. import engine
+from ..engine.pixels import Pitch
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
 from ..exchange.optics import (
     BEAM_WORDS,
@@ -33,16 +34,17 @@ def argument(parse: Callable) -> Callable:
     return convert
 
 
-def pitch(text: str) -> float:
-    """A pixel pitch in micrometers."""
+def pitch(text: str) -> Pitch:
+    """A pixel pitch, or one in x and one in y, in micrometers; gives meters."""
     try:
-        return float(text)
+        found = [float(part) * 1e-6 for part in text.split(",")]
     except ValueError:
-        if len(text.replace("x", ",").split(",")) == 2:
-            raise engine.InvalidInput(
-                f"Pixels are square here: give one pitch in micrometers, not {text}."
-            ) from None
-        raise
+        found = []
+    if len(found) not in (1, 2):
+        raise engine.InvalidInput(
+            f"'{text}' is no pixel pitch: give it in micrometers, or X,Y where pixels are not square."
+        )
+    return found[0] if len(found) == 1 else (found[0], found[1])
 
 
 def numbers(count: int, shape: str, unit: str) -> Callable:

@@ -141,8 +141,8 @@ def add_scene(parser, store):
     add(
         "--pitch",
         type=argument(options.pitch),
-        metavar="UM",
-        help="pixel pitch, micrometers (default: the file's, 8)",
+        metavar="UM[,UM]",
+        help="pixel pitch, micrometers; X,Y where pixels are not square (default: the file's, 8)",
     )
     add(
         "--wavelengths",
@@ -463,7 +463,7 @@ def hologram_of(args, base):
     if args.resolution is not None:
         changes.update(width=args.resolution[0], height=args.resolution[1])
     if args.pitch is not None:
-        changes["pitch"] = args.pitch * 1e-6
+        changes["pitch"] = args.pitch
     if args.depth_range is not None:
         changes.update(zip(ENDS, (mm * 1e-3 for mm in args.depth_range), strict=True))
     elif args.display is not None and lens is None:
@@ -509,7 +509,7 @@ def load(args, source):
         options.asked(args, source.settings),
     )
     with sources.native_output_to_stderr():
-        loaded = source.load(hologram.width, hologram.height, args.camera)
+        loaded = source.load(hologram.picture.width, hologram.picture.height, args.camera)
     yaw, pitch = map(math.radians, args.turn or (0.0, 0.0))
     camera = loaded.camera.moved(args.move or (0.0, 0.0, 0.0), yaw, pitch)
     return replace(loaded, camera=camera), hologram, settings

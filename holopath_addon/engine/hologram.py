@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from .errors import InvalidInput
 from .optics import ON_AXIS, Optics, Stop
+from .optics import Optics
+from .pixels import Pitch, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
@@ -18,6 +20,7 @@ from .settings import DEPTH_MAPPINGS
 DEPTH_RANGE, SHORTER_SIDE = (-4e-3, 1e-3), 4.096e-3
 SHORTER_PIXELS, PIXEL = 512, 8e-6  # the same
 SAME = 1e-9  # meters between planes that are one
+LITTLE = 1e-6  # of a pixel: rounding
 MIN_CAPTURED = 0.9  # of the light; where less passes the aperture, borders are seen to be dark
 
 
@@ -29,15 +32,16 @@ class Hologram:
     ----------
     width, height : int
         Pixels.
-    pitch : float
-        Pixel pitch d, metres. The recordable cone is asin(wavelength / (2 d)).
+    pitch : float or (float, float)
+        Pixel pitch d, metres; of pixels that are not square (x, y). Two equal numbers become one. The recordable cone
+        is asin(wavelength / (2 d)) with the larger d: the round one that both directions hold.
     wavelengths : tuple of float
         Vacuum wavelengths, metres; each takes the red, green or blue radiance of the scene,
         whichever is nearest (`channel`).
     depth_far, depth_near : float
         Distance from the SLM of the far end (world infinity) and of the near end, metres, negative behind it. Default:
         around the SLM, so that its aperture shows both without dark edges. With a lens and ``fit`` they are counted
-        from the plane of the `picture`; with a lens and ``eyepiece`` the far end is its front focal plane.
+        from the plane of the image `in_air`; with a lens and ``eyepiece`` the far end is its front focal plane.
     depth_mapping : {'fit', 'eyepiece'}
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
@@ -53,7 +57,7 @@ class Hologram:
 
     width: int
     height: int
-    pitch: float
+    pitch: Pitch
     wavelengths: tuple = (640e-9, 516.5e-9, 455.4e-9)
     # pyrefly: ignore[bad-assignment]  # numbers from `__post_init__` on
     depth_far: float = None
@@ -73,16 +77,15 @@ class Hologram:
             raise InvalidInput(
                 f"The hologram's resolution {self.width} x {self.height} is over 67 megapixels: choose a smaller one."
             )
-        if not (math.isfinite(self.pitch) and self.pitch > 0):
-            raise InvalidInput(f"The pixel pitch must be positive, not {self.pitch * 1e6:g} µm.")
+        object.__setattr__(self, "pitch", _pitch(self.pitch))
         if not self.wavelengths:
             raise InvalidInput("The hologram needs at least one wavelength.")
         for wavelength in self.wavelengths:
             if not 100e-9 <= wavelength <= 10e-6:
                 raise InvalidInput(f"The wavelength {wavelength * 1e9:g} nm is outside 100 nm to 10000 nm.")
-            if wavelength >= 2 * self.pitch:
+            if wavelength >= 2 * min(axes(self.pitch)):
                 raise InvalidInput(
-                    f"The pixel pitch {self.pitch * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
+                    f"The pixel pitch {min(axes(self.pitch)) * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
                     f"make it larger than half the wavelength."
                 )
         self._check_lens()
@@ -117,7 +120,7 @@ class Hologram:
                     "A carrier or a stop is for a relay's Fourier plane, and behind a lens the picture itself lies "
                     "there: leave out the carrier and the stop, or the lens."
                 )
-            pixel = _picture_pitch(self)
+            pixel = _aerial_pitch(self)
             if pixel <= max(self.wavelengths):
                 raise InvalidInput(
                     f"The lens makes the picture's pixels {pixel * 1e6:.3g} µm wide, too small for light of "
@@ -142,43 +145,48 @@ class Hologram:
 
         Light spreads on its way to the SLM, by slope times distance, and what passes beside the aperture is lost to
         the picture's border. So the volume lies around the SLM, and that of a small display is less deep. Around the
-        plane of a `picture` behind a lens it is as deep in depths of focus.
+        plane of an image behind a lens it is as deep in depths of focus.
         """
         lens = self.optics.lens
         if lens is not None and self.depth_mapping == "eyepiece":
             far, span = lens.distance - lens.focal, DEPTH_RANGE[1] - DEPTH_RANGE[0]
-            scale = min(1.0, min(self.width, self.height) * self.pitch / SHORTER_SIDE)
-            return far, far + scale * span
+            return far, far + min(1.0, self.shorter_side / SHORTER_SIDE) * span
         if lens is not None:
-            pixels = min(1.0, min(self.width, self.height) / SHORTER_PIXELS)
-            return tuple(end * pixels * (_picture_pitch(self) / PIXEL) ** 2 for end in DEPTH_RANGE)
-        scale = min(1.0, min(self.width, self.height) * self.pitch / SHORTER_SIDE)
+            pixel = _aerial_pitch(self)
+            scale = min(1.0, self.shorter_side / coarsest(self.pitch) / SHORTER_PIXELS) * (pixel / PIXEL) ** 2
+            return tuple(end * scale for end in DEPTH_RANGE)
+        scale = min(1.0, self.shorter_side / SHORTER_SIDE)
         return tuple(end * scale for end in DEPTH_RANGE)
 
     @property
-    def picture(self) -> Hologram:
-        """The hologram as the scene meets it: itself; behind a lens the `Picture` that stands there in the air.
+    def in_air(self) -> Hologram:
+        """The hologram as the scene meets it: itself; behind a lens the `AerialImage` that stands there.
 
         With the depth mapping eyepiece the volume lies before the lens, and that is the hologram itself.
         """
         if self.optics.lens is None or self.depth_mapping == "eyepiece":
             return self
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        values |= {"pitch": _picture_pitch(self), "optics": ON_AXIS}
-        return Picture(**values, panel=self, shortest=min(self.wavelengths))
+        side, pitch = self.shorter_side, _aerial_pitch(self)
+        values = {each.name: getattr(self, each.name) for each in fields(self)} | {
+            "width": int(side / self.pitch_x + LITTLE),
+            "height": int(side / self.pitch_y + LITTLE),
+            "pitch": pitch,
+            "optics": ON_AXIS,
+        }
+        return AerialImage(**values, panel=self, shortest=min(self.wavelengths))
 
     @property
     def origin(self) -> str:
         """What distances of the volume are counted from, in words."""
-        return "the SLM" if self.picture is self else self.picture.origin
+        return "the SLM" if self.in_air is self else self.in_air.origin
 
     def band(self, wavelength: float) -> float:
         """Radius of the circular band of light of a wavelength, in units of the largest that the pixels record."""
         return 1.0
 
     def optics_at(self, wavelength: float) -> Optics:
-        """The bench as light of a wavelength meets it on the grid of the `picture`."""
-        return self.optics if self.picture is self else self.picture.optics_at(wavelength)
+        """Beam and stop as light of a wavelength meets them where the scene is, see `in_air`."""
+        return self.optics if self.in_air is self else self.in_air.optics_at(wavelength)
 
     def captured_share(self, distance: float) -> float:
         """Share of the recordable cones' light, from a picture at `distance` in meters, that passes the aperture.
@@ -186,35 +194,80 @@ class Hologram:
         Geometric: the overlap of the picture and its copies shifted by slope times distance, averaged over
         the cone of the widest wavelength.
         """
-        if self.picture is not self:
-            return self.picture.captured_share(distance)
+        if self.in_air is not self:
+            return self.in_air.captured_share(distance)
         n = 33
         axis = np.linspace(-1, 1, n)
         slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
         disk = slope_x**2 + slope_y**2 <= 1
-        walk = self.widest_slope * abs(distance) / self.pitch
-        kept = np.clip(1 - np.abs(slope_x) * walk / self.width, 0, 1) * np.clip(
-            1 - np.abs(slope_y) * walk / self.height, 0, 1
+        down, across = (self.widest_slope * abs(distance) / d for d in axes(self.pitch))
+        kept = np.clip(1 - np.abs(slope_x) * across / self.width, 0, 1) * np.clip(
+            1 - np.abs(slope_y) * down / self.height, 0, 1
         )
         return float(kept[disk].mean())
 
     def lost_light(self, distance: float) -> str:
         """What a picture at `distance` in meters loses beside the aperture, in words; empty where that is little."""
-        if self.picture is not self:
-            return self.picture.lost_light(distance)
+        if self.in_air is not self:
+            return self.in_air.lost_light(distance)
         captured = self.captured_share(distance)
         if captured >= MIN_CAPTURED:
             return ""
-        border = math.ceil(self.widest_slope * abs(distance) / self.pitch)
+        border = self.border(distance)
         return (
             f"Only {captured:.0%} of the light fits through the SLM's aperture at {abs(distance) * 1e3:.3g} mm: the "
             f"outer {border} pixels darken"
         )
 
     def max_slope(self, wavelength: float) -> float:
-        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, of a `picture` that of its `band`."""
-        picture = self.picture
-        return math.tan(math.asin(picture.band(wavelength) * wavelength / (2 * picture.pitch)))
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the larger pitch; behind a lens that
+        of the `band`.
+        """
+        grid = self.in_air
+        return math.tan(math.asin(grid.band(wavelength) * wavelength / (2 * coarsest(grid.pitch))))
+
+    @property
+    def pitch_x(self) -> float:
+        """Distance of columns, meters."""
+        return axes(self.pitch)[1]
+
+    @property
+    def pitch_y(self) -> float:
+        """Distance of rows, meters."""
+        return axes(self.pitch)[0]
+
+    @property
+    def square(self) -> bool:
+        """Whether pixels are square."""
+        return not isinstance(self.pitch, tuple)
+
+    @property
+    def picture(self) -> Hologram:
+        """Grid of what is recorded and of pictures: squares of the larger pitch that cover the panel.
+
+        The round cone, which is all that is recorded, has no more than that. With square pixels it is the hologram
+        itself, and behind a lens that of the image `in_air`.
+        """
+        if self.in_air is not self:
+            return self.in_air
+        if self.square:
+            return self
+        pitch = coarsest(self.pitch)
+        width, height = (
+            math.ceil(n * d / pitch - LITTLE)
+            for n, d in ((self.width, self.pitch_x), (self.height, self.pitch_y))
+        )
+        return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.unlit)
+
+    @property
+    def shorter_side(self) -> float:
+        """Of the panel, meters."""
+        down, across = axes(self.pitch)
+        return min(self.width * across, self.height * down)
+
+    def border(self, distance: float) -> int:
+        """Pixels, of the smaller pitch, that light walks in `distance` meters."""
+        return math.ceil(self.widest_slope * abs(distance) / min(axes(self.pitch)))
 
     @property
     def widest_slope(self) -> float:
@@ -235,6 +288,7 @@ class Hologram:
     def to_dict(self) -> dict:
         """JSON-able form, see `from_dict`; a bench that is as by default is left out."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values["pitch"] = list(self.pitch) if isinstance(self.pitch, tuple) else self.pitch
         optics = values.pop("optics").to_dict()
         return values | ({"optics": optics} if optics else {})
 
@@ -245,20 +299,21 @@ class Hologram:
 
 
 @dataclass(frozen=True)
-class Picture(Hologram):
+class AerialImage(Hologram):
     """What stands in the air behind the lens of a hologram, as if it were the SLM: scenes are rendered on its grid.
 
     z is counted from its plane, in the space that a field lens there makes telecentric. In the back focal plane of a
-    lens that stands its focal length behind the SLM there is nothing to be made; elsewhere what is z before the plane
+    lens that stands its focal length behind the SLM there is nothing to be made; elsewhere what is z behind the plane
     stands at z / (1 - z D / B), with B and D = 1 - L / f of the ray matrix, and is as much larger.
 
-    All wavelengths share its grid, on which the shortest fills the band. The aperture sends all of them through the
-    same cone, so that of longer ones the band is less: these reach farther than the grid, and resolve less.
+    It is the image of the square in the panel's middle. All wavelengths share its grid, on which the shortest fills the
+    band. The aperture, the circle in that square, sends all of them through the same cone, so that of longer ones the
+    band is less: these reach farther than the grid, and resolve less.
 
     Parameters
     ----------
     panel : Hologram
-        The hologram whose picture it is.
+        The hologram whose image it is.
     shortest : float
         Wavelength that fills the band, meters.
     """
@@ -268,7 +323,7 @@ class Picture(Hologram):
     shortest: float = 0.0
 
     @property
-    def picture(self) -> Hologram:
+    def in_air(self) -> Hologram:
         return self
 
     @property
@@ -283,10 +338,20 @@ class Picture(Hologram):
         return Optics(stop=Stop("circle", (band,))) if band < 1 else ON_AXIS
 
 
-def _picture_pitch(hologram):
-    """Pixel pitch of a picture behind a lens: that of which the shortest wavelength's fill what the panel reaches."""
-    lens, pixels = hologram.optics.lens, min(hologram.width, hologram.height)
-    return min(hologram.wavelengths) * abs(lens.reach) / (pixels * hologram.pitch)
+def _aerial_pitch(hologram):
+    """Pixel pitch behind a lens: so fine that light of the shortest wavelength needs all of the panel's square for it."""
+    return min(hologram.wavelengths) * abs(hologram.optics.lens.reach) / hologram.shorter_side
+
+
+def _pitch(pitch):
+    """One number, or the two of pixels that are not square."""
+    pair = tuple(map(float, pitch)) if isinstance(pitch, (tuple, list)) else (pitch, pitch)
+    if len(pair) != 2:
+        raise InvalidInput(f"A pixel has one pitch, or one in x and one in y, not {len(pair)}.")
+    for each in pair:
+        if not (math.isfinite(each) and each > 0):
+            raise InvalidInput(f"The pixel pitch must be positive, not {each * 1e6:g} µm.")
+    return pair[0] if pair[0] == pair[1] else pair
 
 
 def channel(wavelength: float) -> int:

@@ -2,7 +2,8 @@
 
 One word has one meaning: the pupil is the viewer's, the stop the relay's, the aperture the SLM's.
 
-Fourier plane: frequencies g = (g_x, g_y), to the right and up, in units of the band's edge, 1 / (2 pitch), are those of
+Fourier plane: frequencies g = (g_x, g_y), to the right and up, in units of the band's edge, 1 / (2 pitch) of the larger
+pitch, are those of
 what the SLM's pixels let through; its zero order lies at g = 0. The picture's middle ray lies at the carrier c: a wave
 field, which is rendered on axis, has the frequencies f = g - c.
 """
@@ -11,15 +12,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 import scipy.ndimage
 
 from .errors import InvalidInput
+from .pixels import Pitch, axes, coarsest, frequencies
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -129,14 +130,15 @@ class Beam:
             given = ", ".join(f"{number:g}" for number in numbers) or "none"
             raise InvalidInput(f"A beam of the kind {self.kind} has {what}, not {given} (meters, radians).")
 
-    def light(self, shape: Sequence[int], pitch: float, wavelength: float, number: int = 0) -> np.ndarray:
+    def light(self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0) -> np.ndarray:
         """Complex amplitude at the panel's pixels, complex64, shape (y, x).
 
         Parameters
         ----------
         shape : (int, int)
             Rows and columns of the panel.
-        pitch, wavelength : float
+        pitch : float or (float, float)
+        wavelength : float
             Meters.
         number : int
             Of the wavelength, where each has a measured beam of its own.
@@ -157,7 +159,7 @@ class Beam:
             amplitude = np.exp(-((x - x_0) ** 2 + (y - y_0) ** 2) / waist**2)
         return (amplitude * np.exp(2j * math.pi * np.mod(way / wavelength, 1.0))).astype(np.complex64)
 
-    def check(self, shape: Sequence[int], pitch: float, wavelengths: Sequence[float]) -> None:
+    def check(self, shape: Sequence[int], pitch: Pitch, wavelengths: Sequence[float]) -> None:
         """Refuse a beam that does not go with a panel of such pixels.
 
         Raises
@@ -175,11 +177,12 @@ class Beam:
                     f"The beam, of a waist of {waist * 1e3:g} mm, passes the panel at a distance of "
                     f"{nearest * 1e3:.3g} mm: move its middle onto the panel."
                 )
-        steepest, edge = self._steepest(shape, pitch), min(wavelengths) / (2 * pitch)
+        steepest, edge = self._steepest(shape, pitch), min(wavelengths) / (2 * coarsest(pitch))
         if steepest > edge:
             raise InvalidInput(
                 f"The beam meets the panel at {math.degrees(math.asin(min(1.0, steepest))):.3g} degrees, and pixels of "
-                f"{pitch * 1e6:g} µm make up for {math.degrees(math.asin(edge)):.3g} at most: tilt or focus it less."
+                f"{coarsest(pitch) * 1e6:g} µm make up for {math.degrees(math.asin(edge)):.3g} at most: tilt or "
+                "focus it less."
             )
 
     def _steepest(self, shape, pitch):
@@ -187,7 +190,7 @@ class Beam:
         if self.kind == "tilt":
             return max(abs(math.sin(angle)) for angle in self.numbers)
         if self.kind == "point":
-            corner = [n * pitch / 2 for n in shape]
+            corner = [n * d / 2 for n, d in zip(shape, axes(pitch), strict=True)]
             return max(corner) / math.hypot(self.numbers[0], *corner)
         return 0.0
 
@@ -439,9 +442,17 @@ class Optics:
         )
         return passes & self.stop.measured[rows, columns]
 
-    def passes(self, shape: Sequence[int]) -> np.ndarray:
-        """FFT bins of a field on a grid of the pixels' pitch that pass the stop, bool; row 0 is the top."""
-        fy, fx = (scipy.fft.fftfreq(n) for n in shape)
+    @property
+    def unlit(self) -> Optics:
+        """The same without the beam, which rays do not meet, and which may be measured pixel by pixel."""
+        return replace(self, beam=Beam())
+
+    def passes(self, shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
+        """FFT bins of a field on a grid of the pixels' pitch that pass the stop, bool; row 0 is the top.
+
+        Pixels of any size are alike if they are square, which is the default.
+        """
+        fy, fx = frequencies(shape, pitch)
         return self.open_at(2 * fx[None, :], -2 * fy[:, None])
 
     def _open_grid(self):
@@ -471,7 +482,7 @@ class Optics:
         inside = np.hypot(axis[None, :] - x, -axis[:, None] - y) <= radius
         return float((passes & inside).sum() / passes.sum())
 
-    def check(self, shape: Sequence[int], pitch: float, wavelengths: Sequence[float]) -> None:
+    def check(self, shape: Sequence[int], pitch: Pitch, wavelengths: Sequence[float]) -> None:
         """Refuse what does not go with a panel of such pixels.
 
         Raises
@@ -481,7 +492,7 @@ class Optics:
         self.beam.check(shape, pitch, wavelengths)
 
     def illumination(
-        self, shape: Sequence[int], pitch: float, wavelength: float, number: int = 0
+        self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0
     ) -> np.ndarray | None:
         """What the transmission of the SLM's pixels is multiplied with to be the picture's light; None for 1.
 
@@ -493,7 +504,7 @@ class Optics:
         if not any(self.carrier):
             return light
         x, y = _positions(shape, pitch)
-        turns = (self.carrier[0] * x + self.carrier[1] * y) / (2 * pitch)
+        turns = (self.carrier[0] * x + self.carrier[1] * y) / (2 * coarsest(pitch))
         return (light * np.exp(-2j * math.pi * np.mod(turns, 1.0))).astype(np.complex64)
 
     def to_dict(self) -> dict:
@@ -547,7 +558,7 @@ def _part(kind, values, folder, name):
 
 def _positions(shape, pitch):
     """x to the right and y up, meters from the panel's middle, of columns and rows."""
-    y, x = ((np.arange(n) - (n - 1) / 2) * pitch for n in shape)
+    y, x = ((np.arange(n) - (n - 1) / 2) * d for n, d in zip(shape, axes(pitch), strict=True))
     return x[None, :], -y[:, None]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..engine import Camera, Hologram, InvalidInput, Optics, PhaseHologram, WaveField
 from ..engine.memory import shortage
 from ..engine.optics import ON_AXIS
+from ..engine.pixels import Pitch
 from ..engine.waves.bit_layout import LAYOUTS, layout_beside
 from ..engine.waves.propagation import propagate
 from . import parts
@@ -43,8 +44,8 @@ class Given:
         Name of the only array, or of that of each role of `parts.ROLES`. Default: as the names say, in one way.
     convention : Convention
         Default: what the file says, else ours.
-    pitch : float
-        Metres.
+    pitch : float or (float, float)
+        Metres; of pixels that are not square (x, y).
     wavelengths : sequence of float
         Metres.
     depth_range : (float, float)
@@ -70,7 +71,7 @@ class Given:
 
     array: str | Mapping[str, str] | None = None
     convention: Convention | None = None
-    pitch: float | None = None
+    pitch: Pitch | None = None
     wavelengths: Sequence[float] | None = None
     depth_range: tuple[float, float] | None = None
     near: float | None = None
@@ -107,7 +108,7 @@ def container_of(thing: WaveField | PhaseHologram, convention: Convention | None
         "axes": ",".join(convention.axes or AXES),
         "time_dependence": SIGNS[convention.time],
         "row_0": convention.rows,
-        "pitch_m": hologram.pitch,
+        "pitch_m": list(hologram.pitch) if isinstance(hologram.pitch, tuple) else hologram.pitch,
         "wavelengths_m": list(hologram.wavelengths),
         "depth_far_m": hologram.depth_far,
         "depth_near_m": hologram.depth_near,
@@ -399,12 +400,14 @@ def _layers(array, convention, stored):
 
 
 def _grid(given, attributes):
-    pitch = given.pitch or _number(attributes, "pitch_m")
+    pitch = given.pitch or _numbers(attributes, "pitch_m")
     wavelengths = given.wavelengths or _numbers(attributes, "wavelengths_m")
     if not pitch:
         raise InvalidInput("The file does not say the pixel pitch: give --pitch, in micrometers.")
     if not wavelengths:
         raise InvalidInput("The file does not say the wavelengths: give --wavelengths, in nanometers.")
+    if isinstance(pitch, tuple) and len(pitch) == 1:
+        (pitch,) = pitch
     return pitch, tuple(wavelengths)
 
 
@@ -444,7 +447,7 @@ def _optics(attributes, given):
 def _camera(attributes, fov, hologram):
     said = attributes.get("camera")
     if said is None:
-        default = 2 * math.atan(hologram.width * hologram.pitch / (2 * FOCAL))
+        default = 2 * math.atan(hologram.width * hologram.pitch_x / (2 * FOCAL))
         return Camera(np.eye(4), fov or default)
     try:
         camera = Camera.from_dict(json.loads(said))

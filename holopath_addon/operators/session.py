@@ -223,7 +223,7 @@ def prepare(depsgraph, props, resolution=None, camera=None):
         stop()
     return Task(
         bpy.data.filepath or depsgraph.scene.name,
-        read_scene(depsgraph, (hologram.width, hologram.height), camera, cache),
+        read_scene(depsgraph, (hologram.picture.width, hologram.picture.height), camera, cache),
         hologram,
         settings,
         None if props.focus_auto else properties.focus_of(props),

@@ -147,7 +147,7 @@ def encode(
         method = "joint" if len(field.data) > 1 else "sgd"
         if method == "joint" and randomness is None and start == "arg":
             randomness = randomness_for(len(field.data))
-            if randomness is not None and field.hologram.picture is not field.hologram:
+            if randomness is not None and field.hologram.in_air is not field.hologram:
                 randomness = 1.0  # light of smooth phases behind a lens meets the middle of the SLM alone
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
@@ -356,7 +356,10 @@ class _Work:
         self._beams = [hologram.illumination(colour) for colour in range(count)]
         self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
         self._optics = [hologram.optics_at(wavelength) for wavelength in hologram.wavelengths]
-        self._passes = [optics.passes(self._shape) for optics in self._optics]
+        self._grid = hologram.in_air
+        if self._ways[0] is not None:
+            self._shape = self._grid.height, self._grid.width
+        self._passes = [optics.passes(self._shape, self._grid.pitch) for optics in self._optics]
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -430,6 +433,7 @@ class _Work:
                 frames, _, rows, columns = data.shape
                 begun = random_phasors(frames, rows, columns, self._asked.effort.seed, randomness)
                 if self._ways[colour] is not None:
+                    begun = random_phasors(frames, *self._shape, self._asked.effort.seed, randomness)
                     begun = self._ways[colour].back(begun)
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
@@ -482,9 +486,9 @@ class _Work:
         """What `sgd` compares the light of some frames with."""
         hologram, asked, optics = self.field.hologram, self._asked, self._optics[colour]
         if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads, optics)
+            return ComplexTarget(fields, asked.aperture, self._threads, optics, self._grid.pitch)
         distances = _spread(*self._volume(), asked.planes)
-        grid = hologram.picture.pitch, hologram.wavelengths[colour]
+        grid = self._grid.pitch, hologram.wavelengths[colour]
         return AmplitudeTarget(fields, *grid, distances, self._threads, optics)
 
     def joint(self):
@@ -518,7 +522,7 @@ class _Work:
         """What all frames together go towards in one wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
         volume, frames = self._volume(), len(self.field.data)
-        space = self._shape, hologram.picture.pitch, hologram.wavelengths[colour], *volume
+        space = self._shape, self._grid.pitch, hologram.wavelengths[colour], *volume
         return Views(*space, frames, seed, self._asked.eyebox, self._optics[colour])
 
     def _worth(self, views, number):

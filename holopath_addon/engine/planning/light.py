@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..hologram import Picture
+from ..hologram import AerialImage
 from ..light.baking import found_in
 from ..light.camera_view import Request
 from ..light.gathering import ROUND
@@ -193,7 +193,7 @@ def wavelengths(survey: Survey) -> Decided[tuple[bool, int]]:
     groups = len(wavelength_groups(survey.scene, survey.hologram.wavelengths))
     if not fixed.get("dispersion", bool(survey.chains.longest)):
         groups = 1
-    behind_lens = isinstance(survey.hologram, Picture)
+    behind_lens = isinstance(survey.hologram, AerialImage)
     if behind_lens:
         groups = colours
     if colours == 1:

@@ -403,7 +403,7 @@ def _timed(work: Callable[[], _Result], calls: int = 2) -> tuple[float, float, _
 
 def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:
     """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
-    hologram = hologram.picture
+    hologram = hologram.in_air
     pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit", optics=ON_AXIS), camera, 1e-9)
     pixels = min(NEAREST_PIXELS, -(-NEAREST_RAYS * hologram.width * hologram.height // DIRECTIONS))
     nearest = Pilot(scene, hologram, camera, pinhole, seed=seed, pixels=pixels).nearest()

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, squared
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
 from ..scene import variants
@@ -81,19 +81,19 @@ def plan(
     settings = settings or Settings()
     check_fixed(settings.fixed)
     settings = resolved(settings)
-    warnings = unmodelled(scene)
+    warnings, view = unmodelled(scene), squared(camera, hologram)
     refuse_method(scene, settings.method)
     if settings.method in BASELINES:
-        # the least that tells the depths in view
-        least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
-        least = resolved(replace(least, phase_field="designed", randomness=None))
-        if hologram.picture is not hologram:
+        if hologram.in_air is not hologram:
             raise InvalidInput(
                 f"The method {settings.method} is made for light without a lens behind the SLM: leave out the lens, or "
                 "choose the method auto."
             )
-        return _of_baseline(_planned(scene, camera, hologram, least, None, []), settings, warnings)
-    return _planned(scene, camera, hologram.picture, settings, store, warnings)
+        # the least that tells the depths in view
+        least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
+        least = resolved(replace(least, phase_field="designed", randomness=None))
+        return _of_baseline(_planned(scene, *view, least, None, []), settings, warnings)
+    return _planned(scene, *view, settings, store, warnings)
 
 
 def _planned(scene, camera, hologram, settings, store, warnings):

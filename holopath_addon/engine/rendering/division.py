@@ -423,7 +423,7 @@ class DividedRender:
             with planned.recording(wavelengths) as recording:
                 hologram = replace(recording.hologram, wavelengths=(wavelengths[colour],))
                 stored = _Stored(self, group, colour, hologram, slice(start, stop))
-                field = at_slm(recording, stored, parts(progress, len(ways))[number])
+                field = at_slm(recording, stored, self.hologram, parts(progress, len(ways))[number])
             np.save(folder / f"{number}_{FIELD}", field[:, 0])
             rows.append([number, k, start, stop])
         return {"ways": rows}

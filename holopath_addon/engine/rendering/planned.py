@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..hologram import Picture
+from ..hologram import AerialImage
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of, straight_share
-from ..window import filled, widened
+from ..mapping import filled, squared, widened
+from ..planning import planner
+from ..scene import variants
+from ..waves.phase_fields import phasors_of, straight_share
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -47,7 +50,7 @@ class PlannedRender:
     Attributes
     ----------
     camera, hologram : Camera, Hologram
-        As wide as the plan says; behind a lens, of the picture there.
+        Of square pixels, and as wide as the plan says; behind a lens those of the image there.
     cache : RadianceCache or None
         Baked light, after `bake`.
     baked : Bake or None
@@ -63,7 +66,8 @@ class PlannedRender:
         plan: Plan,
         clock: Clock,
     ) -> None:
-        self.scene, (self.camera, self.hologram) = scene, widened(camera, hologram.picture, plan.beside)
+        self.scene, view = scene, squared(camera, hologram)
+        self.camera, self.hologram = widened(*view, plan.beside)
         self.settings, self.plan, self.clock = settings, plan, clock
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None
@@ -101,7 +105,7 @@ class PlannedRender:
         from ..scene.dispersion import wavelength_groups
 
         wavelengths = self.hologram.wavelengths
-        if isinstance(self.hologram, Picture):
+        if isinstance(self.hologram, AerialImage):
             return [(wavelength,) for wavelength in wavelengths]
         return [wavelengths] if self.plan.traversals == 1 else wavelength_groups(self.scene, wavelengths)
 
@@ -119,7 +123,7 @@ class PlannedRender:
         from ..tracing.recording import Recording
 
         camera, part, plan = self.camera, replace(self.hologram, wavelengths=group), self.plan
-        if isinstance(part, Picture):
+        if isinstance(part, AerialImage):
             camera, part = filled(camera, part)
         if self.cache is not None:
             with self.clock("radiance"):

@@ -169,7 +169,7 @@ class PathTraced:
         hologram = self.field.hologram.picture
         depth = max(abs(hologram.depth_far), abs(hologram.depth_near))
         most = (min(hologram.width, hologram.height) - SMALLEST) // 2
-        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch), most))
+        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch_x), most))
 
 
 def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:
@@ -210,11 +210,13 @@ def efficiency(phase: PhaseHologram) -> list[float]:
 
     Modulated is the beam of the hologram's optics. Behind a lens it is what meets the grid of the picture.
     """
-    hologram, shape = phase.hologram, phase.data.shape[-2:]
+    hologram, grid = phase.hologram, phase.hologram.in_air
+    shape = grid.height, grid.width
     found = []
     for colour, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0
-        band, way = hologram.optics_at(wavelength).passes(shape), behind_lens(hologram, wavelength)
+        band = hologram.optics_at(wavelength).passes(shape, grid.pitch)
+        way = behind_lens(hologram, wavelength)
         illumination = phase.hologram.illumination(colour)
         beam = 1 if illumination is None else illumination
         for frame in phase.data[:, colour]:

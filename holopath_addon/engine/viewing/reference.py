@@ -9,7 +9,7 @@ import numpy as np
 import scipy.fft
 
 from ..hologram import channel
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, squared
 from ..scene import variants
 from .preview import Lens, number, path_tracer
 
@@ -48,7 +48,7 @@ def reference(
     Parameters
     ----------
     scene, camera, hologram :
-        As for `render`.
+        As for `render`; pictures are of the size of `Hologram.picture`.
     focus : sequence of float
         World depths, metres; `math.inf` allowed.
     pupil : Pupil, optional
@@ -85,11 +85,11 @@ def reference(
         ]  # fmt: skip
         return np.stack(pictures, axis=1)
     variants.activate_for(scene)
+    camera, hologram = squared(camera, hologram)
     from ..planning.pilot import near_end
     from ..scene.dispersion import tuned, wavelength_groups
 
     progress = progress or (lambda done, message: None)
-    hologram = hologram.picture
     near = near or near_end(scene, camera, hologram)
     mapping = DepthMapping.of(hologram, camera, near)
     mapping.depth_to_z(list(focus))  # refuses what is behind the camera

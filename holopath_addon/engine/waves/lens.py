@@ -17,51 +17,59 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..hologram import Picture
+from ..hologram import AerialImage
+from ..pixels import axes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..hologram import Hologram
+    from ..pixels import Pitch
 
-WHOLE = 1e-9  # by which a scale is 1 at most
+WHOLE = 1e-9  # of a turn, by which steps may differ from those of a Fourier transform
 
 
 class Collins:
-    """The way of one wavelength's light to another plane, on as many pixels of another pitch there.
+    """The way of one wavelength's light to another plane, on a grid of another pitch there around the same axis.
 
     Left out are the curvature exp(i pi D x'^2 / (lambda B)) of the light on that plane, which neither intensities there
-    nor the telecentric space of a `Picture` have, and a constant phase. Fields are scaled by the pixels' sizes: their
-    squares, summed over all pixels, are the light's power in both planes.
+    nor the telecentric space of an `AerialImage` have, and a constant phase. Fields are scaled by the sizes of pixels:
+    their squares, summed, are the light's power on both planes.
 
     Parameters
     ----------
     shape : (int, int)
-        Rows and columns.
-    pitch, wavelength : float
+        Rows and columns of the first plane. Of more than the other plane has, those in the middle count, so that the
+        other plane's pixels sample their light.
+    pitch : float or (float, float)
+    wavelength : float
         Meters.
     curvature, reach : float
         A, and B in meters, which is not 0.
-    shortest : float, optional
-        Wavelength, meters, whose light fills the pixels of the plane: their pitch there is
-        shortest abs(B) / (pixels pitch). Longer waves reach farther. Default: this wavelength.
+    there_shape, there_pitch : (int, int), float
+        Of the other plane, whose pixels are square.
     """
 
     def __init__(
         self,
         shape: Sequence[int],
-        pitch: float,
+        pitch: Pitch,
         wavelength: float,
         curvature: float,
         reach: float,
-        shortest: float | None = None,
+        there_shape: Sequence[int],
+        there_pitch: float,
     ) -> None:
-        scale = (shortest or wavelength) / wavelength
-        self._axes = [_Axis(n, pitch, wavelength, curvature, reach, scale) for n in shape]
+        step = there_pitch / (wavelength * reach)
+        bend = curvature / (wavelength * reach)
+        self._axes = [
+            _Axis(n, count, d * step, bend * d**2)
+            for n, count, d in zip(shape, there_shape, axes(pitch), strict=True)
+        ]
 
     @property
     def kind(self) -> str:
-        """How it is computed: ``Fourier`` where the pitch is that of a Fourier transform, else ``chirp-z``."""
+        """How it is computed: a ``Fourier`` transform where pixels are as fine as that of one, else ``chirp-z``."""
         return "Fourier" if all(axis.whole for axis in self._axes) else "chirp-z"
 
     def there(self, fields: np.ndarray) -> np.ndarray:
@@ -73,7 +81,7 @@ class Collins:
 
         Returns
         -------
-        numpy.ndarray, complex64, or complex128 of such fields, of the same shape
+        numpy.ndarray, complex64, or complex128 of such fields
         """
         for axis, place in zip(self._axes, (-2, -1), strict=True):
             fields = axis.there(fields, place)
@@ -87,61 +95,79 @@ class Collins:
 
 
 class _Axis:
-    """sqrt(scale / n) exp(-2 pi i scale x x' / n) exp(i pi A x^2 / (lambda B)), in pixels x and x' from the middle.
+    """sqrt(abs(s)) exp(-2 pi i s x x') exp(i pi b x^2), with places x and x' in pixels from the middle.
 
-    A convolution with a chirp, as x x' = (x^2 + x'^2 - (x - x')^2) / 2: L. I. Bluestein, IEEE Trans. Audio
-    Electroacoust. 18, 451 (1970). Where the scale is 1 it is a Fourier transform, between phases that put 0 in the middle.
+    A convolution with a chirp, as 2 j k = j^2 + k^2 - (j - k)^2: L. I. Bluestein, IEEE Trans. Audio Electroacoust. 18,
+    451 (1970). Where s = 1 / n, it is a Fourier transform.
+
+    Parameters
+    ----------
+    n, count : int
+        Pixels on the planes.
+    step, bend : float
+        s and b, turns.
     """
 
-    def __init__(self, n, pitch, wavelength, curvature, reach, scale):
-        self.whole, self._n, self._mirrored = abs(scale - 1) < WHOLE, n, reach < 0
-        x = np.arange(n) - (n - 1) / 2
-        bend = curvature * pitch**2 / (wavelength * reach) * x**2 / 2
-        if reach < 0:  # the conjugate of a transform by abs(B)
-            bend = -bend
-        if self.whole:
-            # (j - c) (k - c) = j k - c (j + k) + c^2, with c = (n - 1) / 2
-            turn = (n - 1) / (2 * n) * np.arange(n)
-            ends, self._bins = (turn + bend, turn - (n - 1) ** 2 / (4 * n)), None
-        else:
-            step = scale / (2 * n)
-            ends = bend - step * x**2, -step * x**2
-            self._bins = scipy.fft.next_fast_len(2 * n - 1)
+    def __init__(self, n, count, step, bend):
+        self._n, self._count = n, count
+        used = min(n, count)
+        start = (n - used) // 2
+        self._used = slice(start, start + used)
+        self.whole = used == count and abs(abs(step) * count - 1) < WHOLE
+        j, k = np.arange(used), np.arange(count)
+        middle, middle_there = (n - 1) / 2 - start, (count - 1) / 2
+        size = abs(step)  # with a step below 0, light is mirrored: the conjugate's conjugate
+        self._mirrored = step < 0
+        bend = -bend if self._mirrored else bend
+        first = bend / 2 * (j - middle) ** 2 + size * middle_there * j
+        last = size * middle * (k - middle_there)
+        if not self.whole:
+            first, last = first - size * j**2 / 2, last - size * k**2 / 2
+            self._bins = scipy.fft.next_fast_len(2 * max(used, count) - 1)
             apart = scipy.fft.fftfreq(self._bins, 1 / self._bins)
-            chirp = scipy.fft.fft(_phasor(step * apart**2) * (np.abs(apart) < n))
-            self._chirp = (math.sqrt(scale / n) * chirp).astype(np.complex64)
-        self._ends = [_phasor(turns).astype(np.complex64) for turns in ends]
+            chirp = scipy.fft.fft(_phasor(size * apart**2 / 2))
+            self._chirp = (math.sqrt(size) * chirp).astype(np.complex64)
+        self._ends = [_phasor(turns).astype(np.complex64) for turns in (first, last)]
 
     def there(self, fields, place):
+        fields = np.moveaxis(fields, place, -1)[..., self._used]
+        first, last = self._ends
         if self._mirrored:
-            return self._along(fields.conj(), place, *self._ends).conj()
-        return self._along(fields, place, *self._ends)
+            fields = self._along(fields.conj(), first, last, self._count).conj()
+        else:
+            fields = self._along(fields, first, last, self._count)
+        return np.moveaxis(fields, -1, place)
 
     def back(self, fields, place):
-        # the matrix between the two chirps is symmetric, so its adjoint is its conjugate
+        fields, (first, last) = np.moveaxis(fields, place, -1), self._ends
+        used = self._used.stop - self._used.start
+        # what lies between the two chirps is symmetric, so its adjoint is its conjugate
         if self._mirrored:
-            return self._along(fields, place, *self._ends[::-1])
-        return self._along(fields.conj(), place, *self._ends[::-1]).conj()
+            fields = self._along(fields, last, first, used)
+        else:
+            fields = self._along(fields.conj(), last, first, used).conj()
+        if used < self._n:
+            dark = [(0, 0)] * (fields.ndim - 1) + [(self._used.start, self._n - self._used.stop)]
+            fields = np.pad(fields, dark)
+        return np.moveaxis(fields, -1, place)
 
-    def _along(self, fields, place, first, last):
-        first, last = (each if place == -1 else each[:, None] for each in (first, last))
+    def _along(self, fields, first, last, count):
+        """The last axis times one chirp, transformed, times the other."""
         waves = fields * first
-        if self._bins is None:
-            return scipy.fft.fft(waves, axis=place, norm="ortho", overwrite_x=True) * last
-        chirp = self._chirp if place == -1 else self._chirp[:, None]
-        waves = scipy.fft.fft(waves, self._bins, axis=place) * chirp
-        waves = scipy.fft.ifft(waves, axis=place, overwrite_x=True)
-        return (waves[..., : self._n] if place == -1 else waves[..., : self._n, :]) * last
+        if self.whole:
+            return scipy.fft.fft(waves, norm="ortho", overwrite_x=True) * last
+        waves = scipy.fft.fft(waves, self._bins) * self._chirp
+        return scipy.fft.ifft(waves, overwrite_x=True)[..., :count] * last
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
-    """The way from the SLM to the grid of the `Picture` behind its lens; None where there is no such picture."""
-    picture = hologram.picture
-    if not isinstance(picture, Picture):
+    """The way from the SLM to the grid of the `AerialImage` behind its lens; None where there is none."""
+    image = hologram.in_air
+    if not isinstance(image, AerialImage):
         return None
-    panel, lens = picture.panel, picture.panel.optics.lens
-    size = (panel.height, panel.width), panel.pitch
-    return Collins(*size, wavelength, lens.curvature, lens.reach, picture.shortest)
+    panel, lens = image.panel, image.panel.optics.lens
+    there = (image.height, image.width), image.pitch
+    return Collins((panel.height, panel.width), panel.pitch, wavelength, lens.curvature, lens.reach, *there)
 
 
 def _phasor(turns):

@@ -118,7 +118,8 @@ class VirtualDriver:
         if not self._levels:
             raise InvalidInput("The virtual camera has seen nothing yet: stream a hologram first.")
         hologram = self._hologram.hologram
-        picture = np.zeros((hologram.height, hologram.width, len(hologram.wavelengths)), np.float32)
+        size = hologram.picture.height, hologram.picture.width
+        picture = np.zeros((*size, len(hologram.wavelengths)), np.float32)
         levels, counts = dict(self._levels), np.zeros(len(hologram.wavelengths))
         for (_, k), level in levels.items():
             picture[..., k] += self._seen(level, k)
