@@ -180,6 +180,11 @@ class Hologram:
         """What distances of the volume are counted from, in words."""
         return "the SLM" if self.in_air is self else self.in_air.origin
 
+    @property
+    def opening(self) -> str:
+        """What cuts the light of pictures away from the `origin`, in words."""
+        return "the SLM's aperture"
+
     def band(self, wavelength: float) -> float:
         """Radius of the circular band of light of a wavelength, in units of the largest that the pixels record."""
         return 1.0
@@ -215,7 +220,7 @@ class Hologram:
             return ""
         border = self.border(distance)
         return (
-            f"Only {captured:.0%} of the light fits through the SLM's aperture at {abs(distance) * 1e3:.3g} mm: the "
+            f"Only {captured:.0%} of the light fits through {self.opening} at {abs(distance) * 1e3:.3g} mm: the "
             f"outer {border} pixels darken"
         )
 
@@ -329,6 +334,10 @@ class AerialImage(Hologram):
     @property
     def origin(self) -> str:
         return "the picture's plane"
+
+    @property
+    def opening(self) -> str:
+        return "what the SLM's pixels reach there"
 
     def band(self, wavelength: float) -> float:
         return self.shortest / wavelength

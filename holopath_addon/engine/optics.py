@@ -48,7 +48,9 @@ STOPS = {
 ZERO_ORDER = (
     0.02  # of the band's edge: as far around it an off-axis stop is closed, 5 bins of 256 pixels and more
 )
-IMAGE = 1e-3  # of the way from the SLM to the picture's plane: with a smaller reach that is the SLM's own image
+IMAGE = (
+    1e-3  # of the way from the SLM to the picture's plane: with a smaller reach that is the SLM's own image
+)
 GRID = 257  # points a side on which areas in the Fourier plane are taken
 BEAM_FILE, STOP_FILE = "beam.npy", "stop.npy"
 

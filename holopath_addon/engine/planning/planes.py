@@ -101,7 +101,7 @@ def _names(planes):
         places = ", ".join(f"{plane.z * 1e3:.2f}" for plane in planes if plane.sees == sees)
         if places:
             parts.append(where[sees] + places)
-    return f"{'; '.join(parts)} mm from the SLM"
+    return f"{'; '.join(parts)} mm from {survey.hologram.origin}"
 
 
 def _reason(scenery, layout, one):

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
+from ..hologram import AerialImage
 from ..mapping import DepthMapping, squared
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
@@ -13,6 +14,7 @@ from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
+from ..waves.lens import behind_lens
 from ..waves.phase_fields import (
     FEW_FRAMES,
     REACH,
@@ -124,6 +126,7 @@ def _planned(scene, camera, hologram, settings, store, warnings):
         rays,
         frames,
         chunk,
+        _propagation(survey.hologram),
         padding,
     )
     (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
@@ -274,7 +277,9 @@ def _depth(survey: Survey) -> Decided[None]:
     """The depths in view, which nothing is chosen of."""
     hologram, mapping, z_low, z_high = survey.hologram, survey.mapping, survey.z_low, survey.z_high
     end = "infinity" if z_low <= mapping.z_far else f"{mapping.z_to_depth(z_low):.3g} m"
-    value = f"{survey.near:.3g} m to {end} at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from {hologram.origin}"
+    value = (
+        f"{survey.near:.3g} m to {end} at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from {hologram.origin}"
+    )
     nearest = hologram.depth_mapping == "fit" and not hologram.near
     reason = (
         "the volume ends at the nearest surface in view" if nearest else f"{hologram.depth_mapping} mapping"
@@ -342,6 +347,23 @@ def _chunk(settings: Settings) -> Decided[int]:
     return Decided(chunk, (Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason),))
 
 
+def _propagation(hologram: Hologram) -> Decided[None]:
+    """How light comes from the image behind a lens to the SLM; nothing without one, where angular spectra do it all."""
+    if not isinstance(hologram, AerialImage):
+        return Decided(None)
+    panel, of_kind = hologram.panel, {}
+    for wavelength in panel.wavelengths:
+        way = behind_lens(panel, wavelength)
+        assert way is not None
+        of_kind.setdefault(way.kind, []).append(f"{wavelength * 1e9:.4g}")
+    value = ", ".join(f"{kind} transform at {' and '.join(some)} nm" for kind, some in of_kind.items())
+    reason = (
+        f"a lens has the SLM's far field near its focal plane, in pixels of {hologram.pitch * 1e6:.3g} µm, as fine as "
+        "its aperture resolves in the shortest wavelength; angular spectra go on from there"
+    )
+    return Decided(None, (Decision("propagation", value, reason),))
+
+
 def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Decided[None]:
     """The padding that `padded_shape` gives the farthest way of a field."""
     farthest, pixels = abs(gathered_on(planes).z), hologram.width * hologram.height
@@ -366,5 +388,5 @@ def _cautions(survey: Survey) -> list[str]:
     farthest = max(survey.z_low, survey.z_high, key=abs)
     lost = survey.hologram.lost_light(farthest)
     if lost:
-        found.append(f"{lost}; bring the depth range nearer to the SLM or use more pixels.")
+        found.append(f"{lost}; bring the depth range nearer to {survey.hologram.origin} or use more pixels.")
     return found

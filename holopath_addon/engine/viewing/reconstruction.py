@@ -196,9 +196,7 @@ class Refocuser:
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
-                transfers = [
-                    transfer_function(padded, grid.pitch, wavelength, z) for z in distances[some]
-                ]
+                transfers = [transfer_function(padded, grid.pitch, wavelength, z) for z in distances[some]]
                 if mask is not None:
                     for transfer in transfers:
                         transfer *= mask
