@@ -103,6 +103,9 @@ def test_distances_that_are_none(text):
         (["{xml}", "--resolution", "0x64"], "resolution is 0 x 64"),
         (["{xml}", "--resolution", "64"], "WIDTHxHEIGHT"),
         (["{xml}", "--pitch", "0"], "pitch"),
+        (["{xml}", "--pitch", "8,0"], "pitch must be positive"),
+        (["{xml}", "--pitch", "8x9"], "'8x9' is no pixel pitch.*X,Y"),
+        (["{xml}", "--pitch", "8,9", "--method", "focal-stack"], "finds phases of square pixels"),
         (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
         (["{xml}", "--wavelengths", "red"], "nanometers"),
         (["{xml}", "--wavelengths", "5"], "5 nm"),
@@ -793,8 +796,35 @@ def test_distances_name_their_files_and_the_far_field_is_told(rendered, capfd):
     refused(cli.main(words), capfd.readouterr().err, 2, "far field")
 
 
-def test_pixels_that_are_not_square(xml, capfd):
-    refused(cli.main(["plan", str(xml), "--pitch", "8,9"]), capfd.readouterr().err, 2, "Pixels are square")
+def test_pixels_that_are_not_square(xml, tmp_path):
+    """From a scene to phases and pictures, and to another program's file and back."""
+    out, back = tmp_path / "out", tmp_path / "back"
+    words = [
+        "render",
+        str(xml),
+        "--resolution",
+        "60x40",
+        "--pitch",
+        "6.4,8",
+        "--frames",
+        "2",
+        "--out",
+        str(out),
+    ]
+    words += [*GREEN, "--quality", "preview", "--encode", "dpac", "--compare-reference", "--quiet"]
+    assert cli.main([*words, "--rgbd", "--quilt", "2x1", "--contact-sheet", "sheet.png"]) == 0
+    field = engine.WaveField.load(out / "wavefield")
+    assert field.hologram.pitch == (6.4e-6, 8e-6) and field.data.shape == (2, 1, 40, 60)
+    assert json.loads((out / "wavefield/meta.json").read_text())["pitch_m"] == [6.4e-6, 8e-6]
+    assert engine.PhaseHologram.load(out / "hologram").data.shape == (2, 1, 40, 60)
+    assert engine.reconstruct(field, [1.0]).shape == (1, 40, 48, 1)
+    assert np.load(out / "rgbd/depth.npy").shape == (40, 48)
+    assert (out / "quilt/quilt_qs2x1a1.2.png").exists()
+    assert cli.main(["report", str(out), "--quiet"]) == 0
+    assert "60 &#215; 40 pixels of 6.4 &#215; 8 &#181;m" in (out / "report.html").read_text()
+    assert cli.main(["export", str(out), str(tmp_path / "u.h5"), "--quiet"]) == 0
+    assert cli.main(["import", str(tmp_path / "u.h5"), "--out", str(back), "--quiet"]) == 0
+    assert engine.WaveField.load(back / "wavefield").hologram == field.hologram
 
 
 def test_a_response_means_the_same_when_encoding_and_when_looking(rendered, tmp_path, capfd):

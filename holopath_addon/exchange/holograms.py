@@ -400,15 +400,23 @@ def _layers(array, convention, stored):
 
 
 def _grid(given, attributes):
-    pitch = given.pitch or _numbers(attributes, "pitch_m")
+    pitch = given.pitch or _pitch(attributes)
     wavelengths = given.wavelengths or _numbers(attributes, "wavelengths_m")
     if not pitch:
         raise InvalidInput("The file does not say the pixel pitch: give --pitch, in micrometers.")
     if not wavelengths:
         raise InvalidInput("The file does not say the wavelengths: give --wavelengths, in nanometers.")
-    if isinstance(pitch, tuple) and len(pitch) == 1:
-        (pitch,) = pitch
     return pitch, tuple(wavelengths)
+
+
+def _pitch(attributes):
+    """One number, or the two of pixels that are not square."""
+    values = _numbers(attributes, "pitch_m")
+    if values is not None and len(values) > 2:
+        raise InvalidInput(
+            f"The file's pitch_m are {len(values)} numbers: it should be one, or those of x and y."
+        )
+    return values[0] if values is not None and len(values) == 1 else values
 
 
 def _number(attributes, name):
