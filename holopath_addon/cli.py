@@ -296,8 +296,8 @@ def _at(millimeters, field):
     for distance in millimeters or ():
         if not distance >= ends[0]:
             raise engine.InvalidInput(
-                f"{distance:g} mm from {field.hologram.origin} lies beyond infinity, which this field has at {ends[0]:g} mm: give "
-                f"distances from there on; the near end lies at {ends[1]:g} mm."
+                f"{distance:g} mm from {field.hologram.origin} lies beyond infinity, which this field has at "
+                f"{ends[0]:g} mm: give distances from there on; the near end lies at {ends[1]:g} mm."
             )
     return [float(field.mapping.z_to_depth(mm * 1e-3)) for mm in millimeters or ()]
 

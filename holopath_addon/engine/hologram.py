@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InvalidInput
-from .optics import ON_AXIS, Optics, Stop
-from .optics import Optics
+from .optics import ON_AXIS, Lens, Optics, Stop
 from .pixels import Pitch, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
@@ -225,8 +224,8 @@ class Hologram:
         )
 
     def max_slope(self, wavelength: float) -> float:
-        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the larger pitch; behind a lens that
-        of the `band`.
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the larger pitch; behind a lens of
+        the `band`.
         """
         grid = self.in_air
         return math.tan(math.asin(grid.band(wavelength) * wavelength / (2 * coarsest(grid.pitch))))
@@ -332,6 +331,13 @@ class AerialImage(Hologram):
         return self
 
     @property
+    def lens(self) -> Lens:
+        """That of the bench."""
+        lens = self.panel.optics.lens
+        assert lens is not None
+        return lens
+
+    @property
     def origin(self) -> str:
         return "the picture's plane"
 
@@ -348,7 +354,7 @@ class AerialImage(Hologram):
 
 
 def _aerial_pitch(hologram):
-    """Pixel pitch behind a lens: so fine that light of the shortest wavelength needs all of the panel's square for it."""
+    """Pixel pitch behind a lens: as fine as light of the shortest wavelength from all of the panel's square."""
     return min(hologram.wavelengths) * abs(hologram.optics.lens.reach) / hologram.shorter_side
 
 

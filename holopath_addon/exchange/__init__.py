@@ -22,6 +22,7 @@ __all__ = [
     "hologram_of",
     "parse_beam",
     "parse_carrier",
+    "parse_lens",
     "parse_stop",
     "read",
     "read_parts",

@@ -1,4 +1,4 @@
-"""The bench by words, as `--beam`, `--carrier`, `--stop` and `--lens` take them, and with arrays of other programs' files."""
+"""The bench by words, as `--beam`, `--carrier`, `--stop` and `--lens` take them, and by other programs' arrays."""
 
 from __future__ import annotations
 

@@ -430,11 +430,9 @@ class _Work:
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
             elif randomness is not None:
-                frames, _, rows, columns = data.shape
-                begun = random_phasors(frames, rows, columns, self._asked.effort.seed, randomness)
-                if self._ways[colour] is not None:
-                    begun = random_phasors(frames, *self._shape, self._asked.effort.seed, randomness)
-                    begun = self._ways[colour].back(begun)
+                size, way = (len(data), self._grid.height, self._grid.width), self._ways[colour]
+                begun = random_phasors(*size, self._asked.effort.seed, randomness)
+                begun = begun if way is None else way.back(begun)
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
             elif display is not None:

@@ -170,6 +170,7 @@ def _through_lens(field, image, display):
     image = replace(shared, pitch=image.pitch, shortest=image.shortest, wavelengths=image.wavelengths)
     for k, wavelength in enumerate(image.wavelengths):
         way = lens.behind_lens(image, wavelength)
+        assert way is not None
         for frame, wave in zip(out[:, k], field[:, k], strict=True):
             frame[:] = times * way.back(wave)
     return out

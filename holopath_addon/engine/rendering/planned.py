@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..hologram import AerialImage
-from ..planning import planner
-from ..scene import variants
-from ..waves.phase_fields import phasors_of, straight_share
 from ..mapping import filled, squared, widened
 from ..planning import planner
 from ..scene import variants
@@ -101,7 +98,7 @@ class PlannedRender:
 
     @cached_property
     def groups(self) -> Sequence[tuple[float, ...]]:
-        """Wavelengths that share their rays: all; or each for itself, where glass in view disperses or behind a lens."""
+        """Wavelengths that share their rays: all; or each for itself behind a lens, or where glass in view disperses."""
         from ..scene.dispersion import wavelength_groups
 
         wavelengths = self.hologram.wavelengths

@@ -13,9 +13,9 @@ from ..hologram import channel
 from ..mapping import places_on
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
+from ..pixels import Pitch, axes, coarsest
 from ..progress import stage
 from ..waves.lens import Collins, behind_lens
-from ..pixels import Pitch, axes, coarsest
 from ..waves.propagation import (
     JUDGING_GUARD,
     circular_band,
@@ -149,7 +149,7 @@ class Refocuser:
         return mask
 
     def _far(self, distances, pupil, progress):
-        """By one transform each, whose pixels are as wide as `picture_pitch` says, and have the light that meets them."""
+        """By one transform each, of pixels as wide as `picture_pitch` says, which have the light that meets them."""
         hologram, data, size = self._grid, self.field.data, self.field.hologram.picture
         frames, colours, *shape = data.shape
         images, done = np.zeros((len(distances), size.height, size.width, colours), np.float32), 0

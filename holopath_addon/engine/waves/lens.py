@@ -165,7 +165,7 @@ def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
     image = hologram.in_air
     if not isinstance(image, AerialImage):
         return None
-    panel, lens = image.panel, image.panel.optics.lens
+    panel, lens = image.panel, image.lens
     there = (image.height, image.width), image.pitch
     return Collins((panel.height, panel.width), panel.pitch, wavelength, lens.curvature, lens.reach, *there)
 
