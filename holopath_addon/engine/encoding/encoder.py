@@ -112,7 +112,8 @@ def encode(
     randomness : float, optional
         Of all frames together: the descent begins with phases `randomness` times those of a random map, at the SLM or
         on the picture behind a lens,
-        rather than with those of the field, and each frame for itself is left out. With 0 all pixels are in phase, and
+        rather than with those of the field, and each frame for itself is left out. Behind a lens few frames begin so,
+        with 1. With 0 all pixels are in phase, and
         with 1 phases are random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo et al.,
         Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
     eyebox : float, optional
@@ -143,12 +144,20 @@ def encode(
         If there is no such method, options do not fit, or the field is not finite.
     Cancelled
     """
+    free, few = randomness is None and start == "arg", randomness_for(len(field.data))
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
-        if method == "joint" and randomness is None and start == "arg":
-            randomness = randomness_for(len(field.data))
-            if randomness is not None and field.hologram.in_air is not field.hologram:
-                randomness = 1.0  # light of smooth phases behind a lens meets the middle of the SLM alone
+        if method == "joint" and free:
+            randomness = few
+    if (
+        field.hologram.in_air is not field.hologram
+        and method in ("joint", "refine")
+        and free
+        and few is not None
+    ):
+        randomness = (
+            1.0  # phases of few frames are smooth: such a picture's light meets the middle of the SLM alone
+        )
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
     asked = _Asked(

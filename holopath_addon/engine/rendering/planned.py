@@ -98,7 +98,7 @@ class PlannedRender:
 
     @cached_property
     def groups(self) -> Sequence[tuple[float, ...]]:
-        """Wavelengths that share their rays: all; or each for itself behind a lens, or where glass in view disperses."""
+        """Wavelengths that share their rays: all; each for itself behind a lens, or where glass in view disperses."""
         from ..scene.dispersion import wavelength_groups
 
         wavelengths = self.hologram.wavelengths

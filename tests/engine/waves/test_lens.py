@@ -145,9 +145,7 @@ def test_fresnels_far_field():
     """Of a slit: Goodman, eq. 4-27, sinc; and the angular spectrum where both are sampled well."""
     n, z = 64, 40.0
     pitch = GREEN * z / (4 * n * PITCH)
-    light = np.abs(
-        Collins((n, n), PITCH, GREEN, 1.0, z, (n, n), pitch).there(np.ones((n, n), np.complex64))
-    )
+    light = np.abs(Collins((n, n), PITCH, GREEN, 1.0, z, (n, n), pitch).there(np.ones((n, n), np.complex64)))
     x = places(n, pitch)
     wanted = np.abs(np.sinc(n * PITCH * x / (GREEN * z)))
     np.testing.assert_allclose(light[n // 2] / light.max(), wanted / wanted.max(), atol=1e-3)
@@ -166,7 +164,7 @@ def test_torchoptics_agrees(focal, before, behind):
     wave = spot()
     source = torchoptics.Field(torch.tensor(np.pad(wave, 112)), GREEN, spacing=PITCH)
     # its lens is round, and as wide as its grid
-    lens = torchoptics.elements.Lens((320, 320), focal, z=before, spacing=PITCH).to(torch.complex128)
+    lens = torchoptics.elements.Lens((320, 320), focal, z=before, spacing=PITCH).double()
     there = lens(source.propagate_to_z(before, propagation_method="ASM", asm_pad=(320, 320)))
     there = there.propagate_to_z(before + behind, propagation_method="ASM", asm_pad=(320, 320))
     wanted = there.data.numpy()[112:-112, 112:-112]
