@@ -536,9 +536,10 @@ def check_encoding(args, settings, hologram):
         raise engine.InvalidInput(
             "Double phase knows no display model: choose --encode sgd or joint, or leave out --response."
         )
-    if display is not None and hologram.optics != engine.Optics():
+    if display is not None and not hologram.flat_bench:
         raise engine.InvalidInput(
-            "A display that was fitted has a beam and a stop of its own: leave out --response, or the optics."
+            "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out --response, or "
+            "the optics."
         )
     if method == "refine" and settings.method in BASELINES:
         raise engine.InvalidInput(

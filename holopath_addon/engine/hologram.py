@@ -175,6 +175,11 @@ class Hologram:
         return AerialImage(**values, panel=self, shortest=min(self.wavelengths))
 
     @property
+    def flat_bench(self) -> bool:
+        """Whether an even beam falls on the SLM, and the scene's light leaves it along the axis, to free space."""
+        return self.in_air is self and replace(self.optics, lens=None) == ON_AXIS
+
+    @property
     def origin(self) -> str:
         """What distances of the volume are counted from, in words."""
         return "the SLM" if self.in_air is self else self.in_air.origin

@@ -12,7 +12,6 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
-from ..optics import ON_AXIS
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
@@ -266,9 +265,10 @@ class _Asked:
             raise InvalidInput(
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
-        if self.display is not None and field.hologram.optics != ON_AXIS:
+        if self.display is not None and not field.hologram.flat_bench:
             raise InvalidInput(
-                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
+                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or the "
+                "hologram's optics."
             )
         for each in self.levels or ():
             for name in ("correction", "variation"):
