@@ -538,8 +538,8 @@ def check_encoding(args, settings, hologram):
         )
     if display is not None and not hologram.flat_bench:
         raise engine.InvalidInput(
-            "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out --response, or "
-            "the optics."
+            "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out "
+            "--response, or the optics."
         )
     if method == "refine" and settings.method in BASELINES:
         raise engine.InvalidInput(

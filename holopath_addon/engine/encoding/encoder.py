@@ -267,8 +267,8 @@ class _Asked:
             )
         if self.display is not None and not field.hologram.flat_bench:
             raise InvalidInput(
-                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or the "
-                "hologram's optics."
+                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or "
+                "the hologram's optics."
             )
         for each in self.levels or ():
             for name in ("correction", "variation"):

@@ -90,8 +90,8 @@ class PhaseHologram:
             )
         if display is not None and not self.hologram.flat_bench:
             raise InvalidInput(
-                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or the "
-                "hologram's optics."
+                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or "
+                "the hologram's optics."
             )
         if levels is not None and len(levels) != self.data.shape[1]:
             raise InvalidInput(
