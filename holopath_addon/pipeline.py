@@ -160,8 +160,8 @@ def _check_view(plan, camera, hologram, focus, pupil):
     if pupil is not None:
         for wavelength in hologram.wavelengths:
             grid = hologram.in_air
-            size = grid.height, grid.width
-            pupil_mask(size, grid.pitch, wavelength, mapping, pupil, grid.optics_at(wavelength))
+            size, pitch = (grid.height, grid.width), grid.pitch_at(wavelength)
+            pupil_mask(size, pitch, wavelength, mapping, pupil, grid.optics_at(wavelength))
 
 
 def _begun(started, plan):

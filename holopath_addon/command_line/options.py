@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from .. import engine
+from ..engine.optics import COLORS
 from ..engine.pixels import Pitch
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
 from ..exchange.optics import (
@@ -16,6 +17,7 @@ from ..exchange.optics import (
     STOP_WORDS,
     parse_beam,
     parse_carrier,
+    parse_colors,
     parse_lens,
     parse_stop,
 )
@@ -153,6 +155,24 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
         "eyepiece somebody looks through it, and no picture is behind it "
         f"(default: {kept or 'none'})",
     )
+    parser.add_argument(
+        "--color-scale",
+        metavar="S[,S..]",
+        help="magnification of each wavelength's picture over what it should be, which is made up for "
+        f"(default: {kept or '1'})",
+    )
+    parser.add_argument(
+        "--color-distance",
+        metavar="MM[,MM..]",
+        help="how far each wavelength's picture lies too near to the viewer, millimeters, which is made up for "
+        f"(default: {kept or '0'})",
+    )
+    parser.add_argument(
+        "--color-shift",
+        metavar="X,Y[,X,Y..]",
+        help="how far each wavelength's picture lies aside, millimeters to the right and up, which is made up for "
+        f"(default: {kept or '0'})",
+    )
 
 
 def optics_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -169,6 +189,9 @@ def optics_of(args: argparse.Namespace) -> dict[str, Any]:
         changes["carrier"] = parse_carrier(args.carrier)
     if args.lens is not None:
         changes["lens"] = parse_lens(args.lens)
+    for name in COLORS:
+        if (text := getattr(args, name)) is not None:
+            changes[name] = parse_colors(name, text)
     return changes
 
 

@@ -29,6 +29,7 @@ from .viewing.reference import diffracted, reference
 from .wavefield import WaveField
 from .waves.display_model import DisplayModel
 from .waves.modulator import Levels, Modulator
+from .waves.panels import at_panel
 
 __all__ = [
     "BackendUnavailable",
@@ -56,6 +57,7 @@ __all__ = [
     "Settings",
     "Stop",
     "WaveField",
+    "at_panel",
     "depth_map",
     "diffracted",
     "encode",

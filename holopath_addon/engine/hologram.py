@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .optics import ON_AXIS, Lens, Optics, Stop
-from .pixels import Pitch, axes, coarsest
+from .pixels import Pitch, Raster, axes, coarsest, scaled
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
@@ -118,6 +118,11 @@ class Hologram:
                 raise InvalidInput(
                     "A carrier or a stop is for a relay's Fourier plane, and behind a lens the picture itself lies "
                     "there: leave out the carrier and the stop, or the lens."
+                )
+            if self.optics.colors_apart:
+                raise InvalidInput(
+                    "Colors that lie apart are made up for without a picture behind a lens: leave out the scale, "
+                    "distance and shift of colors, or the lens."
                 )
             pixel = _aerial_pitch(self)
             if pixel <= max(self.wavelengths):
@@ -229,11 +234,16 @@ class Hologram:
         )
 
     def max_slope(self, wavelength: float) -> float:
-        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the larger pitch; behind a lens of
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the largest pitch; behind a lens of
         the `band`.
         """
         grid = self.in_air
-        return math.tan(math.asin(grid.band(wavelength) * wavelength / (2 * coarsest(grid.pitch))))
+        return math.tan(math.asin(grid.band(wavelength) * wavelength / (2 * grid._largest_pitch)))
+
+    @property
+    def _largest_pitch(self):
+        """In both directions and all colors."""
+        return coarsest(self.pitch) * max(self.optics.color_scale, default=1.0)
 
     @property
     def pitch_x(self) -> float:
@@ -246,27 +256,43 @@ class Hologram:
         return axes(self.pitch)[0]
 
     @property
-    def square(self) -> bool:
-        """Whether pixels are square."""
-        return not isinstance(self.pitch, tuple)
+    def plain(self) -> bool:
+        """Whether pixels are square, and all colors lie on each other."""
+        return not isinstance(self.pitch, tuple) and not self.optics.colors_apart
+
+    def raster(self, wavelength: float | None = None) -> Raster:
+        """Where the light of a wavelength has the panel's pixels, see `Optics`; the panel itself without one."""
+        shape = self.height, self.width
+        if wavelength is None or not self.optics.colors_apart:
+            return Raster(shape, self.pitch)
+        scale, _, (right, up) = self.optics.color(self.wavelengths.index(wavelength))
+        return Raster(shape, scaled(self.pitch, scale), (-up, right))
+
+    def pitch_at(self, wavelength: float) -> Pitch:
+        """Pitch of the panel's pixels as the light of a wavelength has them, meters."""
+        return self.raster(wavelength).pitch
+
+    def distance_at(self, wavelength: float) -> float:
+        """Where the panel lies for the light of a wavelength, meters towards the viewer; 0 by default."""
+        return self.optics.color(self.wavelengths.index(wavelength))[1] if self.optics.color_distance else 0.0
 
     @property
     def picture(self) -> Hologram:
-        """Grid of what is recorded and of pictures: squares of the larger pitch that cover the panel.
+        """Grid of what is recorded and of pictures: squares of the largest pitch that cover the panel.
 
-        The round cone, which is all that is recorded, has no more than that. With square pixels it is the hologram
-        itself, and behind a lens that of the image `in_air`.
+        The round cone, which is all that is recorded, has no more than that. Where nothing is to be made up for it is
+        the hologram itself, and behind a lens the image `in_air`.
         """
         if self.in_air is not self:
             return self.in_air
-        if self.square:
+        if self.plain:
             return self
-        pitch = coarsest(self.pitch)
+        pitch = self._largest_pitch
         width, height = (
             math.ceil(n * d / pitch - LITTLE)
             for n, d in ((self.width, self.pitch_x), (self.height, self.pitch_y))
         )
-        return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.unlit)
+        return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.of_rays)
 
     @property
     def shorter_side(self) -> float:

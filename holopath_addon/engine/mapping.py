@@ -1,9 +1,10 @@
 """World space to hologram space and back: the transform T of the paper (section 4.2, eq. 3), and the grid of its rays.
 
 Rays are traced through squares of the larger pitch, `Hologram.picture`: they record the same light as pixels that are
-not square, from fewer of them, and the display's own pixels sample its wave. The grid may be wider than the picture,
-for light from beside it crosses the SLM's aperture, too: it blurs into the border of a picture that is focused
-elsewhere. On a recording plane at a distance z from the SLM it passes up to slope times z beside the aperture.
+not square, from fewer of them, and the display's own pixels sample its wave, in each color where they lie for it.
+The grid may be wider than the picture, for light from beside it crosses the SLM's aperture, too: it blurs into the
+border of a picture that is focused elsewhere. On a recording plane at a distance z from the SLM it passes up to slope
+times z beside the aperture.
 """
 
 from __future__ import annotations
@@ -15,10 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import InvalidInput
-from .pixels import Line, Pitch, axes
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from typing import Any
 
     from numpy.typing import ArrayLike
@@ -102,7 +101,7 @@ class DepthMapping:
 def squared(camera: Camera, hologram: Hologram) -> tuple[Camera, Hologram]:
     """Camera and grid of pictures, `Hologram.picture`: they see what a hologram's pixels do, and at most a pixel more.
 
-    With square pixels both come back as they are.
+    With square pixels, and colors that lie on each other, both come back as they are.
 
     Parameters
     ----------
@@ -111,29 +110,10 @@ def squared(camera: Camera, hologram: Hologram) -> tuple[Camera, Hologram]:
     """
     if hologram.in_air is not hologram:
         return camera, hologram.in_air
-    if hologram.square:
+    if hologram.plain:
         return camera, hologram
     picture = hologram.picture
     return _seen_over(camera, picture.width * picture.pitch_x / (hologram.width * hologram.pitch_x)), picture
-
-
-def places_on(hologram: Hologram, shape: Sequence[int], pitch: Pitch) -> list[Line]:
-    """Where the rows and the columns of a hologram lie on another grid around the same middle.
-
-    Parameters
-    ----------
-    hologram : Hologram
-    shape : (int, int)
-        Rows and columns of the grid.
-    pitch : float or (float, float)
-        Of the grid, meters.
-    """
-    lines = []
-    sizes = (hologram.height, hologram.pitch_y), (hologram.width, hologram.pitch_x)
-    for n, other, (count, own) in zip(shape, axes(pitch), sizes, strict=True):
-        step = own / other
-        lines.append(Line((n - 1) / 2 - step * (count - 1) / 2, step, count))
-    return lines
 
 
 def pixels_beside(hologram: Hologram) -> int:
@@ -162,7 +142,7 @@ def widened(camera: Camera, hologram: Hologram, beside: int) -> tuple[Camera, Ho
     if not beside:
         return camera, hologram
     size = {"width": hologram.width + 2 * beside, "height": hologram.height + 2 * beside}
-    wide = replace(hologram, **size, optics=hologram.optics.unlit)
+    wide = replace(hologram, **size, optics=hologram.optics.of_rays)
     return _seen_over(camera, wide.width / hologram.width), wide
 
 

@@ -51,6 +51,8 @@ ZERO_ORDER = (
 IMAGE = (
     1e-3  # of the way from the SLM to the picture's plane: with a smaller reach that is the SLM's own image
 )
+COLORS = ("color_scale", "color_distance", "color_shift")
+SCALES = 0.5, 2.0  # least and largest of a color
 GRID = 257  # points a side on which areas in the Fourier plane are taken
 BEAM_FILE, STOP_FILE = "beam.npy", "stop.npy"
 
@@ -363,22 +365,35 @@ class Optics:
         order.
     stop : Stop
         In the Fourier plane behind the SLM.
+    color_scale : sequence of float
+        Magnification of each wavelength's picture over what it should be. Default: 1.
+    color_distance : sequence of float
+        How far each wavelength's picture lies too near to the viewer, meters. Default: 0.
+    color_shift : sequence of (float, float)
+        How far each wavelength's picture lies aside, meters to the right and up. Default: 0.
     lens : Lens, optional
         Behind the SLM and its relay. Default: none.
+
+    For light of a wavelength the panel's pixels lie where lenses image them: as far apart, at that distance and that
+    far aside. Free space begins there.
 
     Raises
     ------
     InvalidInput
-        If the stop does not lie in the band, or lets nothing of the picture through.
+        If the stop does not lie in the band, or lets nothing of the picture through, or a color cannot lie there.
     """
 
     beam: Beam = field(default_factory=Beam)
     # pyrefly: ignore[bad-assignment]  # numbers from `__post_init__` on
     carrier: tuple = None
     stop: Stop = field(default_factory=Stop)
+    color_scale: tuple = ()
+    color_distance: tuple = ()
+    color_shift: tuple = ()
     lens: Lens | None = None
 
     def __post_init__(self):
+        self._set_colors()
         carrier = self.carrier
         if carrier is None:
             carrier = "auto" if self.stop.kind == "half" else (0.0, 0.0)
@@ -401,6 +416,26 @@ class Optics:
             )
         if self.stopped and not self._open_grid().any():
             raise InvalidInput("The stop lets nothing of the picture through: move it, or its carrier.")
+
+    def _set_colors(self):
+        """Numbers of all colors; none where all are as they should be."""
+        scale, distance = (tuple(map(float, each)) for each in (self.color_scale, self.color_distance))
+        shift = tuple(tuple(map(float, pair)) for pair in self.color_shift)
+        for each in scale:
+            if not SCALES[0] <= each <= SCALES[1]:
+                raise InvalidInput(
+                    f"The scale of a color is relative, {SCALES[0]:g} to {SCALES[1]:g}, not {each:g}: 1 is as it "
+                    "should be."
+                )
+        if not all(map(math.isfinite, distance)):
+            raise InvalidInput(
+                "The distance of a color must be finite: leave out what was not measured, or say 0."
+            )
+        if not all(len(pair) == 2 and all(map(math.isfinite, pair)) for pair in shift):
+            raise InvalidInput("The shift of a color is two finite numbers, to the right and up.")
+        object.__setattr__(self, "color_scale", scale if any(each != 1 for each in scale) else ())
+        object.__setattr__(self, "color_distance", distance if any(distance) else ())
+        object.__setattr__(self, "color_shift", shift if any(map(any, shift)) else ())
 
     @property
     def stopped(self) -> bool:
@@ -445,9 +480,23 @@ class Optics:
         return passes & self.stop.measured[rows, columns]
 
     @property
-    def unlit(self) -> Optics:
-        """The same without the beam, which rays do not meet, and which may be measured pixel by pixel."""
-        return replace(self, beam=Beam())
+    def of_rays(self) -> Optics:
+        """The same with light as it should be: without the beam, which may be measured pixel by pixel, and with colors
+        that lie on each other."""
+        return replace(self, beam=Beam(), **dict.fromkeys(COLORS, ()))
+
+    @property
+    def colors_apart(self) -> bool:
+        """Whether colors do not lie on each other by themselves."""
+        return bool(self.color_scale or self.color_distance or self.color_shift)
+
+    def color(self, number: int) -> tuple[float, float, tuple[float, float]]:
+        """Scale, distance and shift of the wavelength of this number."""
+        return (
+            self.color_scale[number] if self.color_scale else 1.0,
+            self.color_distance[number] if self.color_distance else 0.0,
+            self.color_shift[number] if self.color_shift else (0.0, 0.0),
+        )
 
     def passes(self, shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
         """FFT bins of a field on a grid of the pixels' pitch that pass the stop, bool; row 0 is the top.
@@ -492,6 +541,20 @@ class Optics:
         InvalidInput
         """
         self.beam.check(shape, pitch, wavelengths)
+        for name, each in (
+            ("scale", self.color_scale),
+            ("distance", self.color_distance),
+            ("shift", self.color_shift),
+        ):
+            if each and len(each) != len(wavelengths):
+                raise InvalidInput(
+                    f"The bench has a {name} of {len(each)} colors, the hologram {len(wavelengths)}: give one for each "
+                    "wavelength."
+                )
+        if self.colors_apart and len(set(wavelengths)) < len(wavelengths):
+            raise InvalidInput(
+                "Of equal wavelengths none can lie apart: give each once, or leave out where colors lie."
+            )
 
     def illumination(
         self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0
@@ -520,6 +583,9 @@ class Optics:
             told["carrier"] = list(self.carrier)
         if self.lens is not None:
             told["lens"] = asdict(self.lens)
+        for name in COLORS:
+            if getattr(self, name):
+                told[name] = [list(each) if isinstance(each, tuple) else each for each in getattr(self, name)]
         return told
 
     def save(self, folder: Path) -> None:
@@ -542,7 +608,7 @@ class Optics:
             for name, kind in (("beam", Beam), ("stop", Stop))
         )
         lens = Lens(**values["lens"]) if "lens" in values else None
-        return cls(beam, values.get("carrier"), stop, lens)
+        return cls(beam, values.get("carrier"), stop, *(values.get(name, ()) for name in COLORS), lens=lens)
 
 
 ON_AXIS = Optics()

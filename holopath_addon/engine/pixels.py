@@ -6,6 +6,7 @@ directions hold, whose edge, 1 / (2 p), follows from the larger pitch p.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,44 @@ class Line(NamedTuple):
     first: float
     step: float
     count: int
+
+
+class Raster(NamedTuple):
+    """Where the pixels of a grid lie.
+
+    Attributes
+    ----------
+    shape : (int, int)
+        Rows and columns.
+    pitch : float or (float, float)
+        Meters.
+    middle : (float, float)
+        Of the grid, meters down and across.
+    """
+
+    shape: tuple[int, int]
+    pitch: Pitch
+    middle: tuple[float, float] = (0.0, 0.0)
+
+    def lines_on(self, other: Raster) -> list[Line]:
+        """Its rows and its columns on another grid."""
+        lines = []
+        each = zip(self.shape, axes(self.pitch), self.middle, strict=True)
+        theirs = zip(other.shape, axes(other.pitch), other.middle, strict=True)
+        for (count, own, middle), (n, pitch, aside) in zip(each, theirs, strict=True):
+            step = own / pitch
+            first = (n - 1) / 2 - step * (count - 1) / 2 + (middle - aside) / pitch
+            lines.append(Line(first, step, count))
+        return lines
+
+
+def beyond(lines: Sequence[Line], shape: Sequence[int]) -> int:
+    """Pixels that a grid has to be wider, both sides together, for lines to be on it."""
+    out = [
+        max(-line.first, line.first + line.step * (line.count - 1) - n + 1)
+        for line, n in zip(lines, shape, strict=True)
+    ]
+    return 2 * math.ceil(max(0.0, *out))
 
 
 def axes(pitch: Pitch) -> tuple[float, float]:

@@ -8,7 +8,7 @@ says which arrays make a field, `phases` what their numbers mean, `conventions` 
 from .containers import READABLE, SUFFIXES, Container, read, write
 from .conventions import CONVENTIONS, Convention
 from .holograms import Given, container_of, hologram_of
-from .optics import parse_beam, parse_carrier, parse_lens, parse_stop
+from .optics import parse_beam, parse_carrier, parse_colors, parse_lens, parse_stop
 from .parts import read_parts
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "hologram_of",
     "parse_beam",
     "parse_carrier",
+    "parse_colors",
     "parse_lens",
     "parse_stop",
     "read",

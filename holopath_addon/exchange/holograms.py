@@ -481,7 +481,7 @@ def _at_slm(field, distance, hologram):
         return field
     for colour, wavelength in enumerate(hologram.wavelengths):
         for frame in field:
-            frame[colour] = propagate(frame[colour], -distance, hologram.pitch, wavelength)
+            frame[colour] = propagate(frame[colour], -distance, hologram.pitch_at(wavelength), wavelength)
     return field
 
 

@@ -1,4 +1,6 @@
-"""The bench by words, as `--beam`, `--carrier`, `--stop` and `--lens` take them, and by other programs' arrays."""
+"""The bench by words, as `--beam`, `--carrier`, `--stop`, `--lens` and `--color-scale` take them, and with arrays of
+other programs' files.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +16,11 @@ from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
 STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
 LENS_WORDS = "MM[@MM[@MM]]|none"
+COLOR_WORDS = {
+    "color_scale": ("scale of colors", "S[,S..], one for each wavelength"),
+    "color_distance": ("distance of colors", "MM[,MM..], one for each wavelength"),
+    "color_shift": ("shift of colors", "X,Y[,X,Y..] in millimeters, two for each wavelength"),
+}
 # Unit of each kind's numbers in words, in that of `Beam`.
 _UNITS = {"tilt": math.radians(1), "point": 1e-3, "gaussian": 1e-3}
 _ROLES = ({FIELD}, {AMPLITUDE}, {INTENSITY}, {AMPLITUDE, PHASE}, {INTENSITY, PHASE})
@@ -65,6 +72,28 @@ def parse_carrier(text: str) -> tuple[float, float] | str:
     if len(numbers) != 2:
         raise InvalidInput(f"'{text}' is no carrier: give X,Y in units of the band's edge, or auto.")
     return numbers[0], numbers[1]
+
+
+def parse_colors(name: str, text: str) -> tuple:
+    """Where colors lie by words, see `engine.Optics`, in millimeters: a scale, a distance, or x and y for each.
+
+    Parameters
+    ----------
+    name : str
+        Of `engine.optics.COLORS`.
+    text : str
+
+    Raises
+    ------
+    InvalidInput
+    """
+    words, unit = COLOR_WORDS[name], 1.0 if name == "color_scale" else 1e-3
+    numbers = [unit * number for number in _numbers(text, text, words[0], words[1])]
+    if name != "color_shift":
+        return tuple(numbers)
+    if len(numbers) % 2:
+        raise InvalidInput(f"'{text}' is no {words[0]}: give {words[1]}.")
+    return tuple(zip(numbers[::2], numbers[1::2], strict=True))
 
 
 def parse_stop(text: str) -> Stop:

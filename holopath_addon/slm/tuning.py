@@ -145,6 +145,11 @@ class _Loop:
     def __init__(self, phase, field, calibration, colour, threads):
         hologram = phase.hologram
         self._wavelength, self._calibration = hologram.wavelengths[colour], calibration
+        if hologram.optics.colors_apart:
+            raise InvalidInput(
+                "Tuning looks at one color where the panel shows it: render and encode without --color-scale, "
+                "--color-distance and --color-shift."
+            )
         models = calibration.display([self._wavelength])
         if models is None or not calibration.plain:
             raise InvalidInput(

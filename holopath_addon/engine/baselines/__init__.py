@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..mapping import DepthMapping, places_on, squared
-from ..pixels import in_words
+from ..mapping import DepthMapping, squared
+from ..pixels import beyond, in_words
 from ..settings import BASELINES
 from ..waves.phase_fields import FEW_FRAMES
-from ..waves.propagation import TEACHING_GUARD, padded_shape, sampled, spectrum
+from ..waves.propagation import TEACHING_GUARD, carrier, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -101,15 +101,28 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """
     name = BASELINES[job.settings.method][0]
     module, hologram = importlib.import_module(f"{__name__}.{name}"), job.hologram
-    if hologram.square:
+    if hologram.plain:
         return module.field(job, progress)
     if name in OF_PIXELS:
+        other = "colors lie apart" if hologram.optics.colors_apart else f"are {in_words(hologram.pitch)}"
         raise InvalidInput(
-            f"The method {job.settings.method} finds phases of square pixels, and the display's are "
-            f"{in_words(hologram.pitch)}: choose another method."
+            f"The method {job.settings.method} finds phases of square pixels, and the display's {other}: "
+            "choose another method."
         )
     camera, square = squared(job.camera, hologram)
     waves = module.field(replace(job, camera=camera, hologram=square), progress)
-    padded = padded_shape(waves.shape[-2:], square.pitch, max(square.wavelengths), 0.0, TEACHING_GUARD)
-    lines = places_on(hologram, waves.shape[-2:], square.pitch)
-    return np.stack([[sampled(spectrum(wave, padded), lines) for wave in frame] for frame in waves])
+    shape = waves.shape[-2:]
+    out = np.empty((*waves.shape[:2], hologram.height, hologram.width), np.complex64)
+    for k, wavelength in enumerate(hologram.wavelengths):
+        lines, distance = (
+            hologram.raster(wavelength).lines_on(square.raster()),
+            hologram.distance_at(wavelength),
+        )
+        guard = max(TEACHING_GUARD, beyond(lines, shape))
+        padded = padded_shape(shape, square.pitch, wavelength, distance, guard)
+        transfer = transfer_function(padded, square.pitch, wavelength, distance) * carrier(
+            wavelength, distance
+        )
+        for m, wave in enumerate(moved(waves[:, k], transfer, lines)):
+            out[m, k] = wave
+    return out

@@ -494,8 +494,9 @@ class _Work:
         hologram, asked, optics = self.field.hologram, self._asked, self._optics[colour]
         if asked.supervision == "complex":
             return ComplexTarget(fields, asked.aperture, self._threads, optics, self._grid.pitch)
-        distances = _spread(*self._volume(), asked.planes)
-        grid = self._grid.pitch, hologram.wavelengths[colour]
+        distances = _spread(*self._volume(colour), asked.planes)
+        wavelength = hologram.wavelengths[colour]
+        grid = self._grid.pitch_at(wavelength), wavelength
         return AmplitudeTarget(fields, *grid, distances, self._threads, optics)
 
     def joint(self):
@@ -528,8 +529,9 @@ class _Work:
     def _views(self, colour):
         """What all frames together go towards in one wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        volume, frames = self._volume(), len(self.field.data)
-        space = self._shape, self._grid.pitch, hologram.wavelengths[colour], *volume
+        volume, frames = self._volume(colour), len(self.field.data)
+        wavelength = hologram.wavelengths[colour]
+        space = self._shape, self._grid.pitch_at(wavelength), wavelength, *volume
         return Views(*space, frames, seed, self._asked.eyebox, self._optics[colour])
 
     def _worth(self, views, number):
@@ -624,10 +626,11 @@ class _Work:
             return waves
         return waves * (np.conj(beam) / np.maximum(np.abs(beam), FAINT) ** 2)
 
-    def _volume(self):
-        """Distances between which the scene lies."""
+    def _volume(self, colour):
+        """Distances between which the scene lies, from the panel as a wavelength has it."""
         plan, hologram = self.field.plan, self.field.hologram
-        ends = plan.get("z_low", hologram.depth_far), plan.get("z_high", hologram.depth_near)
+        own = hologram.distance_at(hologram.wavelengths[colour])
+        ends = plan.get("z_low", hologram.depth_far) - own, plan.get("z_high", hologram.depth_near) - own
         return ends if ends[1] > ends[0] else (ends[0] - 1e-6, ends[0] + 1e-6)
 
     def _gain(self, colour):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..hologram import AerialImage
-from ..mapping import places_on
+from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
 from ..waves import despeckle, lens
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
@@ -127,7 +127,7 @@ def at_slm(recording: Recording, recorded: Recorded, display: Hologram, progress
         For silhouettes, the plan and where planes lie.
     recorded : Recorded
     display : Hologram
-        Whose pixels are wanted; where they are not square, rays were traced on a grid of squares, see `mapping`.
+        Whose pixels are wanted; rays may have been traced on another grid, see `mapping`.
     progress : callable
         ``progress(done, message)``, may raise.
 
@@ -142,16 +142,15 @@ def at_slm(recording: Recording, recorded: Recorded, display: Hologram, progress
     field = _in_scene(recording, recorded, OWN, stages["tracing"])
     if steps:
         _despeckle(recording, recorded, field, stages["despeckling"])
-    places, out = None, field
-    if not (display.square or behind_lens):
-        places = places_on(display, field.shape[-2:], hologram.pitch)
+    out, pixels = field, None if behind_lens or display.plain else display
+    if pixels is not None:
         out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
     with recording.clock("propagation"):
-        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, places=places):
+        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, display=pixels):
             out[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
-    if places is not None:
+    if out is not field:
         return out
     edge = recording.beyond + recording.plan.beside
     field = field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
@@ -233,11 +232,19 @@ def _despeckle(recording, recorded, field, progress):
             )
 
 
-def _moved(field, hologram, distance, carried=True, places=None) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack."""
-    shape = field.shape[-2:]
+def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack.
+
+    To a display that is where its pixels lie for the light of each wavelength.
+    """
+    shape, start = field.shape[-2:], distance
     for k, wavelength in enumerate(hologram.wavelengths):
-        padded = padded_shape(shape, hologram.pitch, wavelength, distance)
+        places, guard = None, 0
+        if display is not None:
+            distance = start + display.distance_at(wavelength)
+            places = display.raster(wavelength).lines_on(Raster(shape, hologram.pitch))
+            guard = beyond(places, shape)
+        padded = padded_shape(shape, hologram.pitch, wavelength, distance, guard)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         if carried:
             transfer = transfer * carrier(wavelength, distance)

@@ -10,10 +10,9 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..hologram import channel
-from ..mapping import places_on
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
-from ..pixels import Pitch, axes, coarsest
+from ..pixels import Pitch, axes, beyond, coarsest
 from ..progress import stage
 from ..waves.lens import Collins, behind_lens
 from ..waves.propagation import (
@@ -111,7 +110,7 @@ class Refocuser:
     def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES, own_pixels: bool = False) -> None:
         # what spectra are of: the SLM's pixels, or those of the image behind its lens
         self.field, self._grid = field, field.hologram.in_air
-        self._own = own_pixels or self._grid.square
+        self._own = own_pixels or self._grid.plain
         self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
         self._ways = [behind_lens(self._grid, wavelength) for wavelength in self._grid.wavelengths]
         self._spectra = {}  # by wavelength, frame and shape
@@ -142,9 +141,10 @@ class Refocuser:
         """FFT bins that pass the stop and the pupil; None for all of the band."""
         grid, wavelength = self._grid, self._grid.wavelengths[k]
         optics = grid.optics_at(wavelength)
-        mask = optics.passes(padded, grid.pitch) if optics.stopped else None
+        pitch = grid.pitch_at(wavelength)
+        mask = optics.passes(padded, pitch) if optics.stopped else None
         if pupil is not None:
-            part = pupil_mask(padded, grid.pitch, wavelength, self.field.mapping, pupil, optics)
+            part = pupil_mask(padded, pitch, wavelength, self.field.mapping, pupil, optics)
             mask = part if mask is None else mask & part
         return mask
 
@@ -156,11 +156,10 @@ class Refocuser:
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, 0.0)
             mask = self._mask(k, padded, pupil)
-            mask = circular_band(padded, hologram.pitch) if mask is None else mask
+            pitch, own = hologram.pitch_at(wavelength), hologram.distance_at(wavelength)
+            mask = circular_band(padded, pitch) if mask is None else mask
             ways = [
-                Collins(
-                    shape, hologram.pitch, wavelength, 1.0, z, images.shape[1:3], picture_pitch(hologram, z)
-                )
+                Collins(shape, pitch, wavelength, 1.0, z - own, images.shape[1:3], picture_pitch(hologram, z))
                 for z in distances
             ]
             for m in range(frames):
@@ -180,23 +179,25 @@ class Refocuser:
     def _near(self, distances, pupil, progress):
         """By angular spectra."""
         grid, (frames, colours) = self._grid, self.field.data.shape[:2]
-        shape, farthest = (grid.height, grid.width), float(np.abs(distances).max())
+        shape = grid.height, grid.width
+        aside = max(abs(grid.distance_at(wavelength)) for wavelength in grid.wavelengths)
+        farthest = float(np.abs(distances).max()) + aside
         for wavelength in grid.wavelengths:
-            needed = grid_bytes(shape, grid.pitch, wavelength, farthest, self._guard)
+            needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
-        places, size = None, shape
-        if not self._own:
-            picture = grid.picture
-            places, size = places_on(picture, shape, grid.pitch), (picture.height, picture.width)
+        size = shape if self._own else grid.picture.raster().shape
         images, done = np.empty((len(distances), *size, colours), np.float32), 0
         for k, wavelength in enumerate(grid.wavelengths):
-            padded = self._padded(k, farthest)
+            padded, pitch, places = self._padded(k, farthest), grid.pitch_at(wavelength), self._places(k)
             mask = self._mask(k, padded, pupil)
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
-                transfers = [transfer_function(padded, grid.pitch, wavelength, z) for z in distances[some]]
+                transfers = [
+                    transfer_function(padded, pitch, wavelength, z - grid.distance_at(wavelength))
+                    for z in distances[some]
+                ]
                 if mask is not None:
                     for transfer in transfers:
                         transfer *= mask
@@ -222,9 +223,18 @@ class Refocuser:
         return volume if min(np.subtract(volume, needed)) >= 0 else needed
 
     def _shape(self, k, distance):
+        grid, places = self._grid, self._places(k)
+        shape, wavelength, guard = (grid.height, grid.width), grid.wavelengths[k], self._guard
+        if places is not None:
+            guard = max(guard, beyond(places, shape))
+        return padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)
+
+    def _places(self, k):
+        """Where pixels of the picture lie between those of the panel; None where they are these."""
+        if self._own:
+            return None
         grid = self._grid
-        shape = grid.height, grid.width
-        return padded_shape(shape, grid.pitch, grid.wavelengths[k], distance, self._guard)
+        return grid.picture.raster().lines_on(grid.raster(grid.wavelengths[k]))
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))

@@ -134,7 +134,13 @@ class VirtualDriver:
         # neighbors blur the panel's own phases, of any turn, not what is left of them modulo 2 pi
         phases = self._truth.seen(level, wavelength, shape, self._modulator.shown)
         light = np.float32(self._hologram.gains[k]) * self._bare.light(phases)
-        alone = replace(self._hologram.hologram, wavelengths=(wavelength,))
         camera, near = self._hologram.camera, self._hologram.near
+        if hologram.optics.colors_apart:  # pictures of all colors have one grid, which all decide
+            whole = np.zeros((1, len(hologram.wavelengths), *shape), np.complex64)
+            whole[0, k] = light
+            return Refocuser(WaveField(whole, hologram, camera, near, modulated=True))([self.focus])[
+                0, ..., k
+            ]
+        alone = replace(hologram, wavelengths=(wavelength,))
         field = WaveField(light[None, None], alone, camera, near, modulated=True)
         return Refocuser(field)([self.focus])[0, ..., 0]
