@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -284,6 +285,14 @@ def _depth(survey: Survey) -> Decided[None]:
     reason = (
         "the volume ends at the nearest surface in view" if nearest else f"{hologram.depth_mapping} mapping"
     )
+    lens = hologram.optics.lens
+    if lens is not None:
+        width = (hologram.width - 2 * survey.beside) * hologram.pitch / 2
+        seen, camera = (2 * math.degrees(math.atan(width / f)) for f in (lens.focal, mapping.focal))
+        reason = (
+            f"eyepiece mapping by a lens of {lens.focal * 1e3:g} mm, through which the picture is {seen:.2g} degrees "
+            f"wide of the camera's {camera:.2g}"
+        )
     share = hologram.optics.opening[2]
     radii = [1e3 * share * mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     wide = f"{2 * min(radii):.3g} mm wide"
