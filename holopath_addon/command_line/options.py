@@ -11,7 +11,16 @@ from .. import engine
 from ..engine.optics import COLORS
 from ..engine.pixels import Pitch
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
-from ..exchange.optics import BEAM_WORDS, STOP_WORDS, parse_beam, parse_carrier, parse_colors, parse_stop
+from ..exchange.optics import (
+    BEAM_WORDS,
+    LENS_WORDS,
+    STOP_WORDS,
+    parse_beam,
+    parse_carrier,
+    parse_colors,
+    parse_lens,
+    parse_stop,
+)
 
 
 def argument(parse: Callable) -> Callable:
@@ -149,6 +158,14 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
         f"the carrier, or a picture of the plane (default: {kept or 'a circle, as large as it can be'})",
     )
     parser.add_argument(
+        "--lens",
+        metavar=LENS_WORDS,
+        help="a lens behind the SLM: its focal length, its distance from the SLM (default: the focal length), and the "
+        "distance of the picture behind it (default: the focal length), all in millimeters. With --depth-mapping "
+        "eyepiece somebody looks through it, and no picture is behind it "
+        f"(default: {kept or 'none'})",
+    )
+    parser.add_argument(
         "--color-scale",
         metavar="S[,S..]",
         help="magnification of each wavelength's picture over what it should be, which is made up for "
@@ -180,6 +197,8 @@ def optics_of(args: argparse.Namespace) -> dict[str, Any]:
         changes |= {"stop": parse_stop(args.stop), "carrier": None}
     if args.carrier is not None:
         changes["carrier"] = parse_carrier(args.carrier)
+    if args.lens is not None:
+        changes["lens"] = parse_lens(args.lens)
     for name in COLORS:
         if (text := getattr(args, name)) is not None:
             changes[name] = parse_colors(name, text)
@@ -192,7 +211,11 @@ def on_bench(thing, args: argparse.Namespace):
     if not changes:
         return thing
     hologram = thing.hologram
-    return replace(thing, hologram=replace(hologram, optics=replace(hologram.optics, **changes)))
+    optics = replace(hologram.optics, **changes)
+    ends = {}
+    if optics.lens != hologram.optics.lens:  # which has a volume of its own
+        ends = {"depth_far": None, "depth_near": None}
+    return replace(thing, hologram=replace(hologram, optics=optics, **ends))
 
 
 def _say(text):

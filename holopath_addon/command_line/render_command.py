@@ -450,7 +450,8 @@ def _resolution(text):
 
 def hologram_of(args, base):
     """Hologram from the flags over the scene's own."""
-    changes = {}
+    changes, optics = {}, options.optics_of(args)
+    lens = optics.get("lens", base.optics.lens)
     if args.display is not None:
         if args.resolution or args.pitch:
             raise engine.InvalidInput(
@@ -463,9 +464,9 @@ def hologram_of(args, base):
         changes["pitch"] = args.pitch
     if args.depth_range is not None:
         changes.update(zip(ENDS, (mm * 1e-3 for mm in args.depth_range), strict=True))
-    elif args.display is not None:
+    elif args.display is not None and lens is None:
         changes.update(zip(ENDS, args.display.depth_range, strict=True))
-    elif changes:
+    elif changes or lens != base.optics.lens:
         changes.update(dict.fromkeys(ENDS))
     if args.wavelengths is not None:
         changes["wavelengths"] = tuple(w * 1e-9 for w in args.wavelengths)
@@ -473,7 +474,7 @@ def hologram_of(args, base):
         changes["depth_mapping"] = args.depth_mapping
     if args.near is not None:
         changes["near"] = args.near
-    if optics := options.optics_of(args):
+    if optics:
         changes["optics"] = replace(base.optics, **optics)
     return replace(base, **changes)
 
@@ -533,9 +534,10 @@ def check_encoding(args, settings, hologram):
         raise engine.InvalidInput(
             "Double phase knows no display model: choose --encode sgd or joint, or leave out --response."
         )
-    if display is not None and hologram.optics != engine.Optics():
+    if display is not None and not hologram.flat_bench:
         raise engine.InvalidInput(
-            "A display that was fitted has a beam and a stop of its own: leave out --response, or the optics."
+            "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out "
+            "--response, or the optics."
         )
     if method == "refine" and settings.method in BASELINES:
         raise engine.InvalidInput(

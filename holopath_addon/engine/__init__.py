@@ -9,7 +9,7 @@ from .encoding import PhaseHologram, encode, interference
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram
 from .light.bake_store import BakeStore
-from .optics import Beam, Optics, Pupil, Stop
+from .optics import Beam, Lens, Optics, Pupil, Stop
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
 from .planning.phases import EncodingPlan, frames_along, plan_encoding
@@ -45,6 +45,7 @@ __all__ = [
     "FIXABLE",
     "Hologram",
     "InvalidInput",
+    "Lens",
     "Levels",
     "Modulator",
     "Optics",

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InvalidInput
-from .optics import Optics
+from .optics import ON_AXIS, Lens, Optics
 from .pixels import Pitch, Raster, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
@@ -17,6 +17,8 @@ from .settings import DEPTH_MAPPINGS
 # 8 µm. What is looked at first, between the near end and twice its distance, is at most 1.5 mm from the SLM. Measured:
 # docs/measurements.md, How near to the SLM.
 DEPTH_RANGE, SHORTER_SIDE = (-4e-3, 1e-3), 4.096e-3
+SHORTER_PIXELS, PIXEL = 512, 8e-6  # the same
+SAME = 1e-9  # meters between planes that are one
 LITTLE = 1e-6  # of a pixel: rounding
 MIN_CAPTURED = 0.9  # of the light; where less passes the aperture, borders are seen to be dark
 
@@ -37,7 +39,8 @@ class Hologram:
         whichever is nearest (`channel`).
     depth_far, depth_near : float
         Distance from the SLM of the far end (world infinity) and of the near end, metres, negative behind it. Default:
-        around the SLM, so that its aperture shows both without dark edges.
+        around the SLM, so that its aperture shows both without dark edges. With a lens and ``fit`` they are counted
+        from the plane of the image `in_air`; with a lens and ``eyepiece`` the far end is its front focal plane.
     depth_mapping : {'fit', 'eyepiece'}
         How world depth fills the volume, see `mapping.DepthMapping`.
     near : float, optional
@@ -84,6 +87,7 @@ class Hologram:
                     f"The pixel pitch {min(axes(self.pitch)) * 1e6:g} µm is too small for {wavelength * 1e9:g} nm: "
                     f"make it larger than half the wavelength."
                 )
+        self._check_lens()
         for name, default in zip(("depth_far", "depth_near"), self._depth_range(), strict=True):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, default)
@@ -104,14 +108,91 @@ class Hologram:
             raise InvalidInput(f"The near end of the scene must be a positive distance, not {self.near:g} m.")
         self.optics.check((self.height, self.width), self.pitch, self.wavelengths)
 
+    def _check_lens(self):
+        """Refuse a lens that does not go with the rest."""
+        lens = self.optics.lens
+        if lens is None:
+            return
+        if self.depth_mapping != "eyepiece":
+            if self.optics.stopped:
+                raise InvalidInput(
+                    "A carrier or a stop is for a relay's Fourier plane, and behind a lens the picture itself lies "
+                    "there: leave out the carrier and the stop, or the lens."
+                )
+            if self.optics.colors_apart:
+                raise InvalidInput(
+                    "Colors that lie apart are made up for without a picture behind a lens: leave out the scale, "
+                    "distance and shift of colors, or the lens."
+                )
+            pixel = _aerial_pitch(self)
+            if pixel <= max(self.wavelengths):
+                raise InvalidInput(
+                    f"The lens makes the picture's pixels {pixel * 1e6:.3g} µm wide, too small for light of "
+                    f"{max(self.wavelengths) * 1e9:g} nm: choose a longer focal length."
+                )
+            return
+        if lens.picture is not None:
+            raise InvalidInput(
+                "With the depth mapping eyepiece somebody looks through the lens, and there is no picture behind it: "
+                "leave out the picture's distance, or choose the depth mapping fit."
+            )
+        infinity = lens.distance - lens.focal
+        if self.depth_far is not None and abs(self.depth_far - infinity) > SAME:
+            raise InvalidInput(
+                f"The lens has infinity in its front focal plane, {infinity * 1e3:g} mm from the SLM, and the depth "
+                f"range has it at {self.depth_far * 1e3:g} mm: leave out the depth range, or give the lens another "
+                "distance."
+            )
+
     def _depth_range(self):
         """Depth range that the aperture shows without dark edges.
 
         Light spreads on its way to the SLM, by slope times distance, and what passes beside the aperture is lost to
-        the picture's border. So the volume lies around the SLM, and that of a small display is less deep.
+        the picture's border. So the volume lies around the SLM, and that of a small display is less deep. Around the
+        plane of an image behind a lens it is as deep in depths of focus.
         """
+        lens = self.optics.lens
+        if lens is not None and self.depth_mapping == "eyepiece":
+            far, span = lens.distance - lens.focal, DEPTH_RANGE[1] - DEPTH_RANGE[0]
+            return far, far + min(1.0, self.shorter_side / SHORTER_SIDE) * span
+        if lens is not None:
+            pixel = _aerial_pitch(self)
+            scale = min(1.0, self.shorter_side / coarsest(self.pitch) / SHORTER_PIXELS) * (pixel / PIXEL) ** 2
+            return tuple(end * scale for end in DEPTH_RANGE)
         scale = min(1.0, self.shorter_side / SHORTER_SIDE)
         return tuple(end * scale for end in DEPTH_RANGE)
+
+    @property
+    def in_air(self) -> Hologram:
+        """The hologram as the scene meets it: itself; behind a lens the `AerialImage` that stands there.
+
+        With the depth mapping eyepiece the volume lies before the lens, and that is the hologram itself.
+        """
+        if self.optics.lens is None or self.depth_mapping == "eyepiece":
+            return self
+        side, pitch = self.shorter_side, _aerial_pitch(self)
+        values = {each.name: getattr(self, each.name) for each in fields(self)} | {
+            "width": int(side / self.pitch_x + LITTLE),
+            "height": int(side / self.pitch_y + LITTLE),
+            "pitch": pitch,
+            "optics": ON_AXIS,
+        }
+        return AerialImage(**values, panel=self, shortest=min(self.wavelengths))
+
+    @property
+    def flat_bench(self) -> bool:
+        """Whether an even beam falls on the SLM, and the scene's light leaves it along the axis, to free space."""
+        return self.in_air is self and replace(self.optics, lens=None) == ON_AXIS
+
+    @property
+    def origin(self) -> str:
+        """What distances of the volume are counted from, in words."""
+        return "the SLM" if self.in_air is self else self.in_air.origin
+
+    @property
+    def opening(self) -> str:
+        """What cuts the light of pictures away from the `origin`, in words."""
+        return "the SLM's aperture"
 
     def captured_share(self, distance: float) -> float:
         """Share of the recordable cones' light, from a picture at `distance` in meters, that passes the aperture.
@@ -119,6 +200,8 @@ class Hologram:
         Geometric: the overlap of the picture and its copies shifted by slope times distance, averaged over
         the cone of the widest wavelength.
         """
+        if self.in_air is not self:
+            return self.in_air.captured_share(distance)
         n = 33
         axis = np.linspace(-1, 1, n)
         slope_y, slope_x = np.meshgrid(axis, axis, indexing="ij")
@@ -131,17 +214,23 @@ class Hologram:
 
     def lost_light(self, distance: float) -> str:
         """What a picture at `distance` in meters loses beside the aperture, in words; empty where that is little."""
+        if self.in_air is not self:
+            return self.in_air.lost_light(distance)
         captured = self.captured_share(distance)
         if captured >= MIN_CAPTURED:
             return ""
         border = self.border(distance)
         return (
-            f"Only {captured:.0%} of the light fits through the SLM's aperture at {abs(distance) * 1e3:.3g} mm: the "
+            f"Only {captured:.0%} of the light fits through {self.opening} at {abs(distance) * 1e3:.3g} mm: the "
             f"outer {border} pixels darken"
         )
 
     def max_slope(self, wavelength: float) -> float:
-        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the largest pitch."""
+        """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the largest pitch; behind a lens of
+        what the aperture sends there.
+        """
+        if self.in_air is not self:
+            return self.in_air.max_slope(wavelength)
         return math.tan(math.asin(wavelength / (2 * self._largest_pitch)))
 
     @property
@@ -186,8 +275,10 @@ class Hologram:
         """Grid of what is recorded and of pictures: squares of the largest pitch that cover the panel.
 
         The round cone, which is all that is recorded, has no more than that. Where nothing is to be made up for it is
-        the hologram itself.
+        the hologram itself, and behind a lens the image `in_air`.
         """
+        if self.in_air is not self:
+            return self.in_air
         if self.plain:
             return self
         pitch = self._largest_pitch
@@ -234,6 +325,64 @@ class Hologram:
     def from_dict(cls, values: dict, folder: Path | None = None) -> Hologram:
         """Inverse of `to_dict`; `folder` has the arrays of its `Optics`."""
         return cls(**{**values, "optics": Optics.from_dict(values.get("optics", {}), folder)})
+
+
+@dataclass(frozen=True)
+class AerialImage(Hologram):
+    """What stands in the air behind the lens of a hologram, as if it were the SLM: scenes are rendered on its grid.
+
+    z is counted from its plane, in the space that a field lens there makes telecentric. In the back focal plane of a
+    lens that stands its focal length behind the SLM there is nothing to be made; elsewhere what is z behind the plane
+    stands at z / (1 - z D / B), with B and D = 1 - L / f of the ray matrix, and is as much larger.
+
+    It is the image of the square in the panel's middle. All wavelengths share its grid, on which the shortest fills the
+    band. The aperture, the circle in that square, sends all of them through the same cone, so that of longer ones the
+    band is less: these reach farther than the grid, and resolve less.
+
+    Parameters
+    ----------
+    panel : Hologram
+        The hologram whose image it is.
+    shortest : float
+        Wavelength that fills the band, meters.
+    """
+
+    # pyrefly: ignore[bad-assignment]  # always given
+    panel: Hologram = None
+    shortest: float = 0.0
+
+    @property
+    def in_air(self) -> Hologram:
+        return self
+
+    @property
+    def lens(self) -> Lens:
+        """That of the bench."""
+        lens = self.panel.optics.lens
+        assert lens is not None
+        return lens
+
+    @property
+    def origin(self) -> str:
+        return "the picture's plane"
+
+    @property
+    def opening(self) -> str:
+        return "what the SLM's pixels reach there"
+
+    def raster(self, wavelength: float | None = None) -> Raster:
+        shape = self.height, self.width
+        if wavelength is None or wavelength <= self.shortest:
+            return Raster(shape, self.pitch)
+        return Raster(shape, (self.pitch, self.pitch, self.pitch * wavelength / self.shortest))
+
+    def max_slope(self, wavelength: float) -> float:
+        return math.tan(math.asin(wavelength / (2 * coarsest(self.pitch_at(wavelength)))))
+
+
+def _aerial_pitch(hologram):
+    """Pixel pitch behind a lens: as fine as light of the shortest wavelength from all of the panel's square."""
+    return min(hologram.wavelengths) * abs(hologram.optics.lens.reach) / hologram.shorter_side
 
 
 def _pitch(pitch):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .camera import Camera
-    from .hologram import Hologram
+    from .hologram import AerialImage, Hologram
 
 MAX_SHARE = 0.25  # of the picture's pixels: far from the SLM most of what more rays bring misses the aperture
 
@@ -41,7 +41,7 @@ class DepthMapping:
     focal : float
         F = hologram width / (2 tan(fov_x / 2)), metres.
     beta : float
-        Metres squared; F^2 is what a thin lens of focal length F does.
+        Metres squared; F^2 is what a thin lens of focal length F does, and f^2 what the lens of the bench does.
     z_far : float
         Hologram-space depth of world infinity, metres.
     centre_x, centre_y : float
@@ -66,10 +66,12 @@ class DepthMapping:
             World depth at `hologram.depth_near` for the `fit` mapping, metres; needed when
             ``hologram.near`` is not set.
         """
+        hologram = hologram.in_air
         width = hologram.width * hologram.pitch_x
         focal = width / (2 * math.tan(camera.fov_x / 2))
+        lens = hologram.optics.lens
         if hologram.depth_mapping == "eyepiece":
-            beta = focal**2
+            beta = lens.focal**2 if lens else focal**2
         else:
             near = hologram.near or near
             beta = (hologram.depth_near - hologram.depth_far) * near
@@ -106,6 +108,8 @@ def squared(camera: Camera, hologram: Hologram) -> tuple[Camera, Hologram]:
     camera : Camera
     hologram : Hologram
     """
+    if hologram.in_air is not hologram:
+        return camera, hologram.in_air
     if hologram.plain:
         return camera, hologram
     picture = hologram.picture
@@ -140,6 +144,22 @@ def widened(camera: Camera, hologram: Hologram, beside: int) -> tuple[Camera, Ho
     size = {"width": hologram.width + 2 * beside, "height": hologram.height + 2 * beside}
     wide = replace(hologram, **size, optics=hologram.optics.of_rays)
     return _seen_over(camera, wide.width / hologram.width), wide
+
+
+def filled(camera: Camera, image: AerialImage) -> tuple[Camera, AerialImage]:
+    """Camera and grid of an image of one wavelength alone, on pixels of which that fills the band.
+
+    It sees as much more than the picture that all wavelengths share as this one's light reaches farther.
+
+    Parameters
+    ----------
+    camera : Camera
+    image : AerialImage
+        Of one wavelength.
+    """
+    (wavelength,) = image.wavelengths
+    times = wavelength / image.shortest
+    return _seen_over(camera, times), replace(image, pitch=image.pitch * times, shortest=wavelength)
 
 
 def _seen_over(camera, times):

@@ -1,4 +1,4 @@
-"""The bench around the SLM: the beam that falls on it, the stop behind it, and the viewer's pupil.
+"""The bench around the SLM: the beam that falls on it, stop and lens behind it, and the viewer's pupil.
 
 One word has one meaning: the pupil is the viewer's, the stop the relay's, the aperture the SLM's.
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,6 +47,9 @@ STOPS = {
 }
 ZERO_ORDER = (
     0.02  # of the band's edge: as far around it an off-axis stop is closed, 5 bins of 256 pixels and more
+)
+IMAGE = (
+    1e-3  # of the way from the SLM to the picture's plane: with a smaller reach that is the SLM's own image
 )
 COLORS = ("color_scale", "color_distance", "color_shift")
 SCALES = 0.5, 2.0  # least and largest of a color
@@ -288,6 +291,67 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Lens:
+    """A thin lens behind the SLM.
+
+    Somebody looks through it (depth mapping ``eyepiece``), or the picture stands in the air behind it (``fit``).
+
+    Parameters
+    ----------
+    focal : float
+        Focal length f, meters, over 0.
+    distance : float, optional
+        L, from the SLM to the lens, meters, 0 or more. Default: f.
+    picture : float, optional
+        s, from the lens to the plane that the picture stands around, meters, over 0. Default: f, the back focal plane.
+
+    Raises
+    ------
+    InvalidInput
+        On a lens that cannot be, or a picture's plane that is the SLM's own image.
+    """
+
+    focal: float
+    # pyrefly: ignore[bad-assignment]  # a number from `__post_init__` on
+    distance: float = None
+    picture: float | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "focal", float(self.focal))
+        object.__setattr__(self, "distance", float(self.focal if self.distance is None else self.distance))
+        if not (math.isfinite(self.focal) and self.focal > 0):
+            raise InvalidInput(f"The focal length of a lens is over 0, not {self.focal * 1e3:g} mm.")
+        if not (math.isfinite(self.distance) and self.distance >= 0):
+            raise InvalidInput(
+                f"A lens stands behind the SLM, 0 mm away or more, not {self.distance * 1e3:g} mm."
+            )
+        if self.picture is None:
+            return
+        object.__setattr__(self, "picture", float(self.picture))
+        if not (math.isfinite(self.picture) and self.picture > 0):
+            raise InvalidInput(
+                f"The picture stands behind the lens, over 0 mm away, not {self.picture * 1e3:g} mm."
+            )
+        if abs(self.reach) < IMAGE * (self.distance + self.picture):
+            raise InvalidInput(
+                f"The plane {self.picture * 1e3:g} mm behind the lens is the SLM's own image, where each pixel is a "
+                "point: put the picture elsewhere, as in the back focal plane, which is the default."
+            )
+
+    @property
+    def curvature(self) -> float:
+        """A = 1 - s / f of the ray matrix from the SLM to the picture's plane; 0 in the back focal plane."""
+        return 0.0 if self.picture is None else 1 - self.picture / self.focal
+
+    @property
+    def reach(self) -> float:
+        """B = L + s - L s / f of the ray matrix, meters: how far aside light of a slope of 1 on the axis arrives."""
+        if self.picture is None:
+            return self.focal
+        return self.distance + self.picture - self.distance * self.picture / self.focal
+
+
+@dataclass(frozen=True)
 class Optics:
     """The bench around the SLM. By default light falls evenly on it, and a round stop lets through its band.
 
@@ -307,6 +371,8 @@ class Optics:
         How far each wavelength's picture lies too near to the viewer, meters. Default: 0.
     color_shift : sequence of (float, float)
         How far each wavelength's picture lies aside, meters to the right and up. Default: 0.
+    lens : Lens, optional
+        Behind the SLM and its relay. Default: none.
 
     For light of a wavelength the panel's pixels lie where lenses image them: as far apart, at that distance and that
     far aside. Free space begins there.
@@ -324,6 +390,7 @@ class Optics:
     color_scale: tuple = ()
     color_distance: tuple = ()
     color_shift: tuple = ()
+    lens: Lens | None = None
 
     def __post_init__(self):
         self._set_colors()
@@ -514,6 +581,8 @@ class Optics:
                 told[name] |= {"sha256": part.digest} if part.digest else {}
         if self.stopped:
             told["carrier"] = list(self.carrier)
+        if self.lens is not None:
+            told["lens"] = asdict(self.lens)
         for name in COLORS:
             if getattr(self, name):
                 told[name] = [list(each) if isinstance(each, tuple) else each for each in getattr(self, name)]
@@ -538,7 +607,8 @@ class Optics:
             _part(kind, values.get(name, {}), folder, f"{name}.npy")
             for name, kind in (("beam", Beam), ("stop", Stop))
         )
-        return cls(beam, values.get("carrier"), stop, *(values.get(name, ()) for name in COLORS))
+        lens = Lens(**values["lens"]) if "lens" in values else None
+        return cls(beam, values.get("carrier"), stop, *(values.get(name, ()) for name in COLORS), lens=lens)
 
 
 ON_AXIS = Optics()

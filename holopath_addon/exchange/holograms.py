@@ -448,14 +448,16 @@ def _optics(attributes, given):
         return Optics.from_dict(json.loads(attributes["optics"]))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInput(
-            f"The file's optics cannot be read ({error}): give --beam, --carrier and --stop."
+            f"The file's optics cannot be read ({error}): give --beam, --carrier, --stop and --lens."
         ) from error
 
 
 def _camera(attributes, fov, hologram):
     said = attributes.get("camera")
     if said is None:
-        default = 2 * math.atan(hologram.width * hologram.pitch_x / (2 * FOCAL))
+        grid, lens = hologram.in_air, hologram.optics.lens
+        focal = lens.focal if lens and hologram.depth_mapping == "eyepiece" else FOCAL
+        default = 2 * math.atan(grid.width * grid.pitch_x / (2 * focal))
         return Camera(np.eye(4), fov or default)
     try:
         camera = Camera.from_dict(json.loads(said))

@@ -1,5 +1,5 @@
-"""The bench by words, as `--beam`, `--carrier`, `--stop` and `--color-scale` take them, and with arrays of other
-programs' files.
+"""The bench by words, as `--beam`, `--carrier`, `--stop`, `--lens` and `--color-scale` take them, and with arrays of
+other programs' files.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine import Beam, InvalidInput, Stop
+from ..engine import Beam, InvalidInput, Lens, Stop
 from .containers import read
 from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
 
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
 STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
+LENS_WORDS = "MM[@MM[@MM]]|none"
 COLOR_WORDS = {
     "color_scale": ("scale of colors", "S[,S..], one for each wavelength"),
     "color_distance": ("distance of colors", "MM[,MM..], one for each wavelength"),
@@ -124,6 +125,25 @@ def measured_stop(path: Path) -> Stop:
     """The stop of a picture, which is open where it is bright; raises as `parse_stop` does."""
     array = _array("stop", path)
     return Stop("measured", measured=array > array.max() / 2)
+
+
+def parse_lens(text: str) -> Lens | None:
+    """The lens of words, all in millimeters: its focal length, how far behind the SLM it stands, and how far behind it
+    the picture does; None of ``none``.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if text == "none":
+        return None
+    try:
+        numbers = [1e-3 * float(part) for part in text.split("@")]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 3:
+        raise InvalidInput(f"'{text}' is no lens: give {LENS_WORDS}.")
+    return Lens(*numbers)
 
 
 def stop_files(text: str | None) -> dict[str, Path]:

@@ -95,6 +95,10 @@ def tune(
         raise InvalidInput(f"The hologram has no {wavelength * 1e9:g} nm, only {known} nm.")
     if field.data.shape != phase.data.shape:
         raise InvalidInput("The phases are of another field: encode this one, then tune its phases.")
+    if phase.hologram.in_air is not phase.hologram:
+        raise InvalidInput(
+            "A display is fitted without a lens behind it, and these phases are for one: tune phases of free space."
+        )
     if rounds < 1:
         raise InvalidInput(f"Phases are tuned in one round or more, not in {rounds}.")
     colour, best, decibels = colours[0], phase.data[:, colours[0]], []

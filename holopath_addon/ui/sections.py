@@ -73,7 +73,9 @@ def depth(layout: UILayout, context: Context) -> None:
     if properties.depth_is_auto(props):
         with suppress(engine.InvalidInput):
             hologram = properties.hologram_of(props)
-            ends = f"{hologram.depth_far * 1e3:.3g} to {hologram.depth_near * 1e3:.3g} mm from the SLM"
+            ends = (
+                f"{hologram.depth_far * 1e3:.3g} to {hologram.depth_near * 1e3:.3g} mm from {hologram.origin}"
+            )
             wrapped(layout, context, ends)
     else:
         column = layout.column(align=True)

@@ -185,6 +185,17 @@ def test_a_measured_beam_in_other_programs_files(folder, tmp_path):
     assert exchange.hologram_of(container, given).hologram == phase.hologram
 
 
+def test_words_of_a_lens():
+    lens = engine.Lens
+    assert exchange.parse_lens("100") == lens(0.1) == lens(0.1, 0.1)
+    assert exchange.parse_lens("100@50") == lens(0.1, 0.05)
+    assert exchange.parse_lens("100@50@120") == lens(0.1, 0.05, 0.12)
+    assert exchange.parse_lens("none") is None
+    for words in ("", "100@", "@50", "1@2@3@4", "a@b"):
+        with pytest.raises(engine.InvalidInput, match="is no lens: give MM"):
+            exchange.parse_lens(words)
+
+
 def test_words_of_a_stop(tmp_path):
     stop = engine.Stop
     assert exchange.parse_stop("circle") == stop() and exchange.parse_stop("circle:0.4") == stop(

@@ -12,10 +12,10 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
-from ..optics import ON_AXIS
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
+from ..waves.lens import behind_lens
 from ..waves.modulator import Levels, wrapped
 from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import filtered
@@ -106,8 +106,10 @@ def encode(
         Of the optimisation: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such as
         that of the frame before in an animation.
     randomness : float, optional
-        Of all frames together: the descent begins with phases `randomness` times those of a random map, at the SLM,
-        rather than with those of the field, and each frame for itself is left out. With 0 all pixels are in phase, and
+        Of all frames together: the descent begins with phases `randomness` times those of a random map, at the SLM or
+        on the picture behind a lens,
+        rather than with those of the field, and each frame for itself is left out. Behind a lens few frames begin so,
+        with 1. With 0 all pixels are in phase, and
         with 1 phases are random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo et al.,
         Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
     eyebox : float, optional
@@ -139,10 +141,20 @@ def encode(
     Cancelled
     """
     looked = eyebox_for(len(field.data)) if eyebox is None else eyebox
+    free, few = randomness is None and start == "arg", randomness_for(len(field.data), looked)
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
-        if method == "joint" and randomness is None and start == "arg":
-            randomness = randomness_for(len(field.data), looked)
+        if method == "joint" and free:
+            randomness = few
+    if (
+        field.hologram.in_air is not field.hologram
+        and method in ("joint", "refine")
+        and free
+        and few is not None
+    ):
+        randomness = (
+            1.0  # phases of few frames are smooth: such a picture's light meets the middle of the SLM alone
+        )
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
     asked = _Asked(
@@ -251,9 +263,10 @@ class _Asked:
             raise InvalidInput(
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
-        if self.display is not None and field.hologram.optics != ON_AXIS:
+        if self.display is not None and not field.hologram.flat_bench:
             raise InvalidInput(
-                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
+                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or "
+                "the hologram's optics."
             )
         for each in self.levels or ():
             for name in ("correction", "variation"):
@@ -349,8 +362,12 @@ class _Work:
             for colour in range(count)
         ]
         self._beams = [hologram.illumination(colour) for colour in range(count)]
+        self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
+        self._grid = hologram.in_air
+        if self._ways[0] is not None:
+            self._shape = self._grid.height, self._grid.width
         self._passes = [
-            hologram.optics.passes(self._shape, hologram.pitch_at(w)) for w in hologram.wavelengths
+            hologram.optics.passes(self._shape, self._grid.pitch_at(w)) for w in hologram.wavelengths
         ]
         self.report = {
             "bits": asked.bits,
@@ -385,6 +402,8 @@ class _Work:
         data = self.field.data
         energy = alike = 0.0
         for frame in data:
+            if self._ways[0] is not None:
+                frame = np.stack([self._seen(wave, colour) for colour, wave in enumerate(frame)])
             energy += float(np.vdot(frame, frame).real)
             alike += abs(np.vdot(frame[..., :-1, :], frame[..., 1:, :]))
             alike += abs(np.vdot(frame[..., :-1], frame[..., 1:]))
@@ -406,13 +425,11 @@ class _Work:
 
     def double_phase(self):
         """The method dpac; the gain is one for all frames, as their mean intensity counts."""
-        half = half_band(self.field.data.shape[-2:])
-        frames, count = self.field.data.shape[:2]
+        frames, count, *shape = self.field.data.shape
         for colour in self.colours:
-            keep = half & self._passes[colour]
-            waves = np.empty((frames, *keep.shape), np.complex64)
+            waves = np.empty((frames, *shape), np.complex64)
             for frame in range(frames):
-                waves[frame] = filtered(self._fields(frame, colour), keep)
+                waves[frame] = self._checkered(frame, colour)
                 self._progress((colour + 0.7 * (frame + 1) / frames) / count, "Encoding")
             waves = self._at_pixels(waves, colour)
             level = clipping_level(waves, self._beams[colour]) or 1
@@ -432,17 +449,16 @@ class _Work:
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
             elif randomness is not None:
-                frames, _, rows, columns = data.shape
-                begun = random_phasors(frames, rows, columns, self._asked.effort.seed, randomness)
+                size, way = (len(data), self._grid.height, self._grid.width), self._ways[colour]
+                begun = random_phasors(*size, self._asked.effort.seed, randomness)
+                begun = begun if way is None else way.back(begun)
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
             elif display is not None:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
-                waves = self._at_pixels(
-                    filtered(data[:, colour], half_band(data.shape[-2:]) & self._passes[colour]), colour
-                )
+                waves = self._at_pixels(self._checkered(slice(None), colour), colour)
                 level = clipping_level(waves, self._beams[colour]) or 1
                 self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
             else:
@@ -488,7 +504,7 @@ class _Work:
         """What `sgd` compares the light of some frames with."""
         hologram, asked = self.field.hologram, self._asked
         wavelength = hologram.wavelengths[colour]
-        pitch = hologram.pitch_at(wavelength)
+        pitch = self._grid.pitch_at(wavelength)
         if asked.supervision == "complex":
             return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics, pitch)
         distances = _spread(*self._volume(colour), asked.planes)
@@ -515,7 +531,7 @@ class _Work:
                     if colour in wanted:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(self._wide(fields[:, place] * scale))
+                        wanted[colour].add(self._wide(self._seen(fields[:, place] * scale, colour)))
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
@@ -526,10 +542,10 @@ class _Work:
         hologram, seed = self.field.hologram, self._asked.effort.seed
         volume, frames = self._volume(colour), len(self.field.data)
         wavelength = hologram.wavelengths[colour]
-        space = self._shape, hologram.pitch_at(wavelength), wavelength, *volume
-        places = None
-        if not hologram.plain:
-            lines = hologram.picture.raster().lines_on(hologram.raster(wavelength))
+        grid, places = self._grid, None
+        space = self._shape, grid.pitch_at(wavelength), wavelength, *volume
+        if not grid.plain:
+            lines = grid.picture.raster().lines_on(grid.raster(wavelength))
             places = [line._replace(first=line.first + self._margin) for line in lines]
         return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places, self._heard)
 
@@ -598,9 +614,22 @@ class _Work:
             raise _TimeUp
 
     def _fields(self, which, colour):
-        """Complex fields of some frames, of root mean square 1 over all; a copy."""
+        """Complex fields of some frames where light is compared, of root mean square 1 at the SLM over all; a copy."""
         fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
-        return self._wide(fields)
+        return self._wide(self._seen(fields, colour))
+
+    def _seen(self, fields, colour):
+        """Fields of the SLM where light is compared: there, or on the plane of the picture behind its lens."""
+        way = self._ways[colour]
+        return fields if way is None else way.there(fields)
+
+    def _checkered(self, which, colour):
+        """Complex fields of some frames at the SLM, of what every second pixel of it can show."""
+        keep = half_band(self.field.data.shape[-2:])
+        if self._ways[colour] is None:
+            keep &= self._passes[colour]
+        fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
+        return filtered(fields, keep)
 
     def _wide(self, fields):
         """With dark around them as wide as the display's margin."""
@@ -631,6 +660,7 @@ class _Work:
             light = np.exp(np.complex64(1j) * phase) if display is None else display.light(phase)
             if self._beams[colour] is not None:
                 light *= self._beams[colour]
+            light = self._seen(light, colour)
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
@@ -647,7 +677,7 @@ class _Work:
         levels = self._levels[colour]
         ends = WHOLE if levels is None else levels.ends
         display, beam = self._displays[colour], self._beams[colour]
-        phases = Phases(self.phases[group, colour], self._threads, display, ends, beam)
+        phases = Phases(self.phases[group, colour], self._threads, display, ends, beam, self._ways[colour])
         try:
             yield phases
         finally:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..hologram import AerialImage
 from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
-from ..waves import despeckle
+from ..waves import despeckle, lens
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
 from ..waves.propagation import carrier, commensurate, moved, padded_shape, transfer_function
 
@@ -106,22 +108,42 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
         Of the picture, without what was traced beside it.
     """
     hologram, steps = recording.hologram, recording.settings.despeckle
+    behind_lens = isinstance(hologram, AerialImage)
     stages = Stages(progress, DESPECKLED if steps else PLAIN)
     field = _in_scene(recording, tracing, OWN, stages["tracing"])
     if steps:
         _despeckle(recording, tracing, field, stages["despeckling"])
-    out = field
-    if not display.plain:
+    out, pixels = field, None if behind_lens or display.plain else display
+    if pixels is not None:
         out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
     with recording.clock("propagation"):
-        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, display=display):
+        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, display=pixels):
             out[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
-    if not display.plain:
+    if out is not field:
         return out
     edge = recording.beyond + recording.plan.beside
-    return field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
+    field = field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
+    if not behind_lens:
+        return field
+    with recording.clock("propagation"):
+        return _through_lens(field, hologram, display)
+
+
+def _through_lens(field, image, display):
+    """Fields on the plane of an `AerialImage`, whose pixels are those of its wavelengths, at the SLM of a display."""
+    out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
+    shared = display.in_air
+    # a pixel's light is spread over more of those that all wavelengths share
+    times = np.float32(image.pitch / shared.pitch)
+    image = replace(shared, pitch=image.pitch, shortest=image.shortest, wavelengths=image.wavelengths)
+    for k, wavelength in enumerate(image.wavelengths):
+        way = lens.behind_lens(image, wavelength)
+        assert way is not None
+        for frame, wave in zip(out[:, k], field[:, k], strict=True):
+            frame[:] = times * way.back(wave)
+    return out
 
 
 def _in_scene(recording, tracing, number, progress):
@@ -189,7 +211,7 @@ def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tu
     shape, start = field.shape[-2:], distance
     for k, wavelength in enumerate(hologram.wavelengths):
         places, guard = None, 0
-        if display is not None and not display.plain:
+        if display is not None:
             distance = start + display.distance_at(wavelength)
             places = display.raster(wavelength).lines_on(Raster(shape, hologram.pitch))
             guard = beyond(places, shape)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..mapping import squared, widened
+from ..hologram import AerialImage
+from ..mapping import filled, squared, widened
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of, straight_share
@@ -46,7 +47,7 @@ class PlannedRender:
     Attributes
     ----------
     camera, hologram : Camera, Hologram
-        Of square pixels, and as wide as the plan says.
+        Of square pixels, and as wide as the plan says; behind a lens those of the image there.
     cache : RadianceCache or None
         Baked light, after `bake`.
     baked : Bake or None
@@ -96,10 +97,12 @@ class PlannedRender:
 
     @cached_property
     def groups(self) -> Sequence[tuple[float, ...]]:
-        """Wavelengths that share their rays: all, or each for itself where glass in view disperses."""
+        """Wavelengths that share their rays: all; each for itself behind a lens, or where glass in view disperses."""
         from ..scene.dispersion import wavelength_groups
 
         wavelengths = self.hologram.wavelengths
+        if isinstance(self.hologram, AerialImage):
+            return [(wavelength,) for wavelength in wavelengths]
         return [wavelengths] if self.plan.traversals == 1 else wavelength_groups(self.scene, wavelengths)
 
     @contextmanager
@@ -113,12 +116,14 @@ class PlannedRender:
     def _recording(self, group):
         from ..tracing.recording import Recording
 
-        part, plan = replace(self.hologram, wavelengths=group), self.plan
+        camera, part, plan = self.camera, replace(self.hologram, wavelengths=group), self.plan
+        if isinstance(part, AerialImage):
+            camera, part = filled(camera, part)
         if self.cache is not None:
             with self.clock("radiance"):
-                plan = planner.once_baked(plan, self.scene, self.camera, part, self.settings, self.cache)
+                plan = planner.once_baked(plan, self.scene, camera, part, self.settings, self.cache)
         with self.clock("optics"):
-            what = self.scene, self.camera, part, self.settings, plan, self.clock
+            what = self.scene, camera, part, self.settings, plan, self.clock
             return Recording(*what, cache=self.cache)
 
     def error(self, errors: Sequence[float | None]) -> float | None:

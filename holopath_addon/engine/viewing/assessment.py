@@ -10,6 +10,7 @@ import numpy as np
 import scipy.fft
 
 from ..optics import Pupil
+from ..waves.lens import behind_lens
 from .metrics import psnr
 from .reconstruction import to_rgb
 from .reference import reference
@@ -207,17 +208,22 @@ def slices(refocus: Refocuser, focus: float, seen: Iterable[Pupil], row: int) ->
 def efficiency(phase: PhaseHologram) -> list[float]:
     """Share of the modulated light within the stop, or the recordable cone, for each wavelength; the rest goes astray.
 
-    Modulated is the beam of the hologram's optics.
+    Modulated is the beam of the hologram's optics. Behind a lens it is what meets the grid of the picture.
     """
-    hologram, found = phase.hologram, []
+    hologram, grid = phase.hologram, phase.hologram.in_air
+    shape = grid.height, grid.width
+    found = []
     for colour, wavelength in enumerate(hologram.wavelengths):
-        band = hologram.optics.passes(phase.data.shape[-2:], hologram.pitch_at(wavelength))
         inside = total = 0.0
+        band = hologram.optics.passes(shape, grid.pitch_at(wavelength))
+        way = behind_lens(hologram, wavelength)
         illumination = phase.hologram.illumination(colour)
         beam = 1 if illumination is None else illumination
         for frame in phase.data[:, colour]:
-            power = np.abs(scipy.fft.fft2(beam * np.exp(1j * frame.astype(np.float64)))) ** 2
-            inside, total = inside + power[band].sum(), total + power.sum()
+            light = beam * np.exp(1j * frame.astype(np.float64))
+            total += math.prod(shape) * (np.abs(light) ** 2).sum()
+            power = np.abs(scipy.fft.fft2(light if way is None else way.there(light))) ** 2
+            inside += power[band].sum()
         found.append(inside / total)
     return found
 
