@@ -194,7 +194,9 @@ def made(parts: dict) -> Any:
     try:
         return mi.load_dict(parts, parallel=False)
     except RuntimeError as error:
-        if KeyboardInterrupt.__name__ in str(error):  # in the constructor of a class of ours, told as a text alone
+        if KeyboardInterrupt.__name__ in str(
+            error
+        ):  # in the constructor of a class of ours, told as a text alone
             raise KeyboardInterrupt from error
         raise
 

@@ -376,7 +376,9 @@ def test_cancelling_keeps_what_is_done(method):
     told = []
 
     def progress(done, message):
-        if "dB" in message and (done, message) not in told[-1:]:  # a step is told again while the next one is made
+        if (
+            "dB" in message and (done, message) not in told[-1:]
+        ):  # a step is told again while the next one is made
             told.append((done, message))
         if len(told) == 25:
             raise engine.Cancelled
