@@ -20,6 +20,9 @@ FOCI, POSITIONS, SHARE, VIEWS, SLICE = 13, 5, 0.5, 9, 0.25
 COMPARED = slice(None, None, 2)  # of the foci, beside path tracing
 SIZES = (1.0, 0.5, 0.25, 0.125)  # of the pupil's diameter
 PATHS = 64  # a pixel and color, of a path-traced picture
+LARGE = (
+    1 << 19
+)  # pixels, from which on parts of the pupil are looked through at no more pixels than these need
 
 
 def add(command):
@@ -67,21 +70,50 @@ def _report(args):
     field = phase.field() if lone else output.stored_field(folder)
     truth = _truth(args, field, progress.say)
     stored = stage(progress, 0.0, 0.2) if truth else progress
-    focusing, looking, moving, encoding = parts(stored, 4)
+    told = Stages(stored, {"foci": 0.4, "eyebox": 0.6, "parallax": 0.65, "phases": 1.0})
     rows, sections, depths = [], [], _depths(field)
-    refocus, middle = Refocuser(field), depths[FOCI // 2]
-    images = refocus(depths, progress=focusing)
+    refocus, middle = _refocuser(field), depths[FOCI // 2]
+    images = refocus(depths, progress=told["foci"])
     rows += _focus(sections, field, depths, images)
-    rows += _eyebox(sections, refocus, middle, images[FOCI // 2], looking)
-    seen = _parallax(sections, refocus, middle, moving)
+    rows += _eyebox(sections, refocus, middle, images[FOCI // 2], told["eyebox"])
+    seen = _parallax(sections, refocus, middle, told["parallax"])
     if phase is not None:
-        rows += _phases(sections, phase, None if lone else refocus, middle, encoding)
+        rows += _phases(
+            sections,
+            phase,
+            None if lone else refocus,
+            middle,
+            images[FOCI // 2 : FOCI // 2 + 1],
+            told["phases"],
+        )
     sections.append(("Bench", f"<figure>{svg_sketch(field.hologram)}</figure>"))
     if truth:
-        light = refocus if phase is None or lone else Refocuser(phase.field())
+        light = refocus if phase is None or lone else _refocuser(phase.field())
         rows += _beside_paths(sections, truth, light, depths, seen, stage(progress, 0.2, 1.0))
     write(page, folder, field, sections, rows)
     progress(1.0, f"Done: {page}")
+
+
+def _refocuser(field):
+    return Refocuser(field, max_apart=_apart(field, SLICE))
+
+
+def _apart(field, share):
+    """Pixels between those of pictures through such a share of the pupil, whose light needs no more of them."""
+    return round(1 / share) if math.prod(field.data.shape[-2:]) >= LARGE else 1
+
+
+def _through(refocus, focus, grid, progress, message):
+    """Of each part of the pupil on a grid its place, itself, and how to look through it."""
+    places = [(row, column) for row, line in enumerate(grid) for column, pupil in enumerate(line) if pupil]
+    for (row, column), told in zip(places, parts(progress, len(places)), strict=True):
+        pupil = grid[row][column]
+        apart = _apart(refocus.field, SHARE)
+
+        def look(refocus, told=told, pupil=pupil, apart=apart):
+            return refocus([focus], pupil, lambda done, _: told(done, message), apart)
+
+        yield row, column, pupil, look
 
 
 def _depths(field):
@@ -116,12 +148,8 @@ def _eyebox(sections, refocus, focus, whole, progress):
     field = refocus.field
     grid = assessment.pupils(field, SHARE, POSITIONS)
     found = np.full((POSITIONS, POSITIONS), math.nan)
-    for row, line in enumerate(grid):
-        for column, pupil in enumerate(line):
-            progress((row * POSITIONS + column) / POSITIONS**2, "Eyebox")
-            if pupil is not None:
-                picture = refocus([focus], pupil)[0]
-                found[row, column] = assessment.brightness(field, picture, whole, pupil)
+    for row, column, pupil, look in _through(refocus, focus, grid, progress, "Eyebox"):
+        found[row, column] = assessment.brightness(field, look(refocus)[0], whole, pupil)
     radius = assessment.pupil_radius(field)
     text = (
         f"<p>The pupil that all colors fill is {2e3 * radius:.3g} mm wide. How bright is the picture for an eye whose "
@@ -140,8 +168,8 @@ def _parallax(sections, refocus, focus, progress):
         engine.Pupil(float(x) + right, up, 2 * SLICE * assessment.pupil_radius(field))
         for x in np.linspace(-reach, reach, VIEWS)
     ]
-    progress(0.0, "Parallax")
-    lines = assessment.slices(refocus, focus, seen, field.hologram.picture.height // 2)
+    what = refocus, focus, seen, field.hologram.picture.height // 2
+    lines = assessment.slices(*what, lambda done, _: progress(done, "Parallax"), _apart(field, SLICE))
     text = (
         f"The middle row of the picture, through a quarter of the pupil that goes from left to right, over "
         f"{2e3 * reach:.3g} mm; focus at {named(focus)}. What stands still lies at the focus; what leans lies before "
@@ -156,8 +184,8 @@ def _tall(lines):
     return np.repeat(np.repeat(lines, 12, axis=0), max(1, 768 // lines.shape[1]), axis=1)
 
 
-def _phases(sections, phase, refocus, focus, progress):
-    shares = assessment.efficiency(phase)
+def _phases(sections, phase, refocus, focus, whole, progress):
+    shares = assessment.efficiency(phase, stage(progress, 0.0, 0.2))
     names = [f"{w * 1e9:.4g} nm" for w in phase.hologram.wavelengths]
     cells = "".join(
         f"<tr><th>{name}</th><td>{share:.0%}</td></tr>" for name, share in zip(names, shares, strict=True)
@@ -168,16 +196,14 @@ def _phases(sections, phase, refocus, focus, progress):
     )
     rows = [("efficiency", name, share) for name, share in zip(names, shares, strict=True)]
     if refocus is not None:
-        shown = Refocuser(phase.field())
+        shown = _refocuser(phase.field())
         grid = assessment.pupils(refocus.field, SHARE, POSITIONS)
         found = np.full((POSITIONS, POSITIONS), math.nan)
-        for row, line in enumerate(grid):
-            for column, pupil in enumerate(line):
-                progress((row * POSITIONS + column) / POSITIONS**2, "Phases")
-                if pupil is not None:
-                    views = shown([focus], pupil), refocus([focus], pupil)
-                    (found[row, column],) = assessment.loss(*views)
-        (middle,) = assessment.loss(shown([focus]), refocus([focus]))
+        at = stage(progress, 0.2, 0.95)
+        for row, column, _, look in _through(refocus, focus, grid, at, "Phases"):
+            (found[row, column],) = assessment.loss(look(shown), look(refocus))
+        at = stage(progress, 0.95, 1.0)
+        (middle,) = assessment.loss(shown([focus], progress=at), whole)
         more = ""
         if phase.method == "refine":
             more = (
@@ -295,8 +321,9 @@ def _pupils_beside(truth, refocus, focus, grid, progress):
 
 def _slices_beside(truth, refocus, focus, seen, progress):
     hologram, traced = truth.field.hologram.picture, []
-    lines = assessment.slices(refocus, focus, seen, hologram.height // 2)
-    for pupil, told in zip(seen, parts(progress, len(seen)), strict=True):
+    begin, end = (stage(progress, *ends) for ends in ((0.0, 0.1), (0.1, 1.0)))
+    lines = assessment.slices(refocus, focus, seen, hologram.height // 2, begin)
+    for pupil, told in zip(seen, parts(end, len(seen)), strict=True):
         (halves,) = truth([focus], pupil, told)
         traced.append(engine.to_rgb(halves.mean(0), hologram.wavelengths)[hologram.height // 2])
     traced = np.stack(traced)

@@ -10,13 +10,14 @@ import numpy as np
 import scipy.fft
 
 from ..optics import Pupil
+from ..progress import parts
 from ..waves.lens import behind_lens
 from .metrics import psnr
 from .reconstruction import to_rgb
 from .reference import reference
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     import mitsuba as mi
 
@@ -191,35 +192,55 @@ def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: 
     return float(picture.mean((0, 1)).sum() / expected) if expected > 0 else 0.0
 
 
-def slices(refocus: Refocuser, focus: float, seen: Iterable[Pupil], row: int) -> np.ndarray:
+def slices(
+    refocus: Refocuser, focus: float, seen: Sequence[Pupil], row: int, progress: Progress, apart: int = 1
+) -> np.ndarray:
     """One row of the picture through pupils side by side: an epipolar slice, in which depth is a slope.
 
     Bolles, Baker and Marimont, Int. J. Comput. Vision 1, 7 (1987).
+
+    Parameters
+    ----------
+    refocus : Refocuser
+    focus : float
+        World depth, meters.
+    seen : sequence of Pupil
+    row : int
+        Of all pixels.
+    progress : callable
+        ``progress(done, message)``, may raise `Cancelled`.
+    apart : int
+        As of `Refocuser`.
 
     Returns
     -------
     numpy.ndarray, shape (pupil, x, 3)
         Linear RGB.
     """
-    wavelengths = refocus.field.hologram.wavelengths
-    return np.stack([to_rgb(refocus([focus], pupil)[0], wavelengths)[row] for pupil in seen])
+    wavelengths, found = refocus.field.hologram.wavelengths, []
+    for pupil, told in zip(seen, parts(progress, len(seen)), strict=True):
+        picture = refocus([focus], pupil, told, apart)[0]
+        found.append(to_rgb(picture, wavelengths)[row // apart])
+    return np.stack(found)
 
 
-def efficiency(phase: PhaseHologram) -> list[float]:
+def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:
     """Share of the modulated light within the stop, or the recordable cone, for each wavelength; the rest goes astray.
 
     Modulated is the beam of the hologram's optics. Behind a lens it is what meets the grid of the picture.
+    `progress` may raise `Cancelled`.
     """
     hologram, grid = phase.hologram, phase.hologram.in_air
     shape = grid.height, grid.width
-    found = []
+    found, (frames, colours) = [], phase.data.shape[:2]
     for colour, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0
         band = hologram.optics.passes(shape, grid.pitch_at(wavelength))
         way = behind_lens(hologram, wavelength)
         illumination = phase.hologram.illumination(colour)
         beam = 1 if illumination is None else illumination
-        for frame in phase.data[:, colour]:
+        for number, frame in enumerate(phase.data[:, colour]):
+            progress((colour * frames + number) / (colours * frames), "Diffraction efficiency")
             light = beam * np.exp(1j * frame.astype(np.float64))
             total += math.prod(shape) * (np.abs(light) ** 2).sum()
             power = np.abs(scipy.fft.fft2(light if way is None else way.there(light))) ** 2

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import threading
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.fft
 
 from ..errors import InvalidInput
 from ..hologram import channel
@@ -17,6 +16,7 @@ from ..optics import ON_AXIS, Optics
 from ..pixels import Pitch, axes, beyond, coarsest
 from ..progress import stage
 from ..waves.lens import Collins, behind_lens
+from ..waves.panels import at_panel
 from ..waves.propagation import (
     JUDGING_GUARD,
     circular_band,
@@ -65,6 +65,9 @@ def picture_pitch(hologram: Hologram, distance: float) -> float:
     return min(hologram.wavelengths) * abs(distance) / hologram.shorter_side
 
 
+EDGE_BINS = 2  # that the edge of a part of the pupil may lose where its light just fills a coarser grid
+
+
 def pupil_mask(
     shape: tuple[int, int],
     pitch: Pitch,
@@ -83,7 +86,8 @@ def pupil_mask(
     fy, fx = (np.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
     cosine = np.sqrt(np.maximum(1 - spectral_u(shape, pitch, wavelength), 1e-12))
     scale = wavelength / cosine * mapping.beta / mapping.focal
-    inside = np.hypot(fx[None, :] * scale - pupil.x, -fy[:, None] * scale - pupil.y) <= pupil.diameter / 2
+    across, up = fx[None, :] * scale - pupil.x, -fy[:, None] * scale - pupil.y
+    inside = across**2 + up**2 <= pupil.diameter**2 / 4  # a root takes longer than all else
     if not (inside & optics.passes(shape, pitch)).any():
         if optics.stopped:
             raise InvalidInput("The pupil lies outside the light that passes the stop: move it there.")
@@ -108,48 +112,72 @@ class Refocuser:
     own_pixels : bool
         Whether pictures have the display's own pixels where these are not square, instead of those of
         `Hologram.picture`.
+    max_apart : int
+        Pixels between those of pictures, at most.
     """
 
-    def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES, own_pixels: bool = False) -> None:
+    def __init__(
+        self,
+        field: WaveField,
+        most_bytes: int = MOST_BYTES,
+        own_pixels: bool = False,
+        max_apart: int = 1,
+    ) -> None:
         # what spectra are of: the SLM's pixels, or those of the image behind its lens
         self.field, self._grid = field, field.hologram.in_air
-        self._own = own_pixels or self._grid.plain
+        self._own, self._max_apart = own_pixels or self._grid.plain, max_apart
         self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
         self._ways = [behind_lens(self._grid, wavelength) for wavelength in self._grid.wavelengths]
         self._spectra = {}  # by wavelength, frame and shape
+        self._transfers = {}  # the last one of each wavelength, after its shape and distance
         self._lock = threading.Lock()
 
     def __call__(
-        self, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
+        self,
+        focus: Sequence[float],
+        pupil: Pupil | None = None,
+        progress: Progress | None = None,
+        apart: int = 1,
     ) -> np.ndarray:
-        """Pictures at several distances, as `reconstruct`; one thread at a time."""
-        with self._lock:
-            return self._pictures(focus, pupil, progress)
+        """Pictures at several distances, as `reconstruct`, of every pixel or those `apart`; one thread at a time.
 
-    def on(self, optics: Optics) -> Refocuser:
-        """The same field, of any beam, seen on another bench: through its stop. Spectra are kept for both.
+        Light through half of the pupil has half of the bandwidth, so that every second pixel holds it, and its FFTs
+        take a quarter of the time.
 
         Raises
         ------
         InvalidInput
-            If the optics do not go with the field's pixels.
         """
-        other = copy.copy(self)
-        other.field = replace(self.field, hologram=replace(self.field.hologram, optics=optics))
+        with self._lock:
+            return self._pictures(focus, pupil, progress, apart)
+
+    def on(self, optics: Optics) -> Refocuser:
+        """The same light seen on another bench, see `at_panel`; what differs in beam or stop alone shares the spectra.
+
+        Raises
+        ------
+        InvalidInput
+            If the field is of another lens, or the optics do not go with its pixels.
+        """
+        other = Refocuser(at_panel(self.field, optics), self._most_bytes, self._own, self._max_apart)
+        if other.field.data is self.field.data:
+            other._spectra, other._lock = self._spectra, self._lock
         return other
 
-    def _pictures(self, focus, pupil, progress):
+    def _pictures(self, focus, pupil, progress, apart):
         progress = progress or (lambda done, message: None)
         distances = self.field.mapping.depth_to_z(list(focus))
         far = np.abs(distances) >= far_from(self.field.hologram)
         if not far.any():
-            return self._near(distances, pupil, progress)
-        size = self.field.hologram.picture
-        images = np.empty((len(distances), size.height, size.width, self.field.data.shape[1]), np.float32)
+            return self._near(distances, pupil, progress, apart)
+        size = [
+            -(-n // apart) for n in (self.field.hologram.picture.height, self.field.hologram.picture.width)
+        ]
+        images = np.empty((len(distances), *size, self.field.data.shape[1]), np.float32)
         share = np.count_nonzero(far) / len(distances)
         if share < 1:
-            images[~far] = self._near(distances[~far], pupil, stage(progress, 0.0, 1 - share))
-        images[far] = self._far(distances[far], pupil, stage(progress, 1 - share, 1.0))
+            images[~far] = self._near(distances[~far], pupil, stage(progress, 0.0, 1 - share), apart)
+        images[far] = self._far(distances[far], pupil, stage(progress, 1 - share, 1.0))[:, ::apart, ::apart]
         return images
 
     def _mask(self, k, padded, pupil):
@@ -190,7 +218,7 @@ class Refocuser:
             np.moveaxis(images, axis, 0)[beyond] = 0
         return images
 
-    def _near(self, distances, pupil, progress):
+    def _near(self, distances, pupil, progress, apart):
         """By angular spectra."""
         grid, (frames, colours) = self._grid, self.field.data.shape[:2]
         shape = grid.height, grid.width
@@ -200,30 +228,33 @@ class Refocuser:
             needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
-        size = shape if self._own else grid.picture.raster().shape
+        size = [-(-n // apart) for n in (shape if self._own else grid.picture.raster().shape)]
         images, done = np.empty((len(distances), *size, colours), np.float32), 0
         for k, wavelength in enumerate(grid.wavelengths):
-            padded, pitch, places = self._padded(k, farthest), grid.pitch_at(wavelength), self._places(k)
+            padded, places = self._padded(k, farthest), self._places(k)
             mask = self._mask(k, padded, pupil)
+            bins = None if mask is None or apart == 1 or places is not None else _bins(mask, apart)
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
-                transfers = [
-                    transfer_function(padded, pitch, wavelength, z - grid.distance_at(wavelength))
-                    for z in distances[some]
-                ]
+                transfers = [self._transfer(k, padded, z) for z in distances[some]]
                 if mask is not None:
-                    for transfer in transfers:
-                        transfer *= mask
+                    transfers = [transfer * mask for transfer in transfers]
+                if bins is not None:
+                    transfers = [transfer[bins] * np.float32(1 / apart**2) for transfer in transfers]
                 sums = np.zeros((len(transfers), *size), np.float32)
                 for m in range(frames):
                     waves = self._spectrum(k, m, padded)
+                    if bins is not None:
+                        waves = waves[bins]
                     for total, transfer in zip(sums, transfers, strict=True):
-                        at_focus = (
-                            field_of(waves * transfer, shape, overwrite=True)
-                            if places is None
-                            else sampled(waves * transfer, places)
-                        )
+                        if places is not None:
+                            at_focus = sampled(waves * transfer, places)
+                        else:
+                            own = shape if bins is None else size
+                            at_focus = field_of(waves * transfer, own, overwrite=True)
+                        if bins is None:
+                            at_focus = at_focus[::apart, ::apart]
                         total += at_focus.real**2 + at_focus.imag**2
                     done += len(transfers)
                     progress(done / (len(distances) * frames * colours), "Refocusing")
@@ -242,7 +273,9 @@ class Refocuser:
         if places is not None:
             guard = max(guard, beyond(places, shape))
         padded = padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)
-        return padded if places is None else commensurate(padded, places)
+        if places is not None:
+            return commensurate(padded, places)
+        return tuple(_fast_multiple(n, self._max_apart) for n in padded)
 
     def _places(self, k):
         """Where pixels of the picture lie between those of the panel; None where they are these."""
@@ -250,6 +283,15 @@ class Refocuser:
             return None
         grid = self._grid
         return grid.picture.raster().lines_on(grid.raster(grid.wavelengths[k]))
+
+    def _transfer(self, k, padded, distance):
+        """The transfer function to a distance, of which a wavelength's last one is kept."""
+        key, grid = (padded, distance), self._grid
+        if self._transfers.get(k, (None,))[0] != key:
+            wavelength = grid.wavelengths[k]
+            away = distance - grid.distance_at(wavelength)
+            self._transfers[k] = key, transfer_function(padded, grid.pitch_at(wavelength), wavelength, away)
+        return self._transfers[k][1]
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
@@ -263,6 +305,36 @@ class Refocuser:
         if padded == self._padded(k, 0.0) and held + waves.nbytes <= self._most_bytes:
             self._spectra[k, m, padded] = waves
         return waves
+
+
+def _bins(mask, apart):
+    """Bins of a spectrum that those of every `apart`-th pixel's are, of a mask that lets hardly others through; None if
+    there are more.
+
+    Frequencies keep their places modulo the smaller grid, as samples alias them.
+    """
+    found = []
+    for axis, count in enumerate(mask.shape):
+        numbers = np.flatnonzero(mask.any(1 - axis))
+        numbers = np.where(numbers >= count / 2, numbers - count, numbers)
+        size = count // apart
+        if count % apart or np.ptp(numbers) >= size + EDGE_BINS:
+            return None
+        own = (int(numbers.min()) + int(numbers.max()) + 1) // 2 - size // 2 + np.arange(size)
+        place = np.empty(size, int)
+        place[own % size] = own % count
+        found.append(place)
+    return np.ix_(*found)
+
+
+def _fast_multiple(count, of):
+    """The next multiple that FFTs are fast on; of 1 the number itself."""
+    if of == 1:
+        return count
+    count = -(-count // of) * of
+    while scipy.fft.next_fast_len(count) != count:
+        count += of
+    return count
 
 
 def reconstruct(

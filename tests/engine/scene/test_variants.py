@@ -281,3 +281,19 @@ def test_pictures_that_are_written_first_do_not_choose_an_llvm(saved, tmp_path):
         + COMPUTE.replace("mitsuba.Float", "drjit.llvm.Float")
     )
     assert told.split() == ["True", "sum", "5.0"]
+
+
+def test_an_interrupt_while_mitsuba_makes_an_object_of_ours(backend):
+    """Mitsuba tells of it as of any error of a plugin's."""
+    import mitsuba as mi
+
+    class Interrupted(mi.Emitter):
+        def __init__(self, props):
+            super().__init__(props)
+            raise KeyboardInterrupt
+
+    mi.register_emitter("interrupted", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        module.made({"type": "scene", "lamp": {"type": "interrupted"}})
+    with pytest.raises(RuntimeError, match="no such plugin|unknown plugin"):
+        module.made({"type": "scene", "lamp": {"type": "there_is_none"}})
