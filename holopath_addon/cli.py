@@ -24,6 +24,7 @@ from .command_line import (
 from .command_line.console import Progress, alive, close_line
 from .command_line.options import add_optics, argument, numbers, on_bench
 from .engine.progress import stage
+from .engine.viewing.reconstruction import far_from, picture_pitch
 from .farm.processes import INTERRUPTS
 
 
@@ -154,7 +155,8 @@ def _parser(store):
         "--distances",
         type=numbers(0, "a list of distances", "millimeters"),
         metavar="MM[,MM..]",
-        help="focus at distances from the SLM instead, within the depth volume",
+        help="focus at distances from the SLM instead, or from the plane of the picture behind its lens; those far "
+        "beyond the depth volume are of the far field",
     )
     reconstruct.add_argument("--out", metavar="DIR", help="where to write (default DIR/reconstruction)")
     add_optics(reconstruct, "that of the stored field or phases")
@@ -270,6 +272,13 @@ def _reconstruct(args):
     if not focus:
         raise engine.InvalidInput(f"{folder} stores no focus distances: give some with --focus 0.5m,1m,inf.")
     pupil = render_command.pupil_of(args)
+    for place in (float(z) for z in field.mapping.depth_to_z(focus)):
+        if abs(place) >= far_from(field.hologram):
+            pixel = picture_pitch(field.hologram, place)
+            progress.say(
+                f"{place * 1e3:g} mm from the SLM is in its far field: one Fresnel transform, each of the picture's "
+                f"pixels {pixel * 1e3:.4g} mm wide."
+            )
     images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.0, 0.97))
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
     alike = output.pupil_of(report) == pupil  # through a smaller part there is less light
@@ -282,13 +291,13 @@ def _reconstruct(args):
 
 
 def _at(millimeters, field):
-    """World depths of distances from the SLM."""
+    """World depths of distances from the SLM or the picture behind its lens."""
     ends = 1e3 * field.hologram.depth_far, 1e3 * field.hologram.depth_near
     for distance in millimeters or ():
         if not distance >= ends[0]:
             raise engine.InvalidInput(
-                f"{distance:g} mm from the SLM lies beyond infinity, which this field has at {ends[0]:g} mm: give "
-                f"distances from there on; the near end lies at {ends[1]:g} mm."
+                f"{distance:g} mm from {field.hologram.origin} lies beyond infinity, which this field has at "
+                f"{ends[0]:g} mm: give distances from there on; the near end lies at {ends[1]:g} mm."
             )
     return [float(field.mapping.z_to_depth(mm * 1e-3)) for mm in millimeters or ()]
 

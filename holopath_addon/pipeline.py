@@ -8,7 +8,7 @@ import numpy as np
 
 from . import engine
 from .engine.hologram import channel
-from .engine.mapping import DepthMapping
+from .engine.mapping import DepthMapping, squared
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, Compiling, stage
 
@@ -159,9 +159,9 @@ def _check_view(plan, camera, hologram, focus, pupil):
     mapping.depth_to_z(list(focus))
     if pupil is not None:
         for wavelength in hologram.wavelengths:
-            pupil_mask(
-                (hologram.height, hologram.width), hologram.pitch, wavelength, mapping, pupil, hologram.optics
-            )
+            grid = hologram.in_air
+            size, pitch = (grid.height, grid.width), grid.pitch_at(wavelength)
+            pupil_mask(size, pitch, wavelength, mapping, pupil, grid.optics_at(wavelength))
 
 
 def _begun(started, plan):
@@ -178,6 +178,7 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, pro
     aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
     aperture *= hologram.optics.opening[2]
     channels = [channel(w) for w in hologram.wavelengths]
+    camera, hologram = squared(camera, hologram)
     size, centre = (hologram.width, hologram.height), (0.0, 0.0)
     if pupil is not None:
         aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)

@@ -46,6 +46,11 @@ class HoloPathEngine(bpy.types.RenderEngine):
             self.update_stats("", "HoloPath: Reading the scene")
             start = time.perf_counter()
             props, camera = properties.of(depsgraph.scene), self.camera_override
+            if not properties.hologram_of(props, size).plain:
+                raise engine.InvalidInput(
+                    "F12 shows square pixels, and the display's are not square: link the pitch of x and y in the panel "
+                    "Display, or use Render Hologram."
+                )
             task = on_main_thread(lambda: session.prepare(depsgraph, props, size, camera))
             spent = time.perf_counter() - start
             keep = self.is_animation and props.keep_fields

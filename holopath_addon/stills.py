@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import engine, output, pipeline
+from .engine.mapping import squared
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, stage
 from .engine.settings import current
@@ -347,6 +348,7 @@ def _compare(folder, still, result, progress, shown=None):
     shows at best, see `engine.diffracted`. Where there are phases, `shown` are their pictures, which are compared, too.
     """
     hologram, plan, mapping, pupil = result.field.hologram, result.plan, result.field.mapping, still.pupil
+    picture = hologram.picture
     truth = engine.reference(
         still.scene,
         still.camera,
@@ -362,14 +364,17 @@ def _compare(folder, still, result, progress, shown=None):
     files = output.picture_files(truth_rgb, result.focus, output.exposure(truth_rgb), still.pupil)
     output.write_pictures(folder / "reference", files)
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
-    openings = [0.5 * min(1.0, pupil.diameter / (2 * r)) if pupil else 0.5 for r in radii]
+    openings = [
+        0.5 * picture.band(w) * (min(1.0, pupil.diameter / (2 * r)) if pupil else 1.0)
+        for w, r in zip(hologram.wavelengths, radii, strict=True)
+    ]
     slope = hologram.widest_slope
     rows = []
     of_phases = [None] * len(result.focus) if shown is None else shown
     for depth, image, light, halves in zip(result.focus, result.images, of_phases, truth, strict=True):
         z = float(mapping.depth_to_z(depth))
-        border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / hologram.pitch)
-        border = max(0, min(border, (min(hologram.width, hologram.height) - 12) // 2))
+        border = math.ceil(slope * max(abs(z - plan.z_low), abs(z - plan.z_high)) / picture.pitch_x)
+        border = max(0, min(border, (min(picture.width, picture.height) - 12) // 2))
         inner = slice(border, -border or None)
         if not (halves.mean(0)[inner, inner] > 0).any():
             continue
@@ -415,7 +420,8 @@ def _write_sheet(path, still, result, pictures, phase, progress):
 def _write_rgbd(folder, still, result, white, progress):
     """The picture of a pinhole, the depth of the first surfaces, and that of what they show."""
     hologram = still.hologram
-    size = hologram.width, hologram.height
+    camera, grid = squared(still.camera, hologram)
+    size = grid.width, grid.height
     picture = pinhole_pictures(
         still.scene,
         still.camera,
@@ -428,8 +434,8 @@ def _write_rgbd(folder, still, result, white, progress):
     folder.mkdir()
     (folder / "rgb.exr").write_bytes(output.encode_exr(rgb))
     (folder / "rgb.png").write_bytes(output.encode_png(rgb, white))
-    np.save(folder / "depth.npy", image_depth_map(still.scene, still.camera, result.plan, *size))
-    np.save(folder / "surface_depth.npy", engine.depth_map(still.scene, still.camera, *size))
+    np.save(folder / "depth.npy", image_depth_map(still.scene, camera, result.plan, *size))
+    np.save(folder / "surface_depth.npy", engine.depth_map(still.scene, camera, *size))
 
 
 def _write_light_field(folder, still, result, progress):
@@ -445,10 +451,11 @@ def _write_light_field(folder, still, result, progress):
 def _write_quilt(folder, still, result, progress):
     """Pictures through points along the pupil as one, which its name describes; the display lies at the first focus."""
     hologram, (columns, rows) = still.hologram, still.quilt
+    picture = hologram.picture
     points = pupil_row(columns * rows, hologram, result.field.mapping, still.pupil)
     views = _views(still, points, progress, result.focus[0])
     folder.mkdir()
-    name = f"quilt_qs{columns}x{rows}a{hologram.width / hologram.height:.5g}.png"
+    name = f"quilt_qs{columns}x{rows}a{picture.width / picture.height:.5g}.png"
     (folder / name).write_bytes(output.encode_png(quilt(views, columns), output.exposure(views)))
 
 

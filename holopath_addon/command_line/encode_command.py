@@ -177,7 +177,13 @@ def _scene(args, folder, progress, say):
 
 
 def _phases(args, folder, start, progress, scene=None, settings=None):
-    field = options.on_bench(output.stored_field(folder), args)
+    field = output.stored_field(folder)
+    optics = replace(field.hologram.optics, **options.optics_of(args))
+    if optics.lens != field.hologram.optics.lens:
+        raise engine.InvalidInput(
+            f"The field in {folder} was rendered for another lens: leave out --lens, or render it with this one."
+        )
+    field = engine.at_panel(field, optics)
     steps = {} if args.max_steps is None else {"max_steps": args.max_steps}
     return pipeline.encode(
         field,

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from .. import engine, exchange, output
+from ..engine.pixels import in_words
 from ..exchange import prints
 from ..exchange.conventions import ROWS, SIGNS
 from ..exchange.holograms import PACKINGS, TRANSFERS, check_packing
@@ -53,7 +54,12 @@ def add(command):
     )
     _add_convention(take, "how the program has it (default: as the file says, else holopath)")
     add = take.add_argument_group("what the file does not say").add_argument
-    add("--pitch", type=argument(pitch), metavar="UM", help="pixel pitch, micrometers")
+    add(
+        "--pitch",
+        type=argument(pitch),
+        metavar="UM[,UM]",
+        help="pixel pitch, micrometers; X,Y where pixels are not square",
+    )
     add(
         "--wavelengths",
         type=numbers(0, "a list of wavelengths", "nanometers"),
@@ -215,6 +221,11 @@ def _print(args, thing, file, progress):
         )
     hologram = thing.hologram
     frame, color = _frame(args.frame, len(thing.data)), _color(args.wavelength, hologram.wavelengths)
+    if isinstance(hologram.pitch, tuple):
+        raise engine.InvalidInput(
+            f"A print has dots as far apart in x as in y, and pixels are {in_words(hologram.pitch)}: render with one "
+            "number for --pitch."
+        )
     if args.dpi is not None:
         prints.check_dots(args.dpi, hologram.pitch)
     thing = replace(thing, hologram=replace(hologram, optics=_off_axis(args, hologram.optics)))
@@ -286,7 +297,7 @@ def _import(args):
     given = exchange.Given(
         array,
         _convention(args),
-        args.pitch and args.pitch * 1e-6,
+        args.pitch,
         args.wavelengths and [nm * 1e-9 for nm in args.wavelengths],
         args.depth_range and tuple(mm * 1e-3 for mm in args.depth_range),
         args.near,

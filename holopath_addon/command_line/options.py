@@ -8,8 +8,19 @@ from functools import partial
 from typing import Any
 
 from .. import engine
+from ..engine.optics import COLORS
+from ..engine.pixels import Pitch
 from ..engine.settings import BASELINES, DECLARED, Choice, Settings, current, default_of
-from ..exchange.optics import BEAM_WORDS, STOP_WORDS, parse_beam, parse_carrier, parse_stop
+from ..exchange.optics import (
+    BEAM_WORDS,
+    LENS_WORDS,
+    STOP_WORDS,
+    parse_beam,
+    parse_carrier,
+    parse_colors,
+    parse_lens,
+    parse_stop,
+)
 
 
 def argument(parse: Callable) -> Callable:
@@ -25,16 +36,17 @@ def argument(parse: Callable) -> Callable:
     return convert
 
 
-def pitch(text: str) -> float:
-    """A pixel pitch in micrometers."""
+def pitch(text: str) -> Pitch:
+    """A pixel pitch, or one in x and one in y, in micrometers; gives meters."""
     try:
-        return float(text)
+        found = [float(part) * 1e-6 for part in text.split(",")]
     except ValueError:
-        if len(text.replace("x", ",").split(",")) == 2:
-            raise engine.InvalidInput(
-                f"Pixels are square here: give one pitch in micrometers, not {text}."
-            ) from None
-        raise
+        found = []
+    if len(found) not in (1, 2):
+        raise engine.InvalidInput(
+            f"'{text}' is no pixel pitch: give it in micrometers, or X,Y where pixels are not square."
+        )
+    return found[0] if len(found) == 1 else (found[0], found[1])
 
 
 def numbers(count: int, shape: str, unit: str) -> Callable:
@@ -135,6 +147,32 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
         "zero order: a circle of radius R around the carrier, the half of the band in a direction, a rectangle around "
         f"the carrier, or a picture of the plane (default: {kept or 'a circle, as large as it can be'})",
     )
+    parser.add_argument(
+        "--lens",
+        metavar=LENS_WORDS,
+        help="a lens behind the SLM: its focal length, its distance from the SLM (default: the focal length), and the "
+        "distance of the picture behind it (default: the focal length), all in millimeters. With --depth-mapping "
+        "eyepiece somebody looks through it, and no picture is behind it "
+        f"(default: {kept or 'none'})",
+    )
+    parser.add_argument(
+        "--color-scale",
+        metavar="S[,S..]",
+        help="magnification of each wavelength's picture over what it should be, which is made up for "
+        f"(default: {kept or '1'})",
+    )
+    parser.add_argument(
+        "--color-distance",
+        metavar="MM[,MM..]",
+        help="how far each wavelength's picture lies too near to the viewer, millimeters, which is made up for "
+        f"(default: {kept or '0'})",
+    )
+    parser.add_argument(
+        "--color-shift",
+        metavar="X,Y[,X,Y..]",
+        help="how far each wavelength's picture lies aside, millimeters to the right and up, which is made up for "
+        f"(default: {kept or '0'})",
+    )
 
 
 def optics_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -149,6 +187,11 @@ def optics_of(args: argparse.Namespace) -> dict[str, Any]:
         changes |= {"stop": parse_stop(args.stop), "carrier": None}
     if args.carrier is not None:
         changes["carrier"] = parse_carrier(args.carrier)
+    if args.lens is not None:
+        changes["lens"] = parse_lens(args.lens)
+    for name in COLORS:
+        if (text := getattr(args, name)) is not None:
+            changes[name] = parse_colors(name, text)
     return changes
 
 
@@ -158,7 +201,11 @@ def on_bench(thing, args: argparse.Namespace):
     if not changes:
         return thing
     hologram = thing.hologram
-    return replace(thing, hologram=replace(hologram, optics=replace(hologram.optics, **changes)))
+    optics = replace(hologram.optics, **changes)
+    ends = {}
+    if optics.lens != hologram.optics.lens:  # which has a volume of its own
+        ends = {"depth_far": None, "depth_near": None}
+    return replace(thing, hologram=replace(hologram, optics=optics, **ends))
 
 
 def _say(text):

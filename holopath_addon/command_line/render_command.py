@@ -141,8 +141,8 @@ def add_scene(parser, store):
     add(
         "--pitch",
         type=argument(options.pitch),
-        metavar="UM",
-        help="pixel pitch, micrometers (default: the file's, 8)",
+        metavar="UM[,UM]",
+        help="pixel pitch, micrometers; X,Y where pixels are not square (default: the file's, 8)",
     )
     add(
         "--wavelengths",
@@ -452,7 +452,8 @@ def _resolution(text):
 
 def hologram_of(args, base):
     """Hologram from the flags over the scene's own."""
-    changes = {}
+    changes, optics = {}, options.optics_of(args)
+    lens = optics.get("lens", base.optics.lens)
     if args.display is not None:
         if args.resolution or args.pitch:
             raise engine.InvalidInput(
@@ -462,12 +463,12 @@ def hologram_of(args, base):
     if args.resolution is not None:
         changes.update(width=args.resolution[0], height=args.resolution[1])
     if args.pitch is not None:
-        changes["pitch"] = args.pitch * 1e-6
+        changes["pitch"] = args.pitch
     if args.depth_range is not None:
         changes.update(zip(ENDS, (mm * 1e-3 for mm in args.depth_range), strict=True))
-    elif args.display is not None:
+    elif args.display is not None and lens is None:
         changes.update(zip(ENDS, args.display.depth_range, strict=True))
-    elif changes:
+    elif changes or lens != base.optics.lens:
         changes.update(dict.fromkeys(ENDS))
     if args.wavelengths is not None:
         changes["wavelengths"] = tuple(w * 1e-9 for w in args.wavelengths)
@@ -475,7 +476,7 @@ def hologram_of(args, base):
         changes["depth_mapping"] = args.depth_mapping
     if args.near is not None:
         changes["near"] = args.near
-    if optics := options.optics_of(args):
+    if optics:
         changes["optics"] = replace(base.optics, **optics)
     return replace(base, **changes)
 
@@ -508,7 +509,7 @@ def load(args, source):
         options.asked(args, source.settings),
     )
     with sources.native_output_to_stderr():
-        loaded = source.load(hologram.width, hologram.height, args.camera)
+        loaded = source.load(hologram.picture.width, hologram.picture.height, args.camera)
     yaw, pitch = map(math.radians, args.turn or (0.0, 0.0))
     camera = loaded.camera.moved(args.move or (0.0, 0.0, 0.0), yaw, pitch)
     return replace(loaded, camera=camera), hologram, settings
@@ -535,9 +536,10 @@ def check_encoding(args, settings, hologram):
         raise engine.InvalidInput(
             "Double phase knows no display model: choose --encode sgd or joint, or leave out --response."
         )
-    if display is not None and hologram.optics != engine.Optics():
+    if display is not None and not hologram.flat_bench:
         raise engine.InvalidInput(
-            "A display that was fitted has a beam and a stop of its own: leave out --response, or the optics."
+            "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out "
+            "--response, or the optics."
         )
     if method == "refine" and settings.method in BASELINES:
         raise engine.InvalidInput(

@@ -141,7 +141,7 @@ def _parallax(sections, refocus, focus, progress):
         for x in np.linspace(-reach, reach, VIEWS)
     ]
     progress(0.0, "Parallax")
-    lines = assessment.slices(refocus, focus, seen, field.hologram.height // 2)
+    lines = assessment.slices(refocus, focus, seen, field.hologram.picture.height // 2)
     text = (
         f"The middle row of the picture, through a quarter of the pupil that goes from left to right, over "
         f"{2e3 * reach:.3g} mm; focus at {named(focus)}. What stands still lies at the focus; what leans lies before "
@@ -294,7 +294,7 @@ def _pupils_beside(truth, refocus, focus, grid, progress):
 
 
 def _slices_beside(truth, refocus, focus, seen, progress):
-    hologram, traced = truth.field.hologram, []
+    hologram, traced = truth.field.hologram.picture, []
     lines = assessment.slices(refocus, focus, seen, hologram.height // 2)
     for pupil, told in zip(seen, parts(progress, len(seen)), strict=True):
         (halves,) = truth([focus], pupil, told)

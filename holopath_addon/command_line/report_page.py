@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from .. import output
+from ..engine.pixels import in_words
 from ..engine.viewing import assessment, bench_sketch
 
 STYLE = """
@@ -129,7 +130,7 @@ def write(page, folder, field, sections, rows):
     """
     hologram = field.hologram
     facts = (
-        f"{hologram.width} × {hologram.height} pixels of {hologram.pitch * 1e6:.4g} µm, "
+        f"{hologram.width} × {hologram.height} pixels of {in_words(hologram.pitch)}, "
         f"{', '.join(f'{w * 1e9:.4g}' for w in hologram.wavelengths)} nm, {len(field.data)} frames"
     )
     body = "".join(f"<h2>{title}</h2>{text}" for title, text in sections)

@@ -120,7 +120,11 @@ def add(command):
     )
     option("--wavelength", required=True, type=float, metavar="NM", help="of the light source, nanometers")
     option(
-        "--pitch", required=True, type=argument(pitch), metavar="UM", help="of the SLM's pixels, micrometers"
+        "--pitch",
+        required=True,
+        type=argument(pitch),
+        metavar="UM[,UM]",
+        help="of the SLM's pixels, micrometers; X,Y where they are not square",
     )
     _add_bench(calibrate)
     option(
@@ -488,7 +492,7 @@ def _calibrate(args):
         raise engine.InvalidInput(f"A window of {args.window} pixels cannot be fitted: choose 16 to 512.")
     if not 1 <= args.bits <= 16:
         raise engine.InvalidInput(f"An SLM has 1 to 16 bits, not {args.bits}.")
-    window = slm.PatternWindow(args.window, args.pitch * 1e-6, args.wavelength * 1e-9, args.bits)
+    window = slm.PatternWindow(args.window, args.pitch, args.wavelength * 1e-9, args.bits)
     planes = slm.FocusPlanes.load(args.focus_planes) if args.focus_planes else None
     distances = [mm * 1e-3 for mm in args.distances or ()]
     if planes is not None and not distances:

@@ -566,7 +566,8 @@ def reopen(folder, field, name=None, at_frame=None, run_scripts=False, define=No
 
     def loaded(camera):
         with native_output_to_stderr():
-            return source.load(field.hologram.width, field.hologram.height, camera).scene
+            picture = field.hologram.picture
+            return source.load(picture.width, picture.height, camera).scene
 
     def same(scene):
         return scene_digest(scene) == report.get("scene_digest")

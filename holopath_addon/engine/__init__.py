@@ -9,7 +9,7 @@ from .encoding import PhaseHologram, encode, interference
 from .errors import BackendUnavailable, Cancelled, InvalidInput
 from .hologram import Hologram
 from .light.bake_store import BakeStore
-from .optics import Beam, Optics, Pupil, Stop
+from .optics import Beam, Lens, Optics, Pupil, Stop
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
 from .planning.phases import EncodingPlan, frames_along, plan_encoding
@@ -29,6 +29,7 @@ from .viewing.reference import diffracted, reference
 from .wavefield import WaveField
 from .waves.display_model import DisplayModel
 from .waves.modulator import Levels, Modulator
+from .waves.panels import at_panel
 
 __all__ = [
     "BackendUnavailable",
@@ -44,6 +45,7 @@ __all__ = [
     "FIXABLE",
     "Hologram",
     "InvalidInput",
+    "Lens",
     "Levels",
     "Modulator",
     "Optics",
@@ -55,6 +57,7 @@ __all__ = [
     "Settings",
     "Stop",
     "WaveField",
+    "at_panel",
     "depth_map",
     "diffracted",
     "encode",

@@ -1,8 +1,9 @@
-"""The bench around the SLM: the beam that falls on it, the stop behind it, and the viewer's pupil.
+"""The bench around the SLM: the beam that falls on it, stop and lens behind it, and the viewer's pupil.
 
 One word has one meaning: the pupil is the viewer's, the stop the relay's, the aperture the SLM's.
 
-Fourier plane: frequencies g = (g_x, g_y), to the right and up, in units of the band's edge, 1 / (2 pitch), are those of
+Fourier plane: frequencies g = (g_x, g_y), to the right and up, in units of the band's edge, 1 / (2 pitch) of the larger
+pitch, are those of
 what the SLM's pixels let through; its zero order lies at g = 0. The picture's middle ray lies at the carrier c: a wave
 field, which is rendered on axis, has the frequencies f = g - c.
 """
@@ -11,15 +12,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 import scipy.ndimage
 
 from .errors import InvalidInput
+from .pixels import Pitch, axes, coarsest, frequencies
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,6 +48,11 @@ STOPS = {
 ZERO_ORDER = (
     0.02  # of the band's edge: as far around it an off-axis stop is closed, 5 bins of 256 pixels and more
 )
+IMAGE = (
+    1e-3  # of the way from the SLM to the picture's plane: with a smaller reach that is the SLM's own image
+)
+COLORS = ("color_scale", "color_distance", "color_shift")
+SCALES = 0.5, 2.0  # least and largest of a color
 GRID = 257  # points a side on which areas in the Fourier plane are taken
 BEAM_FILE, STOP_FILE = "beam.npy", "stop.npy"
 
@@ -128,14 +134,15 @@ class Beam:
             given = ", ".join(f"{number:g}" for number in numbers) or "none"
             raise InvalidInput(f"A beam of the kind {self.kind} has {what}, not {given} (meters, radians).")
 
-    def light(self, shape: Sequence[int], pitch: float, wavelength: float, number: int = 0) -> np.ndarray:
+    def light(self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0) -> np.ndarray:
         """Complex amplitude at the panel's pixels, complex64, shape (y, x).
 
         Parameters
         ----------
         shape : (int, int)
             Rows and columns of the panel.
-        pitch, wavelength : float
+        pitch : float or (float, float)
+        wavelength : float
             Meters.
         number : int
             Of the wavelength, where each has a measured beam of its own.
@@ -156,7 +163,7 @@ class Beam:
             amplitude = np.exp(-((x - x_0) ** 2 + (y - y_0) ** 2) / waist**2)
         return (amplitude * np.exp(2j * math.pi * np.mod(way / wavelength, 1.0))).astype(np.complex64)
 
-    def check(self, shape: Sequence[int], pitch: float, wavelengths: Sequence[float]) -> None:
+    def check(self, shape: Sequence[int], pitch: Pitch, wavelengths: Sequence[float]) -> None:
         """Refuse a beam that does not go with a panel of such pixels.
 
         Raises
@@ -174,11 +181,12 @@ class Beam:
                     f"The beam, of a waist of {waist * 1e3:g} mm, passes the panel at a distance of "
                     f"{nearest * 1e3:.3g} mm: move its middle onto the panel."
                 )
-        steepest, edge = self._steepest(shape, pitch), min(wavelengths) / (2 * pitch)
+        steepest, edge = self._steepest(shape, pitch), min(wavelengths) / (2 * coarsest(pitch))
         if steepest > edge:
             raise InvalidInput(
                 f"The beam meets the panel at {math.degrees(math.asin(min(1.0, steepest))):.3g} degrees, and pixels of "
-                f"{pitch * 1e6:g} µm make up for {math.degrees(math.asin(edge)):.3g} at most: tilt or focus it less."
+                f"{coarsest(pitch) * 1e6:g} µm make up for {math.degrees(math.asin(edge)):.3g} at most: tilt or "
+                "focus it less."
             )
 
     def _steepest(self, shape, pitch):
@@ -186,7 +194,7 @@ class Beam:
         if self.kind == "tilt":
             return max(abs(math.sin(angle)) for angle in self.numbers)
         if self.kind == "point":
-            corner = [n * pitch / 2 for n in shape]
+            corner = [n * d / 2 for n, d in zip(shape, axes(pitch), strict=True)]
             return max(corner) / math.hypot(self.numbers[0], *corner)
         return 0.0
 
@@ -283,6 +291,67 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Lens:
+    """A thin lens behind the SLM.
+
+    Somebody looks through it (depth mapping ``eyepiece``), or the picture stands in the air behind it (``fit``).
+
+    Parameters
+    ----------
+    focal : float
+        Focal length f, meters, over 0.
+    distance : float, optional
+        L, from the SLM to the lens, meters, 0 or more. Default: f.
+    picture : float, optional
+        s, from the lens to the plane that the picture stands around, meters, over 0. Default: f, the back focal plane.
+
+    Raises
+    ------
+    InvalidInput
+        On a lens that cannot be, or a picture's plane that is the SLM's own image.
+    """
+
+    focal: float
+    # pyrefly: ignore[bad-assignment]  # a number from `__post_init__` on
+    distance: float = None
+    picture: float | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "focal", float(self.focal))
+        object.__setattr__(self, "distance", float(self.focal if self.distance is None else self.distance))
+        if not (math.isfinite(self.focal) and self.focal > 0):
+            raise InvalidInput(f"The focal length of a lens is over 0, not {self.focal * 1e3:g} mm.")
+        if not (math.isfinite(self.distance) and self.distance >= 0):
+            raise InvalidInput(
+                f"A lens stands behind the SLM, 0 mm away or more, not {self.distance * 1e3:g} mm."
+            )
+        if self.picture is None:
+            return
+        object.__setattr__(self, "picture", float(self.picture))
+        if not (math.isfinite(self.picture) and self.picture > 0):
+            raise InvalidInput(
+                f"The picture stands behind the lens, over 0 mm away, not {self.picture * 1e3:g} mm."
+            )
+        if abs(self.reach) < IMAGE * (self.distance + self.picture):
+            raise InvalidInput(
+                f"The plane {self.picture * 1e3:g} mm behind the lens is the SLM's own image, where each pixel is a "
+                "point: put the picture elsewhere, as in the back focal plane, which is the default."
+            )
+
+    @property
+    def curvature(self) -> float:
+        """A = 1 - s / f of the ray matrix from the SLM to the picture's plane; 0 in the back focal plane."""
+        return 0.0 if self.picture is None else 1 - self.picture / self.focal
+
+    @property
+    def reach(self) -> float:
+        """B = L + s - L s / f of the ray matrix, meters: how far aside light of a slope of 1 on the axis arrives."""
+        if self.picture is None:
+            return self.focal
+        return self.distance + self.picture - self.distance * self.picture / self.focal
+
+
+@dataclass(frozen=True)
 class Optics:
     """The bench around the SLM. By default light falls evenly on it, and a round stop lets through its band.
 
@@ -296,19 +365,35 @@ class Optics:
         order.
     stop : Stop
         In the Fourier plane behind the SLM.
+    color_scale : sequence of float
+        Magnification of each wavelength's picture over what it should be. Default: 1.
+    color_distance : sequence of float
+        How far each wavelength's picture lies too near to the viewer, meters. Default: 0.
+    color_shift : sequence of (float, float)
+        How far each wavelength's picture lies aside, meters to the right and up. Default: 0.
+    lens : Lens, optional
+        Behind the SLM and its relay. Default: none.
+
+    For light of a wavelength the panel's pixels lie where lenses image them: as far apart, at that distance and that
+    far aside. Free space begins there.
 
     Raises
     ------
     InvalidInput
-        If the stop does not lie in the band, or lets nothing of the picture through.
+        If the stop does not lie in the band, or lets nothing of the picture through, or a color cannot lie there.
     """
 
     beam: Beam = field(default_factory=Beam)
     # pyrefly: ignore[bad-assignment]  # numbers from `__post_init__` on
     carrier: tuple = None
     stop: Stop = field(default_factory=Stop)
+    color_scale: tuple = ()
+    color_distance: tuple = ()
+    color_shift: tuple = ()
+    lens: Lens | None = None
 
     def __post_init__(self):
+        self._set_colors()
         carrier = self.carrier
         if carrier is None:
             carrier = "auto" if self.stop.kind == "half" else (0.0, 0.0)
@@ -331,6 +416,26 @@ class Optics:
             )
         if self.stopped and not self._open_grid().any():
             raise InvalidInput("The stop lets nothing of the picture through: move it, or its carrier.")
+
+    def _set_colors(self):
+        """Numbers of all colors; none where all are as they should be."""
+        scale, distance = (tuple(map(float, each)) for each in (self.color_scale, self.color_distance))
+        shift = tuple(tuple(map(float, pair)) for pair in self.color_shift)
+        for each in scale:
+            if not SCALES[0] <= each <= SCALES[1]:
+                raise InvalidInput(
+                    f"The scale of a color is relative, {SCALES[0]:g} to {SCALES[1]:g}, not {each:g}: 1 is as it "
+                    "should be."
+                )
+        if not all(map(math.isfinite, distance)):
+            raise InvalidInput(
+                "The distance of a color must be finite: leave out what was not measured, or say 0."
+            )
+        if not all(len(pair) == 2 and all(map(math.isfinite, pair)) for pair in shift):
+            raise InvalidInput("The shift of a color is two finite numbers, to the right and up.")
+        object.__setattr__(self, "color_scale", scale if any(each != 1 for each in scale) else ())
+        object.__setattr__(self, "color_distance", distance if any(distance) else ())
+        object.__setattr__(self, "color_shift", shift if any(map(any, shift)) else ())
 
     @property
     def stopped(self) -> bool:
@@ -374,9 +479,31 @@ class Optics:
         )
         return passes & self.stop.measured[rows, columns]
 
-    def passes(self, shape: Sequence[int]) -> np.ndarray:
-        """FFT bins of a field on a grid of the pixels' pitch that pass the stop, bool; row 0 is the top."""
-        fy, fx = (scipy.fft.fftfreq(n) for n in shape)
+    @property
+    def of_rays(self) -> Optics:
+        """The same with light as it should be: without the beam, which may be measured pixel by pixel, and with colors
+        that lie on each other."""
+        return replace(self, beam=Beam(), **dict.fromkeys(COLORS, ()))
+
+    @property
+    def colors_apart(self) -> bool:
+        """Whether colors do not lie on each other by themselves."""
+        return bool(self.color_scale or self.color_distance or self.color_shift)
+
+    def color(self, number: int) -> tuple[float, float, tuple[float, float]]:
+        """Scale, distance and shift of the wavelength of this number."""
+        return (
+            self.color_scale[number] if self.color_scale else 1.0,
+            self.color_distance[number] if self.color_distance else 0.0,
+            self.color_shift[number] if self.color_shift else (0.0, 0.0),
+        )
+
+    def passes(self, shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
+        """FFT bins of a field on a grid of the pixels' pitch that pass the stop, bool; row 0 is the top.
+
+        Pixels of any size are alike if they are square, which is the default.
+        """
+        fy, fx = frequencies(shape, pitch)
         return self.open_at(2 * fx[None, :], -2 * fy[:, None])
 
     def _open_grid(self):
@@ -406,7 +533,7 @@ class Optics:
         inside = np.hypot(axis[None, :] - x, -axis[:, None] - y) <= radius
         return float((passes & inside).sum() / passes.sum())
 
-    def check(self, shape: Sequence[int], pitch: float, wavelengths: Sequence[float]) -> None:
+    def check(self, shape: Sequence[int], pitch: Pitch, wavelengths: Sequence[float]) -> None:
         """Refuse what does not go with a panel of such pixels.
 
         Raises
@@ -414,9 +541,23 @@ class Optics:
         InvalidInput
         """
         self.beam.check(shape, pitch, wavelengths)
+        for name, each in (
+            ("scale", self.color_scale),
+            ("distance", self.color_distance),
+            ("shift", self.color_shift),
+        ):
+            if each and len(each) != len(wavelengths):
+                raise InvalidInput(
+                    f"The bench has a {name} of {len(each)} colors, the hologram {len(wavelengths)}: give one for each "
+                    "wavelength."
+                )
+        if self.colors_apart and len(set(wavelengths)) < len(wavelengths):
+            raise InvalidInput(
+                "Of equal wavelengths none can lie apart: give each once, or leave out where colors lie."
+            )
 
     def illumination(
-        self, shape: Sequence[int], pitch: float, wavelength: float, number: int = 0
+        self, shape: Sequence[int], pitch: Pitch, wavelength: float, number: int = 0
     ) -> np.ndarray | None:
         """What the transmission of the SLM's pixels is multiplied with to be the picture's light; None for 1.
 
@@ -428,7 +569,7 @@ class Optics:
         if not any(self.carrier):
             return light
         x, y = _positions(shape, pitch)
-        turns = (self.carrier[0] * x + self.carrier[1] * y) / (2 * pitch)
+        turns = (self.carrier[0] * x + self.carrier[1] * y) / (2 * coarsest(pitch))
         return (light * np.exp(-2j * math.pi * np.mod(turns, 1.0))).astype(np.complex64)
 
     def to_dict(self) -> dict:
@@ -440,6 +581,11 @@ class Optics:
                 told[name] |= {"sha256": part.digest} if part.digest else {}
         if self.stopped:
             told["carrier"] = list(self.carrier)
+        if self.lens is not None:
+            told["lens"] = asdict(self.lens)
+        for name in COLORS:
+            if getattr(self, name):
+                told[name] = [list(each) if isinstance(each, tuple) else each for each in getattr(self, name)]
         return told
 
     def save(self, folder: Path) -> None:
@@ -461,7 +607,8 @@ class Optics:
             _part(kind, values.get(name, {}), folder, f"{name}.npy")
             for name, kind in (("beam", Beam), ("stop", Stop))
         )
-        return cls(beam, values.get("carrier"), stop)
+        lens = Lens(**values["lens"]) if "lens" in values else None
+        return cls(beam, values.get("carrier"), stop, *(values.get(name, ()) for name in COLORS), lens=lens)
 
 
 ON_AXIS = Optics()
@@ -479,7 +626,7 @@ def _part(kind, values, folder, name):
 
 def _positions(shape, pitch):
     """x to the right and y up, meters from the panel's middle, of columns and rows."""
-    y, x = ((np.arange(n) - (n - 1) / 2) * pitch for n in shape)
+    y, x = ((np.arange(n) - (n - 1) / 2) * d for n, d in zip(shape, axes(pitch), strict=True))
     return x[None, :], -y[:, None]
 
 

@@ -159,7 +159,7 @@ class Plan:
     decisions : tuple of Decision
     warnings : tuple of str
     beside : int
-        Pixels beyond each edge of the picture that are traced, too, see `window`.
+        Pixels beyond each edge of the picture that are traced, too, see `mapping`.
     """
 
     near: float

@@ -78,7 +78,7 @@ class WaveField:
                 "axes": ["frame", "wavelength", "y", "x"],
                 "units": "metres; intensity in scene radiance; time dependence exp(-i omega t)",
                 "resolution": [self.hologram.width, self.hologram.height],
-                "pitch_m": self.hologram.pitch,
+                "pitch_m": self.hologram.to_dict()["pitch"],
                 "wavelengths_m": list(self.hologram.wavelengths),
                 "distance_far_m": self.hologram.depth_far,
                 "distance_near_m": self.hologram.depth_near,

@@ -9,7 +9,7 @@ and `prints` writes pictures for film.
 from .containers import READABLE, SUFFIXES, Container, read, write
 from .conventions import CONVENTIONS, Convention
 from .holograms import Given, container_of, hologram_of
-from .optics import parse_beam, parse_carrier, parse_stop
+from .optics import parse_beam, parse_carrier, parse_colors, parse_lens, parse_stop
 from .parts import read_parts
 
 __all__ = [
@@ -23,6 +23,8 @@ __all__ = [
     "hologram_of",
     "parse_beam",
     "parse_carrier",
+    "parse_colors",
+    "parse_lens",
     "parse_stop",
     "read",
     "read_parts",

@@ -12,6 +12,7 @@ import numpy as np
 from ..engine import Camera, Hologram, InvalidInput, Optics, PhaseHologram, WaveField
 from ..engine.memory import shortage
 from ..engine.optics import ON_AXIS
+from ..engine.pixels import Pitch
 from ..engine.waves.bit_layout import LAYOUTS, layout_beside
 from ..engine.waves.propagation import propagate
 from . import parts
@@ -43,8 +44,8 @@ class Given:
         Name of the only array, or of that of each role of `parts.ROLES`. Default: as the names say, in one way.
     convention : Convention
         Default: what the file says, else ours.
-    pitch : float
-        Metres.
+    pitch : float or (float, float)
+        Metres; of pixels that are not square (x, y).
     wavelengths : sequence of float
         Metres.
     depth_range : (float, float)
@@ -70,7 +71,7 @@ class Given:
 
     array: str | Mapping[str, str] | None = None
     convention: Convention | None = None
-    pitch: float | None = None
+    pitch: Pitch | None = None
     wavelengths: Sequence[float] | None = None
     depth_range: tuple[float, float] | None = None
     near: float | None = None
@@ -107,7 +108,7 @@ def container_of(thing: WaveField | PhaseHologram, convention: Convention | None
         "axes": ",".join(convention.axes or AXES),
         "time_dependence": SIGNS[convention.time],
         "row_0": convention.rows,
-        "pitch_m": hologram.pitch,
+        "pitch_m": list(hologram.pitch) if isinstance(hologram.pitch, tuple) else hologram.pitch,
         "wavelengths_m": list(hologram.wavelengths),
         "depth_far_m": hologram.depth_far,
         "depth_near_m": hologram.depth_near,
@@ -399,13 +400,23 @@ def _layers(array, convention, stored):
 
 
 def _grid(given, attributes):
-    pitch = given.pitch or _number(attributes, "pitch_m")
+    pitch = given.pitch or _pitch(attributes)
     wavelengths = given.wavelengths or _numbers(attributes, "wavelengths_m")
     if not pitch:
         raise InvalidInput("The file does not say the pixel pitch: give --pitch, in micrometers.")
     if not wavelengths:
         raise InvalidInput("The file does not say the wavelengths: give --wavelengths, in nanometers.")
     return pitch, tuple(wavelengths)
+
+
+def _pitch(attributes):
+    """One number, or the two of pixels that are not square."""
+    values = _numbers(attributes, "pitch_m")
+    if values is not None and len(values) > 2:
+        raise InvalidInput(
+            f"The file's pitch_m are {len(values)} numbers: it should be one, or those of x and y."
+        )
+    return values[0] if values is not None and len(values) == 1 else values
 
 
 def _number(attributes, name):
@@ -437,14 +448,16 @@ def _optics(attributes, given):
         return Optics.from_dict(json.loads(attributes["optics"]))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidInput(
-            f"The file's optics cannot be read ({error}): give --beam, --carrier and --stop."
+            f"The file's optics cannot be read ({error}): give --beam, --carrier, --stop and --lens."
         ) from error
 
 
 def _camera(attributes, fov, hologram):
     said = attributes.get("camera")
     if said is None:
-        default = 2 * math.atan(hologram.width * hologram.pitch / (2 * FOCAL))
+        grid, lens = hologram.in_air, hologram.optics.lens
+        focal = lens.focal if lens and hologram.depth_mapping == "eyepiece" else FOCAL
+        default = 2 * math.atan(grid.width * grid.pitch_x / (2 * focal))
         return Camera(np.eye(4), fov or default)
     try:
         camera = Camera.from_dict(json.loads(said))
@@ -468,7 +481,7 @@ def _at_slm(field, distance, hologram):
         return field
     for colour, wavelength in enumerate(hologram.wavelengths):
         for frame in field:
-            frame[colour] = propagate(frame[colour], -distance, hologram.pitch, wavelength)
+            frame[colour] = propagate(frame[colour], -distance, hologram.pitch_at(wavelength), wavelength)
     return field
 
 

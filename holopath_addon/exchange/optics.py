@@ -1,4 +1,6 @@
-"""The bench by words, as `--beam`, `--carrier` and `--stop` take them, and with arrays of other programs' files."""
+"""The bench by words, as `--beam`, `--carrier`, `--stop`, `--lens` and `--color-scale` take them, and with arrays of
+other programs' files.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine import Beam, InvalidInput, Stop
+from ..engine import Beam, InvalidInput, Lens, Stop
 from .containers import read
 from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
 
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
 STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
+LENS_WORDS = "MM[@MM[@MM]]|none"
+COLOR_WORDS = {
+    "color_scale": ("scale of colors", "S[,S..], one for each wavelength"),
+    "color_distance": ("distance of colors", "MM[,MM..], one for each wavelength"),
+    "color_shift": ("shift of colors", "X,Y[,X,Y..] in millimeters, two for each wavelength"),
+}
 # Unit of each kind's numbers in words, in that of `Beam`.
 _UNITS = {"tilt": math.radians(1), "point": 1e-3, "gaussian": 1e-3}
 _ROLES = ({FIELD}, {AMPLITUDE}, {INTENSITY}, {AMPLITUDE, PHASE}, {INTENSITY, PHASE})
@@ -71,6 +79,28 @@ def parse_carrier(text: str) -> tuple[float, float] | str:
     return numbers[0], numbers[1]
 
 
+def parse_colors(name: str, text: str) -> tuple:
+    """Where colors lie by words, see `engine.Optics`, in millimeters: a scale, a distance, or x and y for each.
+
+    Parameters
+    ----------
+    name : str
+        Of `engine.optics.COLORS`.
+    text : str
+
+    Raises
+    ------
+    InvalidInput
+    """
+    words, unit = COLOR_WORDS[name], 1.0 if name == "color_scale" else 1e-3
+    numbers = [unit * number for number in _numbers(text, text, words[0], words[1])]
+    if name != "color_shift":
+        return tuple(numbers)
+    if len(numbers) % 2:
+        raise InvalidInput(f"'{text}' is no {words[0]}: give {words[1]}.")
+    return tuple(zip(numbers[::2], numbers[1::2], strict=True))
+
+
 def parse_stop(text: str) -> Stop:
     """The stop of words, with the angle of a half in degrees; or of a picture, which is open where it is bright.
 
@@ -95,6 +125,25 @@ def measured_stop(path: Path) -> Stop:
     """The stop of a picture, which is open where it is bright; raises as `parse_stop` does."""
     array = _array("stop", path)
     return Stop("measured", measured=array > array.max() / 2)
+
+
+def parse_lens(text: str) -> Lens | None:
+    """The lens of words, all in millimeters: its focal length, how far behind the SLM it stands, and how far behind it
+    the picture does; None of ``none``.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    if text == "none":
+        return None
+    try:
+        numbers = [1e-3 * float(part) for part in text.split("@")]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 3:
+        raise InvalidInput(f"'{text}' is no lens: give {LENS_WORDS}.")
+    return Lens(*numbers)
 
 
 def stop_files(text: str | None) -> dict[str, Path]:

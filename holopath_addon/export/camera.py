@@ -85,7 +85,7 @@ def view_of(camera, resolution, scale):
     camera : bpy.types.Object
         A camera object, evaluated, or the original as its last evaluation left it.
     resolution : tuple of int
-        Hologram width and height, pixels.
+        Width and height of the hologram's pictures, `Hologram.picture`.
     scale : float
         Metres a Blender unit.
 
@@ -163,7 +163,7 @@ def _note_differences(scene, camera, notes):
     if camera.data.dof.use_dof:
         notes.add(camera.name, "Depth of Field", "ignored: a hologram is focused when it is viewed")
     if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
-        notes.add(camera.name, "Pixel aspect", "ignored: the pixels of a hologram are square")
+        notes.add(camera.name, "Pixel aspect", "ignored: a hologram's pixels have the display's pitch")
     if scene.render.use_border:
         notes.add(camera.name, "Render Region", "ignored: the whole view is rendered")
     cycles = getattr(scene, "cycles", None)  # which is not there where Blender's add-on for Cycles is off

@@ -48,7 +48,7 @@ def add_picture(scene, path, options):
     scale = unit_scale(scene)
     view = view_of(find_camera(scene), picture.size, scale)
     fov = view.fov_x if options.fov is None else np.radians(options.fov)
-    hologram = properties.hologram_of(properties.of(scene))
+    hologram = properties.hologram_of(properties.of(scene)).picture
     _, depth, kept = reduced(picture.image, picture.depth(fov), (hologram.width, hologram.height))
     surface = picture_mesh(depth, 2 * np.arctan(kept[0] * np.tan(fov / 2)))
     uv = 0.5 + (surface.uv - 0.5) * kept
@@ -276,7 +276,7 @@ def view_task(scene, path, options):
         stop()
     return session.Task(
         str(path),
-        ViewReading(scene.name, file, (hologram.width, hologram.height)),
+        ViewReading(scene.name, file, (hologram.picture.width, hologram.picture.height)),
         hologram,
         replace(
             properties.settings_of(props), method=METHODS[0], max_depth=1

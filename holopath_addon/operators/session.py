@@ -224,7 +224,7 @@ def prepare(depsgraph, props, resolution=None, camera=None):
         stop()
     return Task(
         bpy.data.filepath or depsgraph.scene.name,
-        read_scene(depsgraph, (hologram.width, hologram.height), camera, cache),
+        read_scene(depsgraph, (hologram.picture.width, hologram.picture.height), camera, cache),
         hologram,
         settings,
         None if props.focus_auto else properties.focus_of(props),
@@ -538,6 +538,10 @@ def light_of(refocuser, modulator, optics):
     phase, kept = current.phase, current.phase_light  # another thread may render or encode meanwhile
     if modulator is None or phase is None:
         return refocuser if optics == refocuser.field.hologram.optics else refocuser.on(optics)
+    if optics.lens != phase.hologram.optics.lens:
+        raise engine.InvalidInput(
+            "The hologram was encoded for another lens: render and encode it for this one, or set that one again."
+        )
     if kept is None or kept[0] is not phase or kept[1:3] != (modulator, optics):
         light = replace(phase, hologram=replace(phase.hologram, optics=optics)).field(modulator)
         kept = current.phase_light = phase, modulator, optics, engine.Refocuser(light)

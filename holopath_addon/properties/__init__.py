@@ -86,10 +86,11 @@ def _display_changed(props, context):
     if display is None:
         return
     props.bits = display.bits
-    props.resolution_x, props.resolution_y, props.pitch_um = (
+    props.resolution_x, props.resolution_y, props.pitch_um, props.square_pixels = (
         display.width,
         display.height,
         display.pitch * 1e6,
+        True,
     )
     props.frames = display.frames
     props.depth_far_mm, props.depth_near_mm = (end * 1e3 for end in display.depth_range)
@@ -106,7 +107,7 @@ def _ends_set(props):
 def _depth_auto_changed(props, context):
     """By hand it begins with what it was automatically."""
     if not props.depth_auto and not _ends_set(props):
-        whole = engine.Hologram(props.resolution_x, props.resolution_y, props.pitch_um * 1e-6)
+        whole = engine.Hologram(props.resolution_x, props.resolution_y, pitch_of(props))
         props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
 
 
@@ -226,6 +227,22 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     pitch_um: FloatProperty(
         name="Pixel Pitch (µm)",
         description="Distance between neighboring pixels, in micrometers; a smaller pitch spreads light wider",
+        default=8.0,
+        min=0.1,
+        max=1000.0,
+        soft_min=1.0,
+        soft_max=40.0,
+        step=10,
+        precision=2,
+    )
+    square_pixels: BoolProperty(
+        name="Square Pixels",
+        description="Whether the pitch is the same in x and y; otherwise light spreads as the larger pitch has it",
+        default=True,
+    )
+    pitch_y_um: FloatProperty(
+        name="Pixel Pitch Y (µm)",
+        description="Distance between neighboring rows of pixels, in micrometers",
         default=8.0,
         min=0.1,
         max=1000.0,
@@ -385,8 +402,8 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     show_bench: BoolProperty(
         name="Sketch in Viewport",
         description=(
-            "Draw beam, SLM, volume, stop and eye to scale in the 3D View, while the sidebar's HoloPath tab is open or "
-            "HoloPath is the render engine"
+            "Draw beam, SLM, volume, lens, stop and eye to scale in the 3D View, while the sidebar's HoloPath tab is "
+            "open or HoloPath is the render engine"
         ),
         default=False,
     )
@@ -571,13 +588,19 @@ def hologram_of(props, resolution=None):
     return engine.Hologram(
         width,
         height,
-        tidy(props.pitch_um * 1e-6),
+        pitch_of(props),
         tuple(tidy(w * 1e-9) for w in wavelengths),
         depth_mapping=props.depth_mapping,
         near=None if props.near_auto else tidy(props.near),
-        optics=optics_of(props.optics),
+        optics=optics_of(props),
         **ends,
     )
+
+
+def pitch_of(props):
+    """The display's pixel pitch, meters; a pair where pixels are not square."""
+    across, down = (tidy(um * 1e-6) for um in (props.pitch_um, props.pitch_y_um))
+    return across if props.square_pixels else (across, down)
 
 
 def depth_is_auto(props):
@@ -668,7 +691,7 @@ def seen_of(props):
         If there is no such bench.
     """
     modulator = modulator_of(props) if props.refocused == "PHASE" else None
-    return focus_of(props), pupil_or_none(props), modulator, optics_of(props.optics)
+    return focus_of(props), pupil_or_none(props), modulator, optics_of(props)
 
 
 def pupil_or_none(props):

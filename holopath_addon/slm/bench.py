@@ -17,6 +17,7 @@ import scipy.fft
 import scipy.ndimage
 from scipy.special import j1
 
+from ..engine.pixels import Pitch, axes, coarsest, half_sides
 from ..engine.waves.display_model import DisplayModel, zernike
 from ..engine.waves.gaussian_points import SEVENTH
 from ..engine.waves.propagation import padded_shape
@@ -54,7 +55,7 @@ class Bench:
     sensor : Sensor
     shape : (int, int)
         Rows and columns of the SLM.
-    pitch : float
+    pitch : float or (float, float)
         Metres.
     full_well : float
         Electrons of the highest value; their number is random as Poisson has it.
@@ -70,7 +71,7 @@ class Bench:
     phases: np.ndarray
     sensor: Sensor
     shape: tuple
-    pitch: float
+    pitch: Pitch
     full_well: float = 10000.0
     read_noise: float = 8.0
     source: tuple = _turned(SEVENTH)
@@ -103,7 +104,9 @@ class Bench:
             sx, sy = model.tilt[0] + model.size * x, model.tilt[1] + model.size * y
             wavelength = model.wavelength + model.bandwidth * c
             wave = self._relayed(self._pixels(fine, padded, sx, sy, wavelength), padded, wavelength)
-            fy, fx = (scipy.fft.fftfreq(GRID * n, self.pitch / GRID) for n in padded)
+            fy, fx = (
+                scipy.fft.fftfreq(GRID * n, d / GRID) for n, d in zip(padded, axes(self.pitch), strict=True)
+            )
             root = np.sqrt(np.maximum(wavelength**-2 - fy[:, None] ** 2 - fx[None, :] ** 2, 0))
             wave = scipy.fft.ifft2(wave * np.exp(2j * math.pi * distance * (root - 1 / wavelength)))
             total += weight * np.abs(wave) ** 2
@@ -120,13 +123,17 @@ class Bench:
 
     def _pixels(self, fine, padded, sx, sy, wavelength):
         """Spectrum of the light of the pixels, on the grid of `GRID` samples."""
-        model, half = self.model, min(self.shape) / 2
+        model, half = self.model, half_sides(self.shape, self.pitch)
         y, x = ((np.arange(FINE * n) + 0.5) / FINE - n / 2 for n in self.shape)  # pixels, from the middle
         beam = np.exp(
             -model.falloff
-            * ((y[:, None] / half - model.position[1]) ** 2 + (x[None, :] / half - model.position[0]) ** 2)
+            * (
+                (y[:, None] / half[0] - model.position[1]) ** 2
+                + (x[None, :] / half[1] - model.position[0]) ** 2
+            )
         )
-        ramp = np.exp(2j * math.pi / wavelength * self.pitch * (sy * y[:, None] + sx * x[None, :]))
+        down, across = axes(self.pitch)
+        ramp = np.exp(2j * math.pi / wavelength * (down * sy * y[:, None] + across * sx * x[None, :]))
         light = math.sqrt(1 - abs(model.unmodulated) ** 2) * np.exp(
             1j * fine * (model.wavelength / wavelength)
         )
@@ -141,18 +148,22 @@ class Bench:
 
     def _relayed(self, wave, padded, wavelength):
         """Spectrum behind the relay."""
-        model, stop = self.model, self.model.wavelength / (2 * self.pitch)
-        y, x = (scipy.fft.fftfreq(GRID * n, self.pitch / GRID) * wavelength / stop for n in padded)
+        model, stop = self.model, self.model.wavelength / (2 * coarsest(self.pitch))
+        y, x = (
+            scipy.fft.fftfreq(GRID * n, d / GRID) * wavelength / stop
+            for n, d in zip(padded, axes(self.pitch), strict=True)
+        )
         y, x = y[:, None], x[None, :]
         radius = np.hypot(x, y)
-        mask = _round_stop(tuple(padded), self.pitch, stop / wavelength)
-        inside = radius < 1 + NEAR * wavelength / (min(padded) * self.pitch) / stop
+        mask = _round_stop(tuple(padded), axes(self.pitch), stop / wavelength)
+        side = min(n * d for n, d in zip(padded, axes(self.pitch), strict=True))
+        inside = radius < 1 + NEAR * wavelength / side / stop
         terms = [np.broadcast_to(each, inside.shape)[inside] for each in zernike(x, y)]
         weights = []
-        for n, size in zip(padded, self.shape, strict=True):
+        for n, size, half in zip(padded, self.shape, half_sides(self.shape, self.pitch), strict=True):
             at = np.arange(GRID * n) / GRID
             at = np.where(at > (n + size) / 2, at - n, at)
-            at = np.clip((at - (size - 1) / 2) / (min(self.shape) / 2), -1, 1)
+            at = np.clip((at - (size - 1) / 2) / half, -1, 1)
             weights.append([
                 np.prod([(at - o) / (p - o) for o in PLACES if o != p], axis=0) for p in PLACES
             ])  # fmt: skip
@@ -173,21 +184,21 @@ class Bench:
         pads = [(n // 2, n - n // 2) for n in many.shape]
         many = scipy.fft.ifft2(scipy.fft.ifftshift(np.pad(many, pads))).real * 4
         xi, eta = self.sensor.points(distance, SPOTS)
-        half = min(self.shape) / 2
-        at = [(v * half + (n - 1) / 2) * 2 * GRID for v, n in zip((eta, xi), self.shape, strict=True)]
+        half = half_sides(self.shape, self.pitch)
+        at = [(v * h + (n - 1) / 2) * 2 * GRID for v, h, n in zip((eta, xi), half, self.shape, strict=True)]
         return scipy.ndimage.map_coordinates(many, at, order=3, mode="grid-wrap").mean(axis=(0, 1))
 
 
 @lru_cache(8)
-def _round_stop(padded, pitch, radius):
+def _round_stop(padded, pitches, radius):
     """Spectrum of a round stop's light of a point, J1(2 pi r R) R / r, which ends at half of the grid.
 
     It falls so slowly that a stop's sharp edge on a periodic grid adds what comes round.
     """
-    y, x = (pitch * scipy.fft.fftfreq(GRID * n, 1 / n) for n in padded)
-    away = np.maximum(np.hypot(y[:, None], x[None, :]), 1e-6 * pitch)
-    light = radius * j1(2 * math.pi * radius * away) / away * (pitch / GRID) ** 2
-    light *= np.clip(2 - away / (0.25 * pitch * min(padded)), 0, 1)
+    y, x = (d * scipy.fft.fftfreq(GRID * n, 1 / n) for n, d in zip(padded, pitches, strict=True))
+    away = np.maximum(np.hypot(y[:, None], x[None, :]), 1e-6 * pitches[0])
+    light = radius * j1(2 * math.pi * radius * away) / away * math.prod(pitches) / GRID**2
+    light *= np.clip(2 - away / (0.25 * min(n * d for n, d in zip(padded, pitches, strict=True))), 0, 1)
     return scipy.fft.fft2(light).real
 
 

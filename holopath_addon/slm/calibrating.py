@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..engine.errors import InvalidInput
+from ..engine.pixels import Pitch, axes
 from ..engine.progress import stage
 from ..engine.waves.display_model import DisplayModel
 from .calibration import Calibration, Response
@@ -41,14 +42,15 @@ class PatternWindow:
     ----------
     side : int
         Pixels.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     bits : int
         Of a level.
     """
 
     side: int
-    pitch: float
+    pitch: Pitch
     wavelength: float
     bits: int = 8
 
@@ -91,7 +93,7 @@ def nominal(
     view : (float, float)
         What half the camera's shorter side sees of the window's, to the right and down; negative: mirrored.
     """
-    model = DisplayModel(window.wavelength, half=window.side / 2 * window.pitch, **USUAL)
+    model = DisplayModel(window.wavelength, half=window.side / 2 * min(axes(window.pitch)), **USUAL)
     matrix = (float(view[0]), 0.0, 0.0, 0.0, float(view[1]), 0.0, 0.0, 0.0)
     sensor = Sensor(shape, GAIN, BLACK, 1.0, dict.fromkeys(distances, matrix))
     return Setup(model, even_knots(window.bits), sensor)

@@ -25,6 +25,7 @@ from .sensor import Sensor
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from ..engine.pixels import Pitch
     from ..engine.progress import Progress
 
 # Captures that are looked at, in turns of all foci, 0 for all; the blur of pictures, camera pixels; most steps; and the
@@ -229,7 +230,7 @@ class Prediction:
     start : Setup
     shape : (int, int)
         Rows and columns of the SLM.
-    pitch : float
+    pitch : float or (float, float)
         Metres.
     bits : int
         Of a level.
@@ -244,7 +245,7 @@ class Prediction:
         captures: Sequence[Capture],
         start: Setup,
         shape: tuple[int, int],
-        pitch: float,
+        pitch: Pitch,
         bits: int,
         blur: float = 0.0,
         source: tuple = FIFTH,
@@ -309,7 +310,8 @@ class Prediction:
         """Residuals of some captures."""
         errors = np.empty((len(at), *self._seen.shape[1:]), np.float32)
         for error, number in zip(errors, at, strict=True):
-            seen = setup.sensor.sees(pictures[number], self.shape, GRID, self.captures[number].distance)
+            distance = self.captures[number].distance
+            seen = setup.sensor.sees(pictures[number], self.shape, GRID, distance, self.pitch)
             error[:] = self._weights[number] * (self._blurred(np.minimum(seen, 1)) - self._seen[number])
         return errors
 
@@ -404,7 +406,7 @@ def fit(
     captures: Sequence[Capture],
     start: Setup,
     shape: tuple[int, int],
-    pitch: float,
+    pitch: Pitch,
     bits: int,
     progress: Progress | None = None,
 ) -> Fitted:
@@ -418,7 +420,7 @@ def fit(
         What they are meant to be; the phase may as well fall.
     shape : (int, int)
         Rows and columns of the SLM.
-    pitch : float
+    pitch : float or (float, float)
         Metres.
     bits : int
         Of a level.

@@ -13,6 +13,8 @@ from ..engine.waves.propagation import propagate
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..engine.pixels import Pitch
+
 DOTS, APART = 9, 0.18  # dots of a picture, and their least distance in shares of the shorter side
 REFERENCE = 16  # captures after which the first picture is looked at again
 
@@ -20,7 +22,7 @@ REFERENCE = 16  # captures after which the first picture is looked at again
 def patterns(
     shape: tuple[int, int],
     bits: int,
-    pitch: float,
+    pitch: Pitch,
     wavelength: float,
     distances: Sequence[float],
     count: int = 64,
@@ -39,7 +41,8 @@ def patterns(
         Rows and columns.
     bits : int
         Of a level.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     distances : sequence of float
         Of the foci from the SLM, metres.

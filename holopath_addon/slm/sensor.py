@@ -10,6 +10,7 @@ import scipy.fft
 import scipy.ndimage
 
 from ..engine.errors import InvalidInput
+from ..engine.pixels import Pitch, half_sides
 from ..engine.scene import variants
 
 if TYPE_CHECKING:
@@ -111,7 +112,14 @@ class Sensor:
         below = g * x + h * y + 1
         return np.array([(a * x + b * y + c) / below, (d * x + e * y + f) / below])
 
-    def sees(self, picture: np.ndarray, size: tuple[int, int], grid: int, distance: float) -> np.ndarray:
+    def sees(
+        self,
+        picture: np.ndarray,
+        size: tuple[int, int],
+        grid: int,
+        distance: float,
+        pitch: Pitch = 1.0,
+    ) -> np.ndarray:
         """Values of what the camera sees: the light's mean over each pixel.
 
         The picture's spectrum is taken times that of a pixel, and over that of the B-spline which is its interpolation
@@ -127,17 +135,19 @@ class Sensor:
             Samples in a pixel's side.
         distance : float
             At which it is focused.
+        pitch : float or (float, float)
+            Where the SLM's pixels are not square, meters.
 
         Returns
         -------
         numpy.ndarray, float32, shape (rows, columns)
         """
-        half = min(size) / 2
+        halves = half_sides(size, pitch)
         a, b, _, d, e, *_ = self.homographies[distance]
-        side = half / (min(self.shape) / 2)  # of a camera pixel, in the SLM's
+        down, across = (half / (min(self.shape) / 2) for half in halves)  # of a camera pixel, in the SLM's
         y, x = (scipy.fft.fftfreq(n, 1 / grid).astype(np.float32) for n in picture.shape)
         y, x = y[:, None], x[None, : picture.shape[1] // 2 + 1]
-        pixel = np.sinc(side * (a * x + d * y)) * np.sinc(side * (b * x + e * y))
+        pixel = np.sinc(across * a * x + down * d * y) * np.sinc(across * b * x + down * e * y)
         fine = FINER * grid
         spline = np.sinc(x / fine) ** (ORDER + 1) * np.sinc(y / fine) ** (ORDER + 1)
         height, width = (FINER * n for n in picture.shape)
@@ -148,7 +158,7 @@ class Sensor:
             waves[:, x.size - 1] /= 2  # the finest waves, which stand for both signs
         smooth = scipy.fft.irfft2(waves, (height, width), overwrite_x=True)
         xi, eta = self.points(distance)[:, 0, 0]
-        at = [(v * half + (n - 1) / 2) * fine for v, n in zip((eta, xi), size, strict=True)]
+        at = [(v * half + (n - 1) / 2) * fine for v, half, n in zip((eta, xi), halves, size, strict=True)]
         seen = scipy.ndimage.map_coordinates(smooth, at, np.float32, ORDER, "grid-wrap", prefilter=False)
         return self.value(seen)
 

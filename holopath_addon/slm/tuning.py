@@ -25,7 +25,8 @@ from ..engine.encoding.encoder import MARGIN
 from ..engine.encoding.phases import PARTLY, Phases
 from ..engine.encoding.shown_light import ShownLight
 from ..engine.errors import Cancelled, InvalidInput, cancelled
-from ..engine.viewing.reconstruction import reconstruct
+from ..engine.pixels import half_sides
+from ..engine.viewing.reconstruction import Refocuser
 from ..engine.waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
 from ..engine.waves.supervision import Frames, relative
 
@@ -94,6 +95,10 @@ def tune(
         raise InvalidInput(f"The hologram has no {wavelength * 1e9:g} nm, only {known} nm.")
     if field.data.shape != phase.data.shape:
         raise InvalidInput("The phases are of another field: encode this one, then tune its phases.")
+    if phase.hologram.in_air is not phase.hologram:
+        raise InvalidInput(
+            "A display is fitted without a lens behind it, and these phases are for one: tune phases of free space."
+        )
     if rounds < 1:
         raise InvalidInput(f"Phases are tuned in one round or more, not in {rounds}.")
     colour, best, decibels = colours[0], phase.data[:, colours[0]], []
@@ -140,6 +145,11 @@ class _Loop:
     def __init__(self, phase, field, calibration, colour, threads):
         hologram = phase.hologram
         self._wavelength, self._calibration = hologram.wavelengths[colour], calibration
+        if hologram.optics.colors_apart:
+            raise InvalidInput(
+                "Tuning looks at one color where the panel shows it: render and encode without --color-scale, "
+                "--color-distance and --color-shift."
+            )
         models = calibration.display([self._wavelength])
         if models is None or not calibration.plain:
             raise InvalidInput(
@@ -156,7 +166,7 @@ class _Loop:
         self._between = list((np.arange(BETWEEN) + 0.5) / BETWEEN * (ends[1] - ends[0]) + ends[0])
         everywhere = [*self.distances, *self._between]
         depths = [float(field.mapping.z_to_depth(z)) for z in everywhere]
-        wanted = dict(zip(everywhere, reconstruct(field, depths)[..., colour], strict=True))
+        wanted = dict(zip(everywhere, Refocuser(field, own_pixels=True)(depths)[..., colour], strict=True))
         shape = phase.data.shape[-2:]
         shown = ShownLight(model, shape, hologram.pitch, MARGIN)
         ends = calibration.levels_of(hologram)[colour].ends
@@ -168,8 +178,8 @@ class _Loop:
         self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest, TEACHING_GUARD)
         space = FreeSpace(self._padded, hologram.pitch, self._wavelength)
         self._transfers = {z: space(z) for z in everywhere}
-        half = (model.half or min(shape) / 2 * hologram.pitch) / hologram.pitch
-        eta, xi = ((np.arange(n) - (n - 1) / 2) / half for n in shape)
+        halves = half_sides(shape, hologram.pitch, model.half)
+        eta, xi = ((np.arange(n) - (n - 1) / 2) / half for n, half in zip(shape, halves, strict=True))
         self._at, self._wanted = {}, {z: (wanted[z], relative(wanted[z])) for z in self._between}
         self._rng = np.random.default_rng(0)
         for z in self.distances:

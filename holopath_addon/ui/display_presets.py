@@ -21,6 +21,8 @@ class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):
             "resolution_x",
             "resolution_y",
             "pitch_um",
+            "square_pixels",
+            "pitch_y_um",
             "bits",
             "colours",
             "wavelengths_nm",

@@ -14,9 +14,10 @@ from gpu_extras.batch import batch_for_shader
 from .. import engine, properties
 from ..engine.hologram import channel
 from ..engine.mapping import DepthMapping
+from ..engine.pixels import axes
 from ..export import find_camera, unit_scale, view_of
 from ..operators import session
-from ..properties import focus_list_of, focus_of, hologram_of, pupil_or_none
+from ..properties import focus_list_of, focus_of, hologram_of, pitch_of, pupil_or_none
 from .bench_overlay import draw_bench
 from .plates import draw_plate, tab_open
 
@@ -74,7 +75,8 @@ def outlines(scene):
         Where the scene has no camera for a hologram.
     """
     props, scale = properties.of(scene), unit_scale(scene)
-    size = (props.resolution_x, props.resolution_y)
+    down, across = axes(pitch_of(props))
+    size = (props.resolution_x * across, props.resolution_y * down)
     camera = view_of(find_camera(scene), size, scale)
     focus = focus_of(props)
     listed = [distance for distance in focus_list_of(props) if distance != focus]

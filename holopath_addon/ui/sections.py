@@ -7,11 +7,12 @@ import bpy
 from bpy.types import Context, UILayout
 
 from .. import engine, pipeline, preferences, properties
+from ..engine.pixels import axes, in_words
 from ..engine.progress import duration
 from ..engine.settings import BASELINES, DECLARED, ENCODE_SECONDS, ENCODINGS, EYEBOX
 from ..operators import background, session
 from ..operators.rendering import output_size, own_size
-from ..properties import HoloPathSettings, display_of, property_of
+from ..properties import HoloPathSettings, display_of, pitch_of, property_of
 from .focus_list import HOLOPATH_UL_focus
 from .text import alert, count, wrapped
 
@@ -21,7 +22,9 @@ def summary(layout: UILayout, context: Context) -> None:
     props = properties.of(context.scene)
     frames = f"Frames for {props.speckle:.0%} Speckle" if props.wish_speckle else count(props.frames, "Frame")
     column = layout.column(align=True)
-    wrapped(column, context, f"{props.resolution_x} × {props.resolution_y} px, {props.pitch_um:g} µm Pitch")
+    wrapped(
+        column, context, f"{props.resolution_x} × {props.resolution_y} px, {in_words(pitch_of(props))} Pitch"
+    )
     wrapped(
         column, context, f"{frames}, {'RGB' if props.colours == 'RGB' else f'{props.wavelength_nm:g} nm'}"
     )
@@ -35,15 +38,23 @@ def display(layout: UILayout, context: Context) -> None:
         column = layout.column(align=True)
         column.prop(props, "resolution_x", text="Resolution X")
         column.prop(props, "resolution_y", text="Y")
-        layout.prop(props, "pitch_um")
+        row = layout.row(align=True)
+        row.prop(props, "pitch_um")
+        linked = "LINKED" if props.square_pixels else "UNLINKED"
+        row.prop(props, "square_pixels", text="", icon=linked)
+        if not props.square_pixels:
+            layout.prop(props, "pitch_y_um", text="Y")
         layout.prop(props, "bits")
         bits = ""
     else:  # nothing to set: Custom has these
         wrapped(
-            layout, context, f"{props.resolution_x} × {props.resolution_y} px, {props.pitch_um:.4g} µm Pitch"
+            layout,
+            context,
+            f"{props.resolution_x} × {props.resolution_y} px, {in_words(pitch_of(props))} Pitch",
         )
         bits = f"{count(props.bits, 'Bit')}, "
-    width, height = (n * props.pitch_um * 1e-3 for n in (props.resolution_x, props.resolution_y))
+    down, across = (d * 1e3 for d in axes(pitch_of(props)))
+    width, height = props.resolution_x * across, props.resolution_y * down
     wrapped(layout, context, f"{bits}Size {width:.3g} × {height:.3g} mm")
     column = layout.column()
     column.row().prop(props, "colours", expand=True)
@@ -62,7 +73,9 @@ def depth(layout: UILayout, context: Context) -> None:
     if properties.depth_is_auto(props):
         with suppress(engine.InvalidInput):
             hologram = properties.hologram_of(props)
-            ends = f"{hologram.depth_far * 1e3:.3g} to {hologram.depth_near * 1e3:.3g} mm from the SLM"
+            ends = (
+                f"{hologram.depth_far * 1e3:.3g} to {hologram.depth_near * 1e3:.3g} mm from {hologram.origin}"
+            )
             wrapped(layout, context, ends)
     else:
         column = layout.column(align=True)

@@ -9,14 +9,15 @@ def test_kept_and_taken(scene):
     props.display = "leto-3"
     props.display = "CUSTOM"
     props.resolution_x, props.pitch_um, props.bits = 1234, 4.25, 10
+    props.square_pixels, props.pitch_y_um = False, 5.5
     props.colours, props.wavelength_nm = "MONO", 532.0
     props.wavelengths_nm = (630.0, 520.0, 460.0)
     props.depth_far_mm, props.depth_near_mm = 33.0, 44.0
     props.optics.beam, props.optics.middle_mm, props.optics.stop = "gaussian", (0.5, 0.25), "half"
     frames = props.frames
     names = [
-        "display", "resolution_x", "resolution_y", "pitch_um", "bits", "colours", "wavelength_nm",
-        "depth_far_mm", "depth_near_mm",
+        "display", "resolution_x", "resolution_y", "pitch_um", "square_pixels", "pitch_y_um", "bits", "colours",
+        "wavelength_nm", "depth_far_mm", "depth_near_mm",
     ]  # fmt: skip
     kept = {name: getattr(props, name) for name in names} | {"wavelengths": tuple(props.wavelengths_nm)}
     assert bpy.ops.holopath.display_preset_add(name="My SLM") == {"FINISHED"}

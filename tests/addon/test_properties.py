@@ -33,6 +33,15 @@ def test_displays(settings, name):
     assert settings.bits == display.bits
 
 
+def test_pixels_that_are_not_square(settings):
+    settings.pitch_um, settings.pitch_y_um = 6.4, 8.0
+    assert properties.hologram_of(settings).pitch == 6.4e-6
+    settings.square_pixels = False
+    assert properties.hologram_of(settings).pitch == (6.4e-6, 8e-6)
+    settings.display = "pluto-2"  # of which all are square
+    assert settings.square_pixels and properties.hologram_of(settings).pitch == 8e-6
+
+
 def test_all_settings(settings):
     settings.colours, settings.wavelength_nm = "MONO", 532.0
     settings.depth_mapping = "eyepiece"

@@ -49,6 +49,12 @@ def test_pixels_are_the_reconstruction(f12, tmp_path):
     assert tuple(bpy.data.images[session.IMAGE].size) == (60, 40)
 
 
+def test_f12_has_square_pixels(f12):
+    f12.holopath.square_pixels, f12.holopath.pitch_y_um = False, 6.4
+    with pytest.raises(RuntimeError, match="F12 shows square pixels"):
+        bpy.ops.render.render()
+
+
 def test_animation(f12, tmp_path):
     near = f12.objects["Near"]
     near.keyframe_insert("location", frame=1)

@@ -21,7 +21,11 @@ def drawn(section, scene):
 def test_display(scene):
     names, words = drawn(sections.display, scene)
     assert {"resolution_x", "resolution_y", "pitch_um", "bits"} <= set(names)
-    assert words == "Size 0.512 × 0.512 mm"
+    assert words == "Size 0.512 × 0.512 mm" and "pitch_y_um" not in names
+    scene.holopath.square_pixels, scene.holopath.pitch_y_um = False, 6.4
+    names, words = drawn(sections.display, scene)
+    assert "pitch_y_um" in names and words == "Size 0.512 × 0.41 mm"
+    assert "8 × 6.4 µm Pitch" in drawn(sections.summary, scene)[1]
     scene.holopath.display = "ti-plm-067"
     names, words = drawn(sections.display, scene)
     assert not {"resolution_x", "resolution_y", "pitch_um", "bits"} & set(names)

@@ -62,10 +62,10 @@ def hologram():
 
 def test_rays_and_lens(backend, level, hologram):
     from holopath_addon.engine.scene.rays import Rays
-    from holopath_addon.engine.viewing.preview import Lens
+    from holopath_addon.engine.viewing.preview import CameraLens
 
     rays = Rays(hologram, level, DepthMapping.of(hologram, level, 0.5), 1e-3)
-    lens = Lens(level, 16, 12, math.inf)
+    lens = CameraLens(level, 16, 12, math.inf)
     assert literals(rays, lens) == []
 
 

@@ -103,7 +103,12 @@ GIVEN = {"pitch": PITCH, "wavelengths": [WAVELENGTH]}
             {"wavelengths": [WAVELENGTH]},
             "pitch_m is 'wide': it should be a number",
         ),
-        (FIELD, {"pitch_m": [1.0, 2.0]}, {"wavelengths": [WAVELENGTH]}, "are 2 numbers: it should be one"),
+        (
+            FIELD,
+            {"pitch_m": [1.0, 2.0, 3.0]},
+            {"wavelengths": [WAVELENGTH]},
+            "are 3 numbers: it should be one, or",
+        ),
         (FIELD, {"row_0": "left"}, GIVEN, "top or the bottom, not at 'left'"),
         (FIELD, {"axes": "y,z"}, GIVEN, "in any order, each once, not 'y,z'"),
         (FIELD, {"time_dependence": "none"}, GIVEN, r"\+ or -, not 'none'"),

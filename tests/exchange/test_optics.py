@@ -133,6 +133,43 @@ def test_a_beam_on_the_command_line(folder, tmp_path, capsys):
     assert engine.PhaseHologram.load(folder / "hologram").hologram == phase.hologram
 
 
+def test_words_of_colors():
+    assert exchange.parse_colors("color_scale", "1.02,1,0.98") == (1.02, 1.0, 0.98)
+    assert exchange.parse_colors("color_distance", "-0.5") == (-0.5e-3,)
+    assert exchange.parse_colors("color_shift", "1,-2,0,0") == ((1e-3, -2e-3), (0.0, 0.0))
+    for name, words in (("color_scale", "2%"), ("color_distance", "1;2"), ("color_shift", "1,2,3")):
+        with pytest.raises(engine.InvalidInput, match="for each wavelength"):
+            exchange.parse_colors(name, words)
+
+
+def test_colors_on_the_command_line(folder, tmp_path, capsys):
+    """A stored field is brought to where the panel lies for a color, phases know it, and so do files of others."""
+    words = ["encode", str(folder), "--method", "sgd", "--max-steps", "30", "--quiet"]
+    colors = ["--color-scale", "1.02", "--color-distance=-0.2", "--color-shift", "0.01,0"]
+    assert cli.main([*words, *colors]) == 0
+    phase = engine.PhaseHologram.load(folder / "hologram")
+    optics = engine.Optics(color_scale=(1.02,), color_distance=(-0.2e-3,), color_shift=((0.01e-3, 0),))
+    assert phase.hologram.optics == optics
+    field = engine.WaveField.load(folder / "wavefield")
+    wanted = engine.reconstruct(engine.at_panel(field, optics), [1.2])[0, 8:-8, 8:-8, 0]
+
+    def alike(*words):
+        assert cli.main(["reconstruct", str(folder), "--hologram", "--focus", "1.2", "--quiet", *words]) == 0
+        return float(np.corrcoef(seen(folder)[8:-8, 8:-8].ravel(), wanted.ravel())[0, 1])
+
+    assert alike() > 0.8
+    assert alike("--color-shift", "0.05,0") < 0.5
+    assert cli.main(["export", str(folder), str(tmp_path / "phases.npz"), "--hologram", "--quiet"]) == 0
+    assert (
+        cli.main(["import", str(tmp_path / "phases.npz"), "--quiet", "--out", str(tmp_path / "again")]) == 0
+    )
+    assert engine.PhaseHologram.load(tmp_path / "again" / "hologram").hologram == phase.hologram
+    capsys.readouterr()
+    assert cli.main([*words, "--color-scale", "1,1.02"]) == 2
+    assert "a scale of 2 colors, the hologram 1: give one for each" in capsys.readouterr().err
+    assert engine.PhaseHologram.load(folder / "hologram").hologram == phase.hologram
+
+
 def test_a_measured_beam_in_other_programs_files(folder, tmp_path):
     """Its array goes with HoloPath's own folders; of a file, it must be named."""
     np.save(tmp_path / "beam.npy", np.linspace(0.5, 1, 64)[None, :] * np.ones((48, 1)))
@@ -146,6 +183,17 @@ def test_a_measured_beam_in_other_programs_files(folder, tmp_path):
         exchange.hologram_of(container)
     given = exchange.Given(optics=engine.Optics(exchange.parse_beam(beam)))
     assert exchange.hologram_of(container, given).hologram == phase.hologram
+
+
+def test_words_of_a_lens():
+    lens = engine.Lens
+    assert exchange.parse_lens("100") == lens(0.1) == lens(0.1, 0.1)
+    assert exchange.parse_lens("100@50") == lens(0.1, 0.05)
+    assert exchange.parse_lens("100@50@120") == lens(0.1, 0.05, 0.12)
+    assert exchange.parse_lens("none") is None
+    for words in ("", "100@", "@50", "1@2@3@4", "a@b"):
+        with pytest.raises(engine.InvalidInput, match="is no lens: give MM"):
+            exchange.parse_lens(words)
 
 
 def test_words_of_a_stop(tmp_path):

@@ -1,5 +1,7 @@
 """Prints: what other programs read of them, and what `holopath export --interference` refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -93,3 +95,13 @@ def test_what_is_refused(folder, tmp_path, capsys, words, says):
 def test_another_kind_of_file(folder, tmp_path, capsys):
     assert cli.main(["export", str(folder), str(tmp_path / "a.jpg"), "--interference", *WHICH]) == 2
     assert "A print ends on .png, .tif, .tiff, not on '.jpg'" in capsys.readouterr().err
+
+
+def test_pixels_that_are_not_square(folder, tmp_path, capsys):
+    stored = output.stored_field(folder)
+    oblong = replace(stored, hologram=replace(stored.hologram, pitch=(6.4e-6, 8e-6)))
+    oblong.save(tmp_path / "oblong" / "wavefield")
+    assert (
+        cli.main(["export", str(tmp_path / "oblong"), str(tmp_path / "a.png"), "--interference", *WHICH]) == 2
+    )
+    assert "as far apart in x as in y, and pixels are 6.4" in capsys.readouterr().err

@@ -8,6 +8,7 @@ import pytest
 
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
+from holopath_addon.engine.waves.display_model import GRID, DisplayLight
 from holopath_addon.engine.waves.gaussian_points import THIRD
 from holopath_addon.slm.fitting import (
     STAGES,
@@ -42,6 +43,20 @@ def test_values_are_those_of_the_setup():
     rows = parameters(start)
     values = np.random.default_rng(0).uniform([r.low for r in rows], [r.high for r in rows])
     assert vector(setup_of(values, start)) == pytest.approx(values, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("pitch", [PITCH, (0.8 * PITCH, PITCH)])
+def test_a_display_is_seen_as_the_bench_has_it(pitch):
+    """Which computes light and the camera's pixels in another way."""
+    window = slm.PatternWindow(24, pitch, GREEN)
+    setup, shape = start_of(window, FOCI[:1]), (24, 24)
+    levels = np.random.default_rng(1).integers(0, 256, shape)
+    bench = slm.Bench(setup.model, setup.phases(8), setup.sensor, shape, pitch, full_well=1e9, read_noise=0.0)
+    light = DisplayLight(setup.model, shape, pitch, FOCI[0])
+    picture = light.picture(light.spectra(setup.phases(8)[levels]), FOCI[0])
+    seen = np.minimum(setup.sensor.sees(picture, shape, GRID, FOCI[0], pitch), 1)
+    difference = bench.capture(levels, FOCI[0]) / 255 - seen
+    assert np.std(difference) < 0.01 * np.std(seen)
 
 
 def test_levels_in_the_middle_of_a_larger_device():

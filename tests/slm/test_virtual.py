@@ -113,6 +113,14 @@ def test_sees_what_the_engine_reconstructs(packing, order, bits, hologram):
     assert decibels(found[0, ..., ::-1], ideal[0]) < 30
 
 
+def test_colors_that_lie_apart(hologram):
+    optics = engine.Optics(color_scale=(1.02, 0.99), color_distance=(0.1e-3, 0.0))
+    apart = replace(hologram, hologram=replace(hologram.hologram, optics=optics))
+    bench = shown(apart, Calibration())
+    assert seen(bench).shape == ideal_of(apart).shape
+    assert decibels(seen(bench), ideal_of(apart)) > 100
+
+
 @pytest.mark.parametrize("bits", [2, 10])
 def test_other_bits(bits, hologram):
     calibration = Calibration(bits=bits)

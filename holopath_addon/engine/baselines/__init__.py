@@ -7,16 +7,20 @@ those Mitsuba renders, with mirrors, glass and all light.
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..mapping import DepthMapping
+import numpy as np
+
+from ..errors import InvalidInput
+from ..mapping import DepthMapping, squared
+from ..pixels import beyond, in_words
 from ..settings import BASELINES
 from ..waves.phase_fields import FEW_FRAMES
+from ..waves.propagation import TEACHING_GUARD, carrier, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
     import mitsuba as mi
-    import numpy as np
 
     from ..camera import Camera
     from ..hologram import Hologram
@@ -27,6 +31,8 @@ LIGHT_RANDOMNESS = (
     0.0,
     0.1,
 )  # of the phases of the scene's light, which stay as they are, by frames from one on
+# These find phases of pixels; all others find waves, which squares record where pixels are none, see `mapping`.
+OF_PIXELS = ("focal_stack", "light_field", "rgbd_descent")
 PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # of a pixel of a picture
 
 
@@ -93,5 +99,30 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
         Of methods that find phases, the light of these, as bright as the scene.
     """
-    module = importlib.import_module(f"{__name__}.{BASELINES[job.settings.method][0]}")
-    return module.field(job, progress)
+    name = BASELINES[job.settings.method][0]
+    module, hologram = importlib.import_module(f"{__name__}.{name}"), job.hologram
+    if hologram.plain:
+        return module.field(job, progress)
+    if name in OF_PIXELS:
+        other = "colors lie apart" if hologram.optics.colors_apart else f"are {in_words(hologram.pitch)}"
+        raise InvalidInput(
+            f"The method {job.settings.method} finds phases of square pixels, and the display's {other}: "
+            "choose another method."
+        )
+    camera, square = squared(job.camera, hologram)
+    waves = module.field(replace(job, camera=camera, hologram=square), progress)
+    shape = waves.shape[-2:]
+    out = np.empty((*waves.shape[:2], hologram.height, hologram.width), np.complex64)
+    for k, wavelength in enumerate(hologram.wavelengths):
+        lines, distance = (
+            hologram.raster(wavelength).lines_on(square.raster()),
+            hologram.distance_at(wavelength),
+        )
+        guard = max(TEACHING_GUARD, beyond(lines, shape))
+        padded = padded_shape(shape, square.pitch, wavelength, distance, guard)
+        transfer = transfer_function(padded, square.pitch, wavelength, distance) * carrier(
+            wavelength, distance
+        )
+        for m, wave in enumerate(moved(waves[:, k], transfer, lines)):
+            out[m, k] = wave
+    return out

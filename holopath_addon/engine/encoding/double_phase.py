@@ -24,7 +24,8 @@ def transmission(waves: np.ndarray, beam: np.ndarray | None) -> np.ndarray:
 
 
 def half_band(shape: Sequence[int]) -> np.ndarray:
-    """FFT bins that a checkerboard's pixels of one colour sample without aliases: abs(fx) + abs(fy) <= 1 / (2 pitch).
+    """FFT bins that a checkerboard's pixels of one colour sample without aliases: abs(fx) + abs(fy) <= 1/2 in cycles a
+    pixel of each direction, whatever its length.
 
     Double phase shows every second pixel's value twice; what is beyond becomes noise (Maimone et al., ACM TOG
     36(4), 85 (2017)).

@@ -12,10 +12,10 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
-from ..optics import ON_AXIS
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
+from ..waves.lens import behind_lens
 from ..waves.modulator import Levels, wrapped
 from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import filtered
@@ -106,8 +106,10 @@ def encode(
         Of the optimisation: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such as
         that of the frame before in an animation.
     randomness : float, optional
-        Of all frames together: the descent begins with phases `randomness` times those of a random map, at the SLM,
-        rather than with those of the field, and each frame for itself is left out. With 0 all pixels are in phase, and
+        Of all frames together: the descent begins with phases `randomness` times those of a random map, at the SLM or
+        on the picture behind a lens,
+        rather than with those of the field, and each frame for itself is left out. Behind a lens few frames begin so,
+        with 1. With 0 all pixels are in phase, and
         with 1 phases are random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo et al.,
         Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
     eyebox : float, optional
@@ -138,10 +140,20 @@ def encode(
         If there is no such method, options do not fit, or the field is not finite.
     Cancelled
     """
+    free, few = randomness is None and start == "arg", randomness_for(len(field.data))
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
-        if method == "joint" and randomness is None and start == "arg":
-            randomness = randomness_for(len(field.data))
+        if method == "joint" and free:
+            randomness = few
+    if (
+        field.hologram.in_air is not field.hologram
+        and method in ("joint", "refine")
+        and free
+        and few is not None
+    ):
+        randomness = (
+            1.0  # phases of few frames are smooth: such a picture's light meets the middle of the SLM alone
+        )
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
     asked = _Asked(
@@ -250,9 +262,10 @@ class _Asked:
             raise InvalidInput(
                 "Double phase knows no display model: choose sgd or joint, or leave out the model."
             )
-        if self.display is not None and field.hologram.optics != ON_AXIS:
+        if self.display is not None and not field.hologram.flat_bench:
             raise InvalidInput(
-                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
+                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or "
+                "the hologram's optics."
             )
         for each in self.levels or ():
             for name in ("correction", "variation"):
@@ -347,7 +360,12 @@ class _Work:
             for colour in range(count)
         ]
         self._beams = [hologram.illumination(colour) for colour in range(count)]
-        self._passes = hologram.optics.passes(self._shape)
+        self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
+        self._optics = [hologram.optics_at(wavelength) for wavelength in hologram.wavelengths]
+        self._grid = hologram.in_air
+        if self._ways[0] is not None:
+            self._shape = self._grid.height, self._grid.width
+        self._passes = [optics.passes(self._shape, self._grid.pitch) for optics in self._optics]
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -373,6 +391,8 @@ class _Work:
         data = self.field.data
         energy = alike = 0.0
         for frame in data:
+            if self._ways[0] is not None:
+                frame = np.stack([self._seen(wave, colour) for colour, wave in enumerate(frame)])
             energy += float(np.vdot(frame, frame).real)
             alike += abs(np.vdot(frame[..., :-1, :], frame[..., 1:, :]))
             alike += abs(np.vdot(frame[..., :-1], frame[..., 1:]))
@@ -393,12 +413,11 @@ class _Work:
 
     def double_phase(self):
         """The method dpac; the gain is one for all frames, as their mean intensity counts."""
-        keep = half_band(self.field.data.shape[-2:]) & self._passes
-        frames, count = self.field.data.shape[:2]
+        frames, count, *shape = self.field.data.shape
         for colour in self.colours:
-            waves = np.empty((frames, *keep.shape), np.complex64)
+            waves = np.empty((frames, *shape), np.complex64)
             for frame in range(frames):
-                waves[frame] = filtered(self._fields(frame, colour), keep)
+                waves[frame] = self._checkered(frame, colour)
                 self._progress((colour + 0.7 * (frame + 1) / frames) / count, "Encoding")
             waves = self._at_pixels(waves, colour)
             level = clipping_level(waves, self._beams[colour]) or 1
@@ -417,17 +436,16 @@ class _Work:
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
             elif randomness is not None:
-                frames, _, rows, columns = data.shape
-                begun = random_phasors(frames, rows, columns, self._asked.effort.seed, randomness)
+                size, way = (len(data), self._grid.height, self._grid.width), self._ways[colour]
+                begun = random_phasors(*size, self._asked.effort.seed, randomness)
+                begun = begun if way is None else way.back(begun)
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
             elif display is not None:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
             elif start == "dpac":
-                waves = self._at_pixels(
-                    filtered(data[:, colour], half_band(data.shape[-2:]) & self._passes), colour
-                )
+                waves = self._at_pixels(self._checkered(slice(None), colour), colour)
                 level = clipping_level(waves, self._beams[colour]) or 1
                 self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
             else:
@@ -470,12 +488,13 @@ class _Work:
 
     def _target(self, fields, colour):
         """What `sgd` compares the light of some frames with."""
-        hologram, asked = self.field.hologram, self._asked
+        hologram, asked, optics = self.field.hologram, self._asked, self._optics[colour]
         if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics)
-        distances = _spread(*self._volume(), asked.planes)
-        grid = hologram.pitch, hologram.wavelengths[colour]
-        return AmplitudeTarget(fields, *grid, distances, self._threads, hologram.optics)
+            return ComplexTarget(fields, asked.aperture, self._threads, optics, self._grid.pitch)
+        distances = _spread(*self._volume(colour), asked.planes)
+        wavelength = hologram.wavelengths[colour]
+        grid = self._grid.pitch_at(wavelength), wavelength
+        return AmplitudeTarget(fields, *grid, distances, self._threads, optics)
 
     def joint(self):
         """All frames together, towards their own mean."""
@@ -498,7 +517,7 @@ class _Work:
                     if colour in wanted:
                         counts[colour] += len(fields)
                         scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(self._wide(fields[:, place] * scale))
+                        wanted[colour].add(self._wide(self._seen(fields[:, place] * scale, colour)))
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
@@ -507,9 +526,10 @@ class _Work:
     def _views(self, colour):
         """What all frames together go towards in one wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        volume, frames = self._volume(), len(self.field.data)
-        space = self._shape, hologram.pitch, hologram.wavelengths[colour], *volume
-        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics)
+        volume, frames = self._volume(colour), len(self.field.data)
+        wavelength = hologram.wavelengths[colour]
+        space = self._shape, self._grid.pitch_at(wavelength), wavelength, *volume
+        return Views(*space, frames, seed, self._asked.eyebox, self._optics[colour])
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -573,9 +593,22 @@ class _Work:
             raise _TimeUp
 
     def _fields(self, which, colour):
-        """Complex fields of some frames, of root mean square 1 over all; a copy."""
+        """Complex fields of some frames where light is compared, of root mean square 1 at the SLM over all; a copy."""
         fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
-        return self._wide(fields)
+        return self._wide(self._seen(fields, colour))
+
+    def _seen(self, fields, colour):
+        """Fields of the SLM where light is compared: there, or on the plane of the picture behind its lens."""
+        way = self._ways[colour]
+        return fields if way is None else way.there(fields)
+
+    def _checkered(self, which, colour):
+        """Complex fields of some frames at the SLM, of what every second pixel of it can show."""
+        keep = half_band(self.field.data.shape[-2:])
+        if self._ways[colour] is None:
+            keep &= self._passes[colour]
+        fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
+        return filtered(fields, keep)
 
     def _wide(self, fields):
         """With dark around them as wide as the display's margin."""
@@ -587,15 +620,16 @@ class _Work:
         """What pixels have to let through so that the beam becomes waves; where it is faint, less."""
         return transmission(waves, self._beams[colour])
 
-    def _volume(self):
-        """Distances between which the scene lies."""
+    def _volume(self, colour):
+        """Distances between which the scene lies, from the panel as a wavelength has it."""
         plan, hologram = self.field.plan, self.field.hologram
-        ends = plan.get("z_low", hologram.depth_far), plan.get("z_high", hologram.depth_near)
+        own = hologram.distance_at(hologram.wavelengths[colour])
+        ends = plan.get("z_low", hologram.depth_far) - own, plan.get("z_high", hologram.depth_near) - own
         return ends if ends[1] > ends[0] else (ends[0] - 1e-6, ends[0] + 1e-6)
 
     def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
-        band = self._passes
+        band = self._passes[colour]
         wanted = shown = 0.0
         for frame, phase in enumerate(self.phases[:, colour]):
             wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())
@@ -604,6 +638,7 @@ class _Work:
             light = np.exp(np.complex64(1j) * phase) if display is None else display.light(phase)
             if self._beams[colour] is not None:
                 light *= self._beams[colour]
+            light = self._seen(light, colour)
             shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
         return math.sqrt(wanted / shown) if shown else 0.0
 
@@ -620,7 +655,7 @@ class _Work:
         levels = self._levels[colour]
         ends = WHOLE if levels is None else levels.ends
         display, beam = self._displays[colour], self._beams[colour]
-        phases = Phases(self.phases[group, colour], self._threads, display, ends, beam)
+        phases = Phases(self.phases[group, colour], self._threads, display, ends, beam, self._ways[colour])
         try:
             yield phases
         finally:

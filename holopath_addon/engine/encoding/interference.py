@@ -62,7 +62,7 @@ def interference(
         waves, reference = np.exp(1j * thing.data[frame, color]), 1.0
     else:
         field = thing.data[frame, color]
-        passed = scipy.fft.ifft2(scipy.fft.fft2(field) * optics.passes(field.shape))
+        passed = scipy.fft.ifft2(scipy.fft.fft2(field) * optics.passes(field.shape, thing.hologram.pitch))
         waves = transmission(passed, thing.hologram.illumination(color))
         reference = float(np.percentile(np.abs(waves), REFERENCE))
     intensity = np.abs(waves + reference) ** 2

@@ -13,7 +13,7 @@ from ..camera import Camera
 from ..errors import InvalidInput
 from ..files import earlier, whole_folder
 from ..hologram import Hologram
-from ..optics import BEAM_FILE, ON_AXIS, STOP_FILE
+from ..optics import BEAM_FILE, STOP_FILE
 from ..scene import variants
 from ..wavefield import WaveField
 from ..waves.modulator import Modulator, grey_levels, wrapped
@@ -88,9 +88,10 @@ class PhaseHologram:
             raise InvalidInput(
                 "Levels that were measured go beside neither bits nor a display: leave out either."
             )
-        if display is not None and self.hologram.optics != ON_AXIS:
+        if display is not None and not self.hologram.flat_bench:
             raise InvalidInput(
-                "A display that was fitted has a beam and a stop of its own: leave out it or the hologram's optics."
+                "A display that was fitted has a beam and a stop of its own, and no lens behind it: leave out it or "
+                "the hologram's optics."
             )
         if levels is not None and len(levels) != self.data.shape[1]:
             raise InvalidInput(

@@ -11,6 +11,7 @@ import numpy as np
 from ..waves.modulator import wrapped
 
 if TYPE_CHECKING:
+    from ..waves.lens import Collins
     from ..waves.modulator import Levels
     from ..waves.supervision import Frames
     from .shown_light import ShownLight
@@ -42,11 +43,13 @@ class Phases:
         Least and largest phase, radians, that it has.
     beam : numpy.ndarray, complex, shape (y, x), optional
         Light that falls on an ideal display. Default: 1.
+    way : Collins, optional
+        From an ideal display to where light is compared. Default: it is compared on the display.
 
     Attributes
     ----------
     light : numpy.ndarray, complex, shape (frame, y, x)
-        beam exp(i phase), or what the display makes of it.
+        beam exp(i phase), or what the display or the way makes of it.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class Phases:
         display: ShownLight | None = None,
         ends: tuple[float, float] = WHOLE,
         beam: np.ndarray | None = None,
+        way: Collins | None = None,
     ) -> None:
         self._angle = np.array(start, order="C").reshape(len(start), -1)
         if display is not None:
@@ -67,13 +71,17 @@ class Phases:
         self._free: np.ndarray | None = None
         self._count = 0
         self._local, self._display, self._ends = threading.local(), display, ends
+        self._way = way
         self._each(self._show)
 
     @property
     def light(self) -> np.ndarray:
-        display = self._display
+        display, way = self._display, self._way
         if display is None:
-            return self._light.reshape(self._shape)
+            light = self._light.reshape(self._shape)
+            if way is None:
+                return light
+            return np.array(self._threads.each(lambda frame: way.there(light[frame]), len(light)))
         return np.array(self._threads.each(lambda frame: display.light(self._turns(frame)), len(self._angle)))
 
     def _turns(self, frame):
@@ -162,7 +170,9 @@ class Phases:
 
     def _at_pixels(self, back, factors):
         """G and factors with respect to exp(i phase), of those with respect to the display's light."""
-        display = self._display
+        display, way = self._display, self._way
+        if way is not None:
+            return np.array(self._threads.each(lambda frame: way.back(back[frame]), len(back))), factors
         if display is None:
             return back, factors
         light = self._light.reshape(self._shape)

@@ -14,6 +14,7 @@ from ..waves.display_model import GRID, DisplayLight
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..pixels import Pitch
     from ..waves.display_model import DisplayModel
 
 
@@ -25,13 +26,13 @@ class ShownLight:
     model : DisplayModel
     shape : (int, int)
         Rows and columns.
-    pitch : float
+    pitch : float or (float, float)
         Metres.
     margin : int
         Pixels around the SLM into which light strays that is looked at.
     """
 
-    def __init__(self, model: DisplayModel, shape: Sequence[int], pitch: float, margin: int = 0) -> None:
+    def __init__(self, model: DisplayModel, shape: Sequence[int], pitch: Pitch, margin: int = 0) -> None:
         self._model = replace(model, size=0.0, bandwidth=0.0)
         self._optics = DisplayLight(self._model, shape, pitch, 0.0)
         self._pixels = tuple(n // GRID for n in self._optics.padded)

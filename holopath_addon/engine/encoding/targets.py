@@ -8,6 +8,7 @@ import numpy as np
 import scipy.fft
 
 from ..optics import ON_AXIS, Optics
+from ..pixels import Pitch
 from ..waves.propagation import JUDGING_GUARD, FreeSpace, padded_shape
 from ..waves.supervision import blocks
 
@@ -33,6 +34,8 @@ class ComplexTarget:
     threads : Frames
     optics : Optics
         Whose stop, within the circle, counts instead of it.
+    pitch : float or (float, float)
+        Where pixels are not square, meters.
 
     Attributes
     ----------
@@ -40,9 +43,16 @@ class ComplexTarget:
         Of what is compared; 0 where there is nothing to be shown.
     """
 
-    def __init__(self, fields: np.ndarray, aperture: bool, threads: Frames, optics: Optics = ON_AXIS) -> None:
+    def __init__(
+        self,
+        fields: np.ndarray,
+        aperture: bool,
+        threads: Frames,
+        optics: Optics = ON_AXIS,
+        pitch: Pitch = 1.0,
+    ) -> None:
         shape = fields.shape[-2:]
-        self._band = optics.passes(shape) if aperture else np.ones(shape, bool)
+        self._band = optics.passes(shape, pitch) if aperture else np.ones(shape, bool)
         self._band = self._band.astype(fields.dtype)
         self._threads = threads
         self._targets = threads.each(lambda frame: scipy.fft.fft2(fields[frame]) * self._band, len(fields))
@@ -102,7 +112,8 @@ class AmplitudeTarget:
     ----------
     fields : numpy.ndarray, complex, shape (frame, y, x)
         At the SLM.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     distances : sequence of float
         Of the planes from the SLM, metres.
@@ -114,7 +125,7 @@ class AmplitudeTarget:
     def __init__(
         self,
         fields: np.ndarray,
-        pitch: float,
+        pitch: Pitch,
         wavelength: float,
         distances: Sequence[float],
         threads: Frames,
@@ -124,7 +135,7 @@ class AmplitudeTarget:
         farthest = max(map(abs, distances))
         # its own loss is the PSNR that is told
         self._padded = padded_shape(self._shape, pitch, wavelength, farthest, JUDGING_GUARD)
-        space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded))
+        space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded, pitch))
         self._transfers = [space(z).astype(fields.dtype) for z in distances]
         rows, columns = self._shape
 

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.fft
 
 from ..optics import ON_AXIS, Optics
+from ..pixels import Pitch, axes, coarsest
 from ..scene.variants import threads
 from ..waves.pictures import Vantage
 from ..waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
@@ -100,7 +101,8 @@ class Views:
     ----------
     shape : (int, int)
         Rows and columns of the fields.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     low, high : float
         Ends of the volume, from the fields' plane, metres.
@@ -130,7 +132,7 @@ class Views:
     def __init__(
         self,
         shape: tuple[int, int],
-        pitch: float,
+        pitch: Pitch,
         wavelength: float,
         low: float,
         high: float,
@@ -144,14 +146,14 @@ class Views:
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
         self.wanted = []
-        self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded))
+        self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded, pitch))
         self._views: list[_View] = []
         self._transfers: dict[float, np.ndarray] = {}
         self._frames = 0
         x, y, radius = optics.opening
-        slope = radius * math.tan(math.asin(wavelength / (2 * pitch)))
+        slope = radius * math.tan(math.asin(wavelength / (2 * coarsest(pitch))))
         rng = np.random.default_rng(seed)
-        self._reach = slope / pitch
+        self._reach, self._pitch = slope / coarsest(pitch), pitch
         depths = min(MOST_DEPTHS, max(2, 1 + math.ceil((high - low) * slope**2 / wavelength)))
         self.transforms = 1 + depths * transforms(frames, eyebox)
         for kind, numbers in self.kinds:
@@ -161,7 +163,7 @@ class Views:
                 numbers.append(len(self._views))
                 if part is not None:
                     part = (radius * part[0] + x / 2, radius * part[1] - y / 2, radius * part[2])
-                self._views.append(_View(Vantage(float(distance), part), kind.apart, self.padded))
+                self._views.append(_View(Vantage(float(distance), part), kind.apart, self.padded, pitch))
         for view in self._views:
             rows, columns = (-(-n // view.apart) for n in shape)
             self.wanted.append(np.zeros((rows, columns), np.float32))
@@ -196,7 +198,7 @@ class Views:
         for number, view in enumerate(self._views):
             distance, apart = view.vantage.distance, view.apart
             if distance not in met:
-                met[distance] = _met(self.shape, self.padded, abs(distance) * self._reach)
+                met[distance] = _met(self.shape, self.padded, abs(distance) * self._reach, self._pitch)
             self.wanted[number] /= met[distance][::apart, ::apart]
 
     def waves(self, spectra: np.ndarray, number: int) -> np.ndarray:
@@ -251,14 +253,14 @@ class _View:
         apart; in FFT order around the middle of the part. None for the whole pupil.
     """
 
-    def __init__(self, vantage, apart, padded):
+    def __init__(self, vantage, apart, padded, pitch):
         self.vantage, self.apart, self.passes = vantage, apart, None
-        passes = vantage.passes(padded)
+        passes = vantage.passes(padded, pitch)
         if passes is not None:
             x, y, _ = vantage.part
             rows, columns = (
-                (round(middle * n) + scipy.fft.fftfreq(n // apart, apart / n).round().astype(int)) % n
-                for middle, n in zip((y, x), padded, strict=True)
+                (round(middle * (d / coarsest(pitch)) * n) + _bins(n, apart)) % n
+                for middle, d, n in zip((y, x), axes(pitch), padded, strict=True)
             )
             self._shape = len(rows), len(columns)
             self._blocks = [(a, b) for a in _runs(rows) for b in _runs(columns)]
@@ -280,6 +282,11 @@ class _View:
             spectra[:, rows, columns] += part[:, to_rows, to_columns]
 
 
+def _bins(count, apart):
+    """The lowest bins of a spectrum, in FFT order, that samples so many pixels apart hold."""
+    return scipy.fft.fftfreq(count // apart, apart / count).round().astype(int)
+
+
 def _runs(numbers):
     """Where consecutive numbers begin and end, as slices of what they count and of themselves."""
     ends = [0, *(np.flatnonzero(np.diff(numbers) != 1) + 1).tolist(), len(numbers)]
@@ -289,9 +296,13 @@ def _runs(numbers):
     ]
 
 
-def _met(shape, padded, radius):
-    """Share of each pixel's cone of light, `radius` pixels wide at the SLM, that meets it; `LEAST_MET` at least."""
-    rows, columns = (scipy.fft.fftfreq(n, 1 / n) for n in padded)
+def _met(shape, padded, radius, pitch):
+    """Share of each pixel's cone of light that meets the SLM; `LEAST_MET` at least.
+
+    There the cone is `radius` of the larger pitch wide.
+    """
+    sizes = (d / coarsest(pitch) for d in axes(pitch))
+    rows, columns = (scipy.fft.fftfreq(n, 1 / n) * size for n, size in zip(padded, sizes, strict=True))
     slm, cone = np.zeros((2, *padded), np.float32)
     slm[: shape[0], : shape[1]] = 1
     cone[np.hypot(columns[None, :], rows[:, None]) <= radius] = 1

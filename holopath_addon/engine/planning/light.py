@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..hologram import AerialImage
 from ..light.baking import found_in
 from ..light.camera_view import Request
 from ..light.gathering import ROUND
@@ -192,11 +193,16 @@ def wavelengths(survey: Survey) -> Decided[tuple[bool, int]]:
     groups = len(wavelength_groups(survey.scene, survey.hologram.wavelengths))
     if not fixed.get("dispersion", bool(survey.chains.longest)):
         groups = 1
+    behind_lens = isinstance(survey.hologram, AerialImage)
+    if behind_lens:
+        groups = colours
     if colours == 1:
         return Decided((False, groups))
     grey = bool(fixed.get("grey", chroma < GREY)) and survey.settings.radiance == "grain"
     value = "rays for each" if groups > 1 else "rays once for all"
     reason = "glass in view disperses" if groups > 1 else "no glass that disperses is in view"
+    if behind_lens:
+        reason = "behind a lens each has pixels of its own size"
     if grey:
         value, reason = f"{value}, one radiance", f"{reason}; colors differ by {chroma:.1%}"
     saving = f"{colours - 1} of {colours} tracings" if groups == 1 else ""

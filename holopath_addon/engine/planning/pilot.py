@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..light.path_tracer import DIRECT, PathTracer
 from ..mapping import DepthMapping
+from ..optics import ON_AXIS
 from ..scene.buffers import mean
 from ..scene.lobes import is_specular
 from ..scene.random_numbers import Sampler
@@ -402,7 +403,8 @@ def _timed(work: Callable[[], _Result], calls: int = 2) -> tuple[float, float, _
 
 def near_end(scene: mi.Scene, camera: Camera, hologram: Hologram, seed: int = 0) -> float:
     """World depth of the volume's near end: as given, or the nearest surface that the pupil sees."""
-    pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit"), camera, 1e-9)
+    hologram = hologram.in_air
+    pinhole = DepthMapping.of(replace(hologram, depth_mapping="fit", optics=ON_AXIS), camera, 1e-9)
     pixels = min(NEAREST_PIXELS, -(-NEAREST_RAYS * hologram.width * hologram.height // DIRECTIONS))
     nearest = Pilot(scene, hologram, camera, pinhole, seed=seed, pixels=pixels).nearest()
     if nearest is None:

@@ -35,7 +35,7 @@ def recording_planes(survey: Survey) -> Decided[tuple[RecordingPlane, ...]]:
         layout = chosen(layouts, survey)
         planes, reason = scenery.planes(layout), _reason(scenery, layout, layouts[0])
     decisions = (
-        Decision("recording planes", _names(planes.value), reason),
+        Decision("recording planes", _names(planes.value, survey.hologram.origin), reason),
         _rays(settings, planes.value),
         *([_regions(planes.value, scenery.branches)] if by_region(settings) else []),
     )
@@ -93,7 +93,7 @@ def columns_of(survey: Survey, margin: int) -> int:
     return (survey.hologram.width + 2 * margin) * (survey.hologram.height + 2 * margin)
 
 
-def _names(planes):
+def _names(planes, origin):
     """Where planes are, in words."""
     where = {"all": "", "surfaces": "", "images": "images in mirrors and glass at "}
     parts = []
@@ -101,7 +101,7 @@ def _names(planes):
         places = ", ".join(f"{plane.z * 1e3:.2f}" for plane in planes if plane.sees == sees)
         if places:
             parts.append(where[sees] + places)
-    return f"{'; '.join(parts)} mm from the SLM"
+    return f"{'; '.join(parts)} mm from {origin}"
 
 
 def _reason(scenery, layout, one):

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
-from ..mapping import DepthMapping
+from ..hologram import AerialImage
+from ..mapping import DepthMapping, squared
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle
+from ..waves.lens import behind_lens
 from ..waves.phase_fields import (
     FEW_FRAMES,
     REACH,
@@ -81,14 +84,19 @@ def plan(
     settings = settings or Settings()
     check_fixed(settings.fixed)
     settings = resolved(settings)
-    warnings = unmodelled(scene)
+    warnings, view = unmodelled(scene), squared(camera, hologram)
     refuse_method(scene, settings.method)
     if settings.method in BASELINES:
+        if hologram.in_air is not hologram:
+            raise InvalidInput(
+                f"The method {settings.method} is made for light without a lens behind the SLM: leave out the lens, or "
+                "choose the method auto."
+            )
         # the least that tells the depths in view
         least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
         least = resolved(replace(least, phase_field="designed", randomness=None))
-        return _of_baseline(_planned(scene, camera, hologram, least, None, []), settings, warnings)
-    return _planned(scene, camera, hologram, settings, store, warnings)
+        return _of_baseline(_planned(scene, *view, least, None, []), settings, warnings)
+    return _planned(scene, *view, settings, store, warnings)
 
 
 def _planned(scene, camera, hologram, settings, store, warnings):
@@ -119,6 +127,7 @@ def _planned(scene, camera, hologram, settings, store, warnings):
         rays,
         frames,
         chunk,
+        _propagation(survey.hologram),
         padding,
     )
     (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
@@ -269,11 +278,21 @@ def _depth(survey: Survey) -> Decided[None]:
     """The depths in view, which nothing is chosen of."""
     hologram, mapping, z_low, z_high = survey.hologram, survey.mapping, survey.z_low, survey.z_high
     end = "infinity" if z_low <= mapping.z_far else f"{mapping.z_to_depth(z_low):.3g} m"
-    value = f"{survey.near:.3g} m to {end} at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from the SLM"
+    value = (
+        f"{survey.near:.3g} m to {end} at {z_high * 1e3:.2f} to {z_low * 1e3:.2f} mm from {hologram.origin}"
+    )
     nearest = hologram.depth_mapping == "fit" and not hologram.near
     reason = (
         "the volume ends at the nearest surface in view" if nearest else f"{hologram.depth_mapping} mapping"
     )
+    lens = hologram.optics.lens
+    if lens is not None:
+        width = (hologram.width - 2 * survey.beside) * hologram.pitch / 2
+        seen, camera = (2 * math.degrees(math.atan(width / f)) for f in (lens.focal, mapping.focal))
+        reason = (
+            f"eyepiece mapping by a lens of {lens.focal * 1e3:g} mm, through which the picture is {seen:.2g} degrees "
+            f"wide of the camera's {camera:.2g}"
+        )
     share = hologram.optics.opening[2]
     radii = [1e3 * share * mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     wide = f"{2 * min(radii):.3g} mm wide"
@@ -337,12 +356,30 @@ def _chunk(settings: Settings) -> Decided[int]:
     return Decided(chunk, (Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason),))
 
 
+def _propagation(hologram: Hologram) -> Decided[None]:
+    """How light comes from the image behind a lens to the SLM; nothing without one, where angular spectra do it all."""
+    if not isinstance(hologram, AerialImage):
+        return Decided(None)
+    panel, of_kind = hologram.panel, {}
+    for wavelength in panel.wavelengths:
+        way = behind_lens(panel, wavelength)
+        assert way is not None
+        of_kind.setdefault(way.kind, []).append(f"{wavelength * 1e9:.4g}")
+    value = ", ".join(f"{kind} transform at {' and '.join(some)} nm" for kind, some in of_kind.items())
+    reason = (
+        f"a lens has the SLM's far field near its focal plane, in pixels of {hologram.pitch * 1e6:.3g} µm, as fine as "
+        "its aperture resolves in the shortest wavelength; angular spectra go on from there"
+    )
+    return Decided(None, (Decision("propagation", value, reason),))
+
+
 def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Decided[None]:
     """The padding that `padded_shape` gives the farthest way of a field."""
     farthest, pixels = abs(gathered_on(planes).z), hologram.width * hologram.height
     size = hologram.height, hologram.width
     rows, columns = padded_shape(size, hologram.pitch, max(hologram.wavelengths), farthest)
-    reason = f"the least that {farthest * 1e3:.3g} mm to the SLM need without wrapping around"
+    place = hologram.origin
+    reason = f"the least that {farthest * 1e3:.3g} mm to {place} need without wrapping around"
     twice = 4 * pixels / (rows * columns)
     saving = f"{twice:.1f} x against twice the size" if rows * columns < 3.6 * pixels else ""
     return Decided(None, (Decision("padding", f"{columns} x {rows} pixels", reason, saving, 0.0),))
@@ -360,5 +397,5 @@ def _cautions(survey: Survey) -> list[str]:
     farthest = max(survey.z_low, survey.z_high, key=abs)
     lost = survey.hologram.lost_light(farthest)
     if lost:
-        found.append(f"{lost}; bring the depth range nearer to the SLM or use more pixels.")
+        found.append(f"{lost}; bring the depth range nearer to {survey.hologram.origin} or use more pixels.")
     return found

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..light.path_tracer import PathTracer
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, pixels_beside, widened
 from ..plan import Decided, Decision
 from ..scene.specular_chains import FirstHits, SpecularChains
-from ..window import pixels_beside, widened
 from . import noise
 from .machine import slowness
 from .pilot import Pilot, near_end

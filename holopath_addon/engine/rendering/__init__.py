@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import baselines
+from ..mapping import squared, widened
 from ..planning import planner
 from ..progress import Clock, Stages, named, parts
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..wavefield import WaveField
-from ..window import widened
 from .fields import Tracing, at_slm
 from .many import along
 from .planned import PlannedRender, added, report_of
@@ -94,7 +94,7 @@ def render(
     fields, errors, passes, rays = [], [], None, {}
     for group, at in zip(planned.groups, parts(stages["waves"], len(planned.groups)), strict=True):
         with planned.recording(group) as recording:
-            fields.append(_waves(recording, sets, planned.straight, at))
+            fields.append(_waves(recording, sets, planned.straight, hologram, at))
         errors.append(recording.error)
         passes, rays = recording.passes, added(rays, recording.rays_traced)
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
@@ -106,13 +106,14 @@ def render(
     return replace(rendered, more=field[settings.frames :]) if more else rendered
 
 
-def _waves(recording, sets, straight, progress):
+def _waves(recording, sets, straight, display, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
     stages = Stages(progress, DESPECKLED if recording.settings.despeckle else PLAIN)
     lighting = named(stages["radiance"], "Radiance")
     lighting(0.0)
     radiance = recording.radiance(lighting)
-    return at_slm(recording, Tracing(recording, radiance, *sets, straight=straight), stages["fields"])
+    tracing = Tracing(recording, radiance, *sets, straight=straight)
+    return at_slm(recording, tracing, display, stages["fields"])
 
 
 def baked_picture(
@@ -157,7 +158,7 @@ def baked_picture(
 
     settings = replace(settings, method="fast")
     planned = planner.plan(scene, camera, hologram, settings, store)
-    camera, hologram = widened(camera, hologram, planned.beside)
+    camera, hologram = widened(*squared(camera, hologram), planned.beside)
     optics = optics_of(scene, camera, planned)
     cache, done = bake(
         scene, camera, hologram, planned, optics, settings, store=store, progress=progress, anew=anew

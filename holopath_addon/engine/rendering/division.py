@@ -420,10 +420,10 @@ class DividedRender:
                 (n, g) for n, g in enumerate(planned.groups) if self.hologram.wavelengths[k] in g
             )
             colour = wavelengths.index(self.hologram.wavelengths[k])
-            hologram = replace(planned.hologram, wavelengths=(wavelengths[colour],))
-            stored = _Stored(self, group, colour, hologram, slice(start, stop))
             with planned.recording(wavelengths) as recording:
-                field = at_slm(recording, stored, parts(progress, len(ways))[number])
+                hologram = replace(recording.hologram, wavelengths=(wavelengths[colour],))
+                stored = _Stored(self, group, colour, hologram, slice(start, stop))
+                field = at_slm(recording, stored, self.hologram, parts(progress, len(ways))[number])
             np.save(folder / f"{number}_{FIELD}", field[:, 0])
             rows.append([number, k, start, stop])
         return {"ways": rows}

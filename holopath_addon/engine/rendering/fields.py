@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..hologram import AerialImage
+from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
-from ..waves import despeckle
+from ..waves import despeckle, lens
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
 from ..waves.propagation import carrier, moved, padded_shape, transfer_function
 
@@ -115,7 +118,7 @@ def kept_energy(phasors: np.ndarray, estimator: str) -> float:
     return recordable_fraction(phasors) * (pixel_transmission() if estimator == "paper" else 1.0)
 
 
-def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.ndarray:
+def at_slm(recording: Recording, recorded: Recorded, display: Hologram, progress: Progress) -> np.ndarray:
     """The wave field at the SLM.
 
     Parameters
@@ -123,6 +126,8 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
     recording : Recording
         For silhouettes, the plan and where planes lie.
     recorded : Recorded
+    display : Hologram
+        Whose pixels are wanted; rays may have been traced on another grid, see `mapping`.
     progress : callable
         ``progress(done, message)``, may raise.
 
@@ -132,17 +137,42 @@ def at_slm(recording: Recording, recorded: Recorded, progress: Progress) -> np.n
         Of the picture, without what was traced beside it.
     """
     hologram, steps = recorded.hologram, recording.settings.despeckle
+    behind_lens = isinstance(hologram, AerialImage)
     stages = Stages(progress, DESPECKLED if steps else PLAIN)
     field = _in_scene(recording, recorded, OWN, stages["tracing"])
     if steps:
         _despeckle(recording, recorded, field, stages["despeckling"])
+    out, pixels = field, None if behind_lens or display.plain else display
+    if pixels is not None:
+        out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
     with recording.clock("propagation"):
-        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered):
-            field[m, k] = wave
+        for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, display=pixels):
+            out[m, k] = wave
             step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
+    if out is not field:
+        return out
     edge = recording.beyond + recording.plan.beside
-    return field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
+    field = field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
+    if not behind_lens:
+        return field
+    with recording.clock("propagation"):
+        return _through_lens(field, hologram, display)
+
+
+def _through_lens(field, image, display):
+    """Fields on the plane of an `AerialImage`, whose pixels are those of its wavelengths, at the SLM of a display."""
+    out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
+    shared = display.in_air
+    # a pixel's light is spread over more of those that all wavelengths share
+    times = np.float32(image.pitch / shared.pitch)
+    image = replace(shared, pitch=image.pitch, shortest=image.shortest, wavelengths=image.wavelengths)
+    for k, wavelength in enumerate(image.wavelengths):
+        way = lens.behind_lens(image, wavelength)
+        assert way is not None
+        for frame, wave in zip(out[:, k], field[:, k], strict=True):
+            frame[:] = times * way.back(wave)
+    return out
 
 
 def _in_scene(recording, recorded, number, progress):
@@ -202,13 +232,21 @@ def _despeckle(recording, recorded, field, progress):
             )
 
 
-def _moved(field, hologram, distance, carried=True) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack."""
-    shape = field.shape[-2:]
+def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Wavelength number, frame number and the field moved by a distance, with its carrier or without, of a stack.
+
+    To a display that is where its pixels lie for the light of each wavelength.
+    """
+    shape, start = field.shape[-2:], distance
     for k, wavelength in enumerate(hologram.wavelengths):
-        padded = padded_shape(shape, hologram.pitch, wavelength, distance)
+        places, guard = None, 0
+        if display is not None:
+            distance = start + display.distance_at(wavelength)
+            places = display.raster(wavelength).lines_on(Raster(shape, hologram.pitch))
+            guard = beyond(places, shape)
+        padded = padded_shape(shape, hologram.pitch, wavelength, distance, guard)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
-        for m, wave in enumerate(moved(field[:, k], transfer)):
+        for m, wave in enumerate(moved(field[:, k], transfer, places)):
             yield k, m, wave

@@ -102,7 +102,7 @@ def many_frames(
             first = 0 if begin or clocked else SETS[-1]
             for phasors, told in zip(batches, parts(stages["waves"], len(batches)), strict=True):
                 sets = [some for some in np.split(phasors, [first]) if len(some)]
-                fields = at_slm(recording, Tracing(recording, radiance, *sets), told)
+                fields = at_slm(recording, Tracing(recording, radiance, *sets), hologram, told)
                 for part in np.split(fields, [first]) if len(sets) > 1 else [fields]:
                     yield numbers, part
                 first = 0

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..hologram import AerialImage
+from ..mapping import filled, squared, widened
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of, straight_share
-from ..window import widened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -46,7 +47,7 @@ class PlannedRender:
     Attributes
     ----------
     camera, hologram : Camera, Hologram
-        As wide as the plan says.
+        Of square pixels, and as wide as the plan says; behind a lens those of the image there.
     cache : RadianceCache or None
         Baked light, after `bake`.
     baked : Bake or None
@@ -62,7 +63,8 @@ class PlannedRender:
         plan: Plan,
         clock: Clock,
     ) -> None:
-        self.scene, (self.camera, self.hologram) = scene, widened(camera, hologram, plan.beside)
+        self.scene, view = scene, squared(camera, hologram)
+        self.camera, self.hologram = widened(*view, plan.beside)
         self.settings, self.plan, self.clock = settings, plan, clock
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None
@@ -96,10 +98,12 @@ class PlannedRender:
 
     @cached_property
     def groups(self) -> Sequence[tuple[float, ...]]:
-        """Wavelengths that share their rays: all, or each for itself where glass in view disperses."""
+        """Wavelengths that share their rays: all; each for itself behind a lens, or where glass in view disperses."""
         from ..scene.dispersion import wavelength_groups
 
         wavelengths = self.hologram.wavelengths
+        if isinstance(self.hologram, AerialImage):
+            return [(wavelength,) for wavelength in wavelengths]
         return [wavelengths] if self.plan.traversals == 1 else wavelength_groups(self.scene, wavelengths)
 
     @contextmanager
@@ -115,12 +119,14 @@ class PlannedRender:
     def _recording(self, group):
         from ..tracing.recording import Recording
 
-        part, plan = replace(self.hologram, wavelengths=group), self.plan
+        camera, part, plan = self.camera, replace(self.hologram, wavelengths=group), self.plan
+        if isinstance(part, AerialImage):
+            camera, part = filled(camera, part)
         if self.cache is not None:
             with self.clock("radiance"):
-                plan = planner.once_baked(plan, self.scene, self.camera, part, self.settings, self.cache)
+                plan = planner.once_baked(plan, self.scene, camera, part, self.settings, self.cache)
         with self.clock("optics"):
-            what = self.scene, self.camera, part, self.settings, plan, self.clock
+            what = self.scene, camera, part, self.settings, plan, self.clock
             return Recording(*what, cache=self.cache)
 
     def error(self, errors: Sequence[float | None]) -> float | None:

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.fft
 
 from ..optics import Pupil
+from ..waves.lens import behind_lens
 from .metrics import psnr
 from .reconstruction import to_rgb
 from .reference import reference
@@ -165,10 +166,10 @@ class PathTraced:
     @property
     def border(self) -> int:
         """Pixels at each edge that lose light of the far end of the volume to the SLM's aperture."""
-        hologram = self.field.hologram
+        hologram = self.field.hologram.picture
         depth = max(abs(hologram.depth_far), abs(hologram.depth_near))
         most = (min(hologram.width, hologram.height) - SMALLEST) // 2
-        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch), most))
+        return max(0, min(math.ceil(hologram.widest_slope * depth / hologram.pitch_x), most))
 
 
 def brightness(field: WaveField, picture: np.ndarray, whole: np.ndarray, pupil: Pupil) -> float:
@@ -207,17 +208,22 @@ def slices(refocus: Refocuser, focus: float, seen: Iterable[Pupil], row: int) ->
 def efficiency(phase: PhaseHologram) -> list[float]:
     """Share of the modulated light within the stop, or the recordable cone, for each wavelength; the rest goes astray.
 
-    Modulated is the beam of the hologram's optics.
+    Modulated is the beam of the hologram's optics. Behind a lens it is what meets the grid of the picture.
     """
-    band = phase.hologram.optics.passes(phase.data.shape[-2:])
+    hologram, grid = phase.hologram, phase.hologram.in_air
+    shape = grid.height, grid.width
     found = []
-    for colour in range(phase.data.shape[1]):
+    for colour, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0
+        band = hologram.optics_at(wavelength).passes(shape, grid.pitch)
+        way = behind_lens(hologram, wavelength)
         illumination = phase.hologram.illumination(colour)
         beam = 1 if illumination is None else illumination
         for frame in phase.data[:, colour]:
-            power = np.abs(scipy.fft.fft2(beam * np.exp(1j * frame.astype(np.float64)))) ** 2
-            inside, total = inside + power[band].sum(), total + power.sum()
+            light = beam * np.exp(1j * frame.astype(np.float64))
+            total += math.prod(shape) * (np.abs(light) ** 2).sum()
+            power = np.abs(scipy.fft.fft2(light if way is None else way.there(light))) ** 2
+            inside += power[band].sum()
         found.append(inside / total)
     return found
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..hologram import channel
+from ..mapping import squared
 from .preview import Preview
 
 if TYPE_CHECKING:
@@ -131,6 +132,7 @@ def pinhole_pictures(
     BackendUnavailable, Cancelled
     """
     progress = progress or (lambda done, message: None)
+    camera, hologram = squared(camera, hologram)
     size = hologram.width, hologram.height
     channels = [channel(w) for w in hologram.wavelengths]
     preview = Preview(scene, camera, *size, max_depth=max_depth, seed=seed)

@@ -89,7 +89,7 @@ class Preview:
             raise InvalidInput(
                 "A focus distance must be in front of the camera: give a positive number of meters, or inf."
             )
-        self._lens = Lens(camera, width, height, focus or math.inf)
+        self._lens = CameraLens(camera, width, height, focus or math.inf)
         self._aperture, self._centre = number(aperture), constant(mi.Point2f, centre)
         if camera.sees_sky not in self._integrators:
             self._integrators[camera.sees_sky] = path_tracer(self._scene, camera.sees_sky, self._max_depth)
@@ -154,7 +154,7 @@ class Preview:
         return np.stack([np.asarray(c) for c in light], axis=-1)
 
 
-class Lens:
+class CameraLens:
     """Rays from points of a lens through a picture in the plane in focus; parameters as of `Preview`."""
 
     def __init__(self, camera: Camera, width: int, height: int, focus: float) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import threading
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,11 +12,17 @@ from ..errors import InvalidInput
 from ..hologram import channel
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
+from ..pixels import Pitch, axes, beyond, coarsest
+from ..progress import stage
+from ..waves.lens import Collins, behind_lens
+from ..waves.panels import at_panel
 from ..waves.propagation import (
     JUDGING_GUARD,
+    circular_band,
     field_of,
     grid_bytes,
     padded_shape,
+    sampled,
     spectral_u,
     spectrum,
     transfer_function,
@@ -27,6 +31,7 @@ from ..waves.propagation import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..hologram import Hologram
     from ..mapping import DepthMapping
     from ..optics import Pupil
     from ..progress import Progress
@@ -35,11 +40,32 @@ if TYPE_CHECKING:
 MOST_BYTES = (
     1 << 29
 )  # of spectra that a `Refocuser` keeps: 1920 x 1080 in three colours has room for eight frames
+FAR = 4  # widths that the steepest waves walk: to where a grid of the SLM's pixels, padded, is wide enough
+
+
+def far_from(hologram: Hologram) -> float:
+    """Distance from the SLM, meters, from which on pictures are those of the far field, by one Fresnel transform.
+
+    Nearer the angular spectrum is sampled well on the SLM's pixels, and from one such width on the transform's chirp
+    is. The volume lies before it. Behind a lens there is none: its picture is a far field.
+    """
+    if hologram.in_air is not hologram:
+        return math.inf
+    width = max(hologram.width * hologram.pitch_x, hologram.height * hologram.pitch_y)
+    volume = max(abs(hologram.depth_far), abs(hologram.depth_near))
+    return max(FAR * width / hologram.widest_slope, 2 * volume)
+
+
+def picture_pitch(hologram: Hologram, distance: float) -> float:
+    """Width in meters of a pixel of a picture at a distance from the SLM, or from the plane of the image `in_air`."""
+    if abs(distance) < far_from(hologram):
+        return coarsest(hologram.picture.pitch)
+    return min(hologram.wavelengths) * abs(distance) / hologram.shorter_side
 
 
 def pupil_mask(
     shape: tuple[int, int],
-    pitch: float,
+    pitch: Pitch,
     wavelength: float,
     mapping: DepthMapping,
     pupil: Pupil,
@@ -52,14 +78,14 @@ def pupil_mask(
     InvalidInput
         If it misses the light that passes the stop of the optics.
     """
-    fy, fx = (np.fft.fftfreq(n, pitch) for n in shape)
+    fy, fx = (np.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
     cosine = np.sqrt(np.maximum(1 - spectral_u(shape, pitch, wavelength), 1e-12))
     scale = wavelength / cosine * mapping.beta / mapping.focal
     inside = np.hypot(fx[None, :] * scale - pupil.x, -fy[:, None] * scale - pupil.y) <= pupil.diameter / 2
-    if not (inside & optics.passes(shape)).any():
+    if not (inside & optics.passes(shape, pitch)).any():
         if optics.stopped:
             raise InvalidInput("The pupil lies outside the light that passes the stop: move it there.")
-        radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * pitch))))
+        radius = mapping.pupil_radius(math.tan(math.asin(wavelength / (2 * coarsest(pitch)))))
         raise InvalidInput(
             f"The pupil lies outside the light, which fills a radius of {radius * 1e3:.3g} mm around the axis: "
             f"move it there."
@@ -77,11 +103,17 @@ class Refocuser:
     field : WaveField
     most_bytes : int
         Spectra that do not fit into this much memory are computed anew each time.
+    own_pixels : bool
+        Whether pictures have the display's own pixels where these are not square, instead of those of
+        `Hologram.picture`.
     """
 
-    def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES) -> None:
-        self.field = field
+    def __init__(self, field: WaveField, most_bytes: int = MOST_BYTES, own_pixels: bool = False) -> None:
+        # what spectra are of: the SLM's pixels, or those of the image behind its lens
+        self.field, self._grid = field, field.hologram.in_air
+        self._own = own_pixels or self._grid.plain
         self._most_bytes, self._guard = most_bytes, JUDGING_GUARD if field.modulated else 0
+        self._ways = [behind_lens(self._grid, wavelength) for wavelength in self._grid.wavelengths]
         self._spectra = {}  # by wavelength, frame and shape
         self._lock = threading.Lock()
 
@@ -93,58 +125,105 @@ class Refocuser:
             return self._pictures(focus, pupil, progress)
 
     def on(self, optics: Optics) -> Refocuser:
-        """The same field, of any beam, seen on another bench: through its stop. Spectra are kept for both.
+        """The same light seen on another bench, see `at_panel`; what differs in beam or stop alone shares the spectra.
 
         Raises
         ------
         InvalidInput
-            If the optics do not go with the field's pixels.
+            If the field is of another lens, or the optics do not go with its pixels.
         """
-        other = copy.copy(self)
-        other.field = replace(self.field, hologram=replace(self.field.hologram, optics=optics))
+        other = Refocuser(at_panel(self.field, optics), self._most_bytes, self._own)
+        if other.field.data is self.field.data:
+            other._spectra, other._lock = self._spectra, self._lock
         return other
 
     def _pictures(self, focus, pupil, progress):
         progress = progress or (lambda done, message: None)
-        field, hologram, mapping = self.field, self.field.hologram, self.field.mapping
-        distances = mapping.depth_to_z(list(focus))
-        frames, colours, *shape = field.data.shape
-        farthest = float(np.abs(distances).max())
-        for wavelength in hologram.wavelengths:
-            needed = grid_bytes(shape, hologram.pitch, wavelength, farthest, self._guard)
-            needed += 4 * len(distances) * colours * math.prod(shape)
-            doing = f"Refocusing {farthest * 1e3:.3g} mm from the SLM"
-            try:
-                shortage(needed, doing)
-            except InvalidInput as error:
-                far = (max(shape) * hologram.pitch) ** 2 / wavelength
-                if farthest < far:
-                    raise
-                raise InvalidInput(
-                    f"{doing} is in its far field, beyond {far:.3g} m, to which light is not propagated: choose a "
-                    "nearer distance, or add the phase of a lens and refocus to its focal length."
-                ) from error
-        images, done = np.empty((len(distances), *shape, colours), np.float32), 0
+        distances = self.field.mapping.depth_to_z(list(focus))
+        far = np.abs(distances) >= far_from(self.field.hologram)
+        if not far.any():
+            return self._near(distances, pupil, progress)
+        size = self.field.hologram.picture
+        images = np.empty((len(distances), size.height, size.width, self.field.data.shape[1]), np.float32)
+        share = np.count_nonzero(far) / len(distances)
+        if share < 1:
+            images[~far] = self._near(distances[~far], pupil, stage(progress, 0.0, 1 - share))
+        images[far] = self._far(distances[far], pupil, stage(progress, 1 - share, 1.0))
+        return images
+
+    def _mask(self, k, padded, pupil):
+        """FFT bins that pass the stop and the pupil; None for all of the band."""
+        grid, wavelength = self._grid, self._grid.wavelengths[k]
+        optics = grid.optics_at(wavelength)
+        pitch = grid.pitch_at(wavelength)
+        mask = optics.passes(padded, pitch) if optics.stopped else None
+        if pupil is not None:
+            part = pupil_mask(padded, pitch, wavelength, self.field.mapping, pupil, optics)
+            mask = part if mask is None else mask & part
+        return mask
+
+    def _far(self, distances, pupil, progress):
+        """By one transform each, of pixels as wide as `picture_pitch` says, which have the light that meets them."""
+        hologram, data, size = self._grid, self.field.data, self.field.hologram.picture
+        frames, colours, *shape = data.shape
+        images, done = np.zeros((len(distances), size.height, size.width, colours), np.float32), 0
         for k, wavelength in enumerate(hologram.wavelengths):
-            padded = self._padded(k, farthest)
-            mask = hologram.optics.passes(padded) if hologram.optics.stopped else None
-            if pupil is not None:
-                part = pupil_mask(padded, hologram.pitch, wavelength, mapping, pupil, hologram.optics)
-                mask = part if mask is None else mask & part
+            padded = self._padded(k, 0.0)
+            mask = self._mask(k, padded, pupil)
+            pitch, own = hologram.pitch_at(wavelength), hologram.distance_at(wavelength)
+            mask = circular_band(padded, pitch) if mask is None else mask
+            ways = [
+                Collins(shape, pitch, wavelength, 1.0, z - own, images.shape[1:3], picture_pitch(hologram, z))
+                for z in distances
+            ]
+            for m in range(frames):
+                wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
+                for image, way in zip(images, ways, strict=True):
+                    there = way.there(wave)
+                    image[..., k] += (there.real**2 + there.imag**2) / frames
+                done += len(ways)
+                progress(done / (len(distances) * frames * colours), "Refocusing")
+        # beyond that pixels send the same once more
+        for axis, d in ((1, hologram.pitch_y), (2, hologram.pitch_x)):
+            n = images.shape[axis]
+            beyond = np.abs(np.arange(n) - (n - 1) / 2) > hologram.shorter_side / d / 2
+            np.moveaxis(images, axis, 0)[beyond] = 0
+        return images
+
+    def _near(self, distances, pupil, progress):
+        """By angular spectra."""
+        grid, (frames, colours) = self._grid, self.field.data.shape[:2]
+        shape = grid.height, grid.width
+        aside = max(abs(grid.distance_at(wavelength)) for wavelength in grid.wavelengths)
+        farthest = float(np.abs(distances).max()) + aside
+        for wavelength in grid.wavelengths:
+            needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
+            needed += 4 * len(distances) * colours * math.prod(shape)
+            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
+        size = shape if self._own else grid.picture.raster().shape
+        images, done = np.empty((len(distances), *size, colours), np.float32), 0
+        for k, wavelength in enumerate(grid.wavelengths):
+            padded, pitch, places = self._padded(k, farthest), grid.pitch_at(wavelength), self._places(k)
+            mask = self._mask(k, padded, pupil)
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
                 transfers = [
-                    transfer_function(padded, hologram.pitch, wavelength, z) for z in distances[some]
+                    transfer_function(padded, pitch, wavelength, z - grid.distance_at(wavelength))
+                    for z in distances[some]
                 ]
                 if mask is not None:
                     for transfer in transfers:
                         transfer *= mask
-                sums = np.zeros((len(transfers), *shape), np.float32)
+                sums = np.zeros((len(transfers), *size), np.float32)
                 for m in range(frames):
                     waves = self._spectrum(k, m, padded)
                     for total, transfer in zip(sums, transfers, strict=True):
-                        at_focus = field_of(waves * transfer, shape, overwrite=True)
+                        at_focus = (
+                            field_of(waves * transfer, shape, overwrite=True)
+                            if places is None
+                            else sampled(waves * transfer, places)
+                        )
                         total += at_focus.real**2 + at_focus.imag**2
                     done += len(transfers)
                     progress(done / (len(distances) * frames * colours), "Refocusing")
@@ -154,18 +233,31 @@ class Refocuser:
     def _padded(self, k, distance):
         """FFT shape for a wavelength and distance: that of the volume, so that spectra may be kept, if it is enough."""
         needed = self._shape(k, distance)
-        volume = self._shape(k, max(abs(self.field.hologram.depth_far), abs(self.field.hologram.depth_near)))
+        volume = self._shape(k, max(abs(self._grid.depth_far), abs(self._grid.depth_near)))
         return volume if min(np.subtract(volume, needed)) >= 0 else needed
 
     def _shape(self, k, distance):
-        hologram, shape = self.field.hologram, self.field.data.shape[-2:]
-        return padded_shape(shape, hologram.pitch, hologram.wavelengths[k], distance, self._guard)
+        grid, places = self._grid, self._places(k)
+        shape, wavelength, guard = (grid.height, grid.width), grid.wavelengths[k], self._guard
+        if places is not None:
+            guard = max(guard, beyond(places, shape))
+        return padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)
+
+    def _places(self, k):
+        """Where pixels of the picture lie between those of the panel; None where they are these."""
+        if self._own:
+            return None
+        grid = self._grid
+        return grid.picture.raster().lines_on(grid.raster(grid.wavelengths[k]))
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
         if kept is not None:
             return kept
-        waves = spectrum(self.field.data[m, k], padded)
+        wave = self.field.data[m, k]
+        if self._ways[k] is not None:
+            wave = self._ways[k].there(wave)
+        waves = spectrum(wave, padded)
         held = sum(wave.nbytes for wave in self._spectra.values())
         if padded == self._padded(k, 0.0) and held + waves.nbytes <= self._most_bytes:
             self._spectra[k, m, padded] = waves
@@ -176,6 +268,9 @@ def reconstruct(
     field: WaveField, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
 ) -> np.ndarray:
     """Time-averaged intensity of a wave field, focused at world depths.
+
+    Depths from `far_from` the SLM on are of its far field, where a pixel is as wide as `picture_pitch` says and holds
+    the light that meets it.
 
     Parameters
     ----------
@@ -190,7 +285,7 @@ def reconstruct(
     Returns
     -------
     numpy.ndarray, float32, shape (focus, y, x, wavelength)
-        In the scene's radiance units, row 0 at the top.
+        In the scene's radiance units, row 0 at the top; on the grid `Hologram.picture`.
 
     Raises
     ------

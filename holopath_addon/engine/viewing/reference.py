@@ -9,9 +9,9 @@ import numpy as np
 import scipy.fft
 
 from ..hologram import channel
-from ..mapping import DepthMapping
+from ..mapping import DepthMapping, squared
 from ..scene import variants
-from .preview import Lens, number, path_tracer
+from .preview import CameraLens, number, path_tracer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +48,7 @@ def reference(
     Parameters
     ----------
     scene, camera, hologram :
-        As for `render`.
+        As for `render`; pictures are of the size of `Hologram.picture`.
     focus : sequence of float
         World depths, metres; `math.inf` allowed.
     pupil : Pupil, optional
@@ -85,6 +85,7 @@ def reference(
         ]  # fmt: skip
         return np.stack(pictures, axis=1)
     variants.activate_for(scene)
+    camera, hologram = squared(camera, hologram)
     from ..planning.pilot import near_end
     from ..scene.dispersion import tuned, wavelength_groups
 
@@ -96,7 +97,7 @@ def reference(
     groups = [part for group in wavelength_groups(scene, hologram.wavelengths) for part in _apart(group)]
     integrator = path_tracer(scene, camera.sees_sky, max_depth)
     for f, depth in enumerate(focus):
-        lens = Lens(camera, hologram.width, hologram.height, min(depth, 1e5))
+        lens = CameraLens(camera, hologram.width, hologram.height, min(depth, 1e5))
         for g, group in enumerate(groups):
             radii = {channel(w): mapping.pupil_radius(hologram.max_slope(w)) for w in group}
             done = f * len(groups) + g
@@ -269,10 +270,10 @@ def diffracted(
     """
     openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
     rows, columns = pictures.shape[-3:-1]
-    passes = hologram.optics.passes((rows, columns))
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty(pictures.shape, np.float32)
     for k, radius in enumerate(openings):
+        passes = hologram.optics_at(hologram.wavelengths[k]).passes((rows, columns))
         kernel = np.abs(scipy.fft.ifft2((f <= radius) & passes)) ** 2
         transfer = scipy.fft.fft2(kernel / kernel.sum())
         out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real

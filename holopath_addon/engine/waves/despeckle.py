@@ -13,6 +13,7 @@ from .pictures import Pictures, spread_vantages
 from .supervision import Adam, Frames, supervise
 
 if TYPE_CHECKING:
+    from ..pixels import Pitch
     from ..progress import PartProgress
 
 BATCHES = 4  # of the largest designed set, whose mean is what the picture should be
@@ -26,7 +27,7 @@ def batch_phasors(number: int) -> np.ndarray:
 
 
 def targets(
-    shape: tuple[int, int], pitch: float, wavelength: float, low: float, high: float, seed: int
+    shape: tuple[int, int], pitch: Pitch, wavelength: float, low: float, high: float, seed: int
 ) -> Pictures:
     """Pictures of one wavelength, at depths from `low` to `high` beyond the fields' plane, see `spread_vantages`."""
     return Pictures(shape, pitch, wavelength, spread_vantages(pitch, wavelength, low, high, seed))

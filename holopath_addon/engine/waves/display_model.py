@@ -1,7 +1,8 @@
 """What a real display makes of the phases of its pixels: source, pixels, relay, and the picture at a focus.
 
 Coordinates: x to the right, y down; (xi, eta) are those of the SLM in half its shorter side, from its middle; rho is a
-ray's sine in terms of the steepest that a pixel grid records, lambda / (2 pitch), of the model's own wavelength.
+ray's sine in terms of the steepest that a pixel grid records, lambda / (2 pitch) of the larger pitch, of the model's
+own wavelength.
 
     source    E(x)  = exp(-q |xi - xi_0|^2) exp(i k s.x)                        Gaussian beam, tilted by sines s
     pixels    u(x)  = E(x) [sqrt(1 - |m|^2) exp(i (G * phi)(x)) + m]            within pixels, too
@@ -25,6 +26,7 @@ import scipy.sparse
 from scipy.special import erf, j1
 
 from ..errors import InvalidInput
+from ..pixels import Pitch, axes, coarsest, half_sides, scaled
 from .gaussian_points import FIFTH
 from .propagation import padded_shape, transfer_function
 
@@ -148,7 +150,7 @@ class DisplayLight:
     model : DisplayModel
     shape : (int, int)
         Rows and columns of the SLM.
-    pitch : float
+    pitch : float or (float, float)
         Metres.
     reach : float
         Farthest distance from the SLM at which pictures are wanted, metres.
@@ -160,12 +162,12 @@ class DisplayLight:
         self,
         model: DisplayModel,
         shape: Sequence[int],
-        pitch: float,
+        pitch: Pitch,
         reach: float,
         source: tuple = FIFTH,
     ) -> None:
         self.model, self.shape, self.pitch = model, tuple(shape), pitch
-        self._half = model.half / pitch or min(shape) / 2  # pixels
+        self._half = half_sides(shape, pitch, model.half)
         padded = padded_shape(shape, pitch, model.wavelength, reach, GUARD)
         if reach:  # a window is looked at: all that the stop spreads within it
             padded = [
@@ -300,7 +302,7 @@ class DisplayLight:
 
     def _transfers_to(self, distance):
         if distance not in self._transfers:
-            pitch = self.pitch / GRID
+            pitch = scaled(self.pitch, 1 / GRID)
             self._transfers[distance] = [
                 transfer_function(self.padded, pitch, wavelength, distance, "full", sines)
                 for sines, wavelength, _ in self._points
@@ -312,13 +314,13 @@ class DisplayLight:
         count, size = self.padded[axis], self.shape[axis]
         at = np.arange(count) / GRID
         at = np.where(at > (count / GRID + size) / 2, at - count / GRID, at)
-        return np.clip((at - (size - 1) / 2) / self._half, -1, 1)
+        return np.clip((at - (size - 1) / 2) / self._half[axis], -1, 1)
 
     def _illumination(self, wavelength):
         """Beam within the pixels, as they are sampled."""
         model = self.model
-        eta, xi = ((_samples(n) - (n - 1) / 2) / self._half for n in self.shape)
-        half = self._half * self.pitch
+        eta, xi = ((_samples(n) - (n - 1) / 2) / half for n, half in zip(self.shape, self._half, strict=True))
+        half = self._half[0] * axes(self.pitch)[0]
         turns = 2j * math.pi * half / wavelength
         rows = np.exp(-model.falloff * (eta - model.position[1]) ** 2 + turns * model.tilt[1] * eta)
         columns = np.exp(-model.falloff * (xi - model.position[0]) ** 2 + turns * model.tilt[0] * xi)
@@ -377,17 +379,19 @@ def _unaliased(count, sigma):
 def _zernike_on(shape, pitch, wavelength, sines, stop):
     """Polynomials and the stop's mask where the rays of a grid's frequencies pass the relay's Fourier plane."""
     y, x = (
-        (scipy.fft.fftfreq(n, pitch / GRID) * wavelength + s) / stop
-        for n, s in zip(shape, sines[::-1], strict=True)
+        (scipy.fft.fftfreq(n, d / GRID) * wavelength + s) / stop
+        for n, d, s in zip(shape, axes(pitch), sines[::-1], strict=True)
     )
     y, x = y[:, None], x[None, :]
-    mask = _stop(shape, pitch / GRID, stop / wavelength, [sine / wavelength for sine in sines[::-1]])
+    mask = _stop(
+        shape, axes(scaled(pitch, 1 / GRID)), stop / wavelength, [sine / wavelength for sine in sines[::-1]]
+    )
     inside = np.abs(mask) > DARK
     terms = np.array([np.broadcast_to(each, shape)[inside] for each in zernike(x, y)], np.float32)
     return inside, mask[inside], terms
 
 
-def _stop(shape, spacing, radius, shift):
+def _stop(shape, spacings, radius, shift):
     """A stop in the Fourier plane: 1 up to a frequency, around another than 0.
 
     Its light falls with the distance's power of 1.5 only, and would come round to the other side of a periodic grid.
@@ -395,16 +399,16 @@ def _stop(shape, spacing, radius, shift):
     section 4.4.2), which goes down to nothing at half of the grid.
     """
     near = [np.minimum(np.arange(n), n - np.arange(n)) for n in shape]
-    y, x = (spacing * np.arange(n // 2 + 1) for n in shape)
+    y, x = (spacing * np.arange(n // 2 + 1) for n, spacing in zip(shape, spacings, strict=True))
     away = np.hypot(y[:, None], x[None, :])
-    away[0, 0] = 1e-3 * spacing
-    spread = radius * j1(2 * math.pi * radius * away) / away * spacing**2
+    away[0, 0] = 1e-3 * spacings[0]
+    spread = radius * j1(2 * math.pi * radius * away) / away * math.prod(spacings)
     for axis, n in enumerate(shape):
         fall = np.clip((np.arange(n // 2 + 1) / (n / 2) - FLAT) / (1 - FLAT), 0, 1)
         taper = np.cos(math.pi / 2 * fall) ** 2
         spread *= taper[:, None] if axis == 0 else taper[None, :]
     spread = spread[near[0]][:, near[1]].astype(np.complex64)
-    for axis, (n, s) in enumerate(zip(shape, shift, strict=True)):
+    for axis, (n, s, spacing) in enumerate(zip(shape, shift, spacings, strict=True)):
         ramp = np.exp(-2j * math.pi * s * spacing * scipy.fft.fftfreq(n, 1 / n)).astype(np.complex64)
         spread *= ramp[:, None] if axis == 0 else ramp[None, :]
     return scipy.fft.fft2(spread, overwrite_x=True).real
@@ -412,7 +416,7 @@ def _stop(shape, spacing, radius, shift):
 
 def _relay(shape, pitch, model, sines, wavelength, at=(0.0, 0.0)):
     """Transfer function of stop and aberrations, seen from a point of the field, for a point of the source."""
-    stop = model.wavelength / (2 * pitch)
+    stop = model.wavelength / (2 * coarsest(pitch))
     inside, mask, terms = _zernike_on(shape, pitch, wavelength, sines, stop)
     amounts = np.array(model.aberrations)
     amounts[:ALONG] += np.array(model.across) * at[0] + np.array(model.down) * at[1]
@@ -424,7 +428,7 @@ def _relay(shape, pitch, model, sines, wavelength, at=(0.0, 0.0)):
 
 def _slopes(shape, pitch, model, sines, wavelength):
     """Change of the aberrations to the right and down, radians per half side."""
-    inside, _, terms = _zernike_on(shape, pitch, wavelength, sines, model.wavelength / (2 * pitch))
+    inside, _, terms = _zernike_on(shape, pitch, wavelength, sines, model.wavelength / (2 * coarsest(pitch)))
     slopes = np.zeros((2, *shape), np.float32)
     for slope, amounts in zip(slopes, (model.across, model.down), strict=True):
         slope[inside] = (np.array(amounts) * (model.wavelength / wavelength)).astype(np.float32) @ terms[

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 
+from ..pixels import Pitch, coarsest, frequencies
 from .propagation import FreeSpace, padded_shape
 from .supervision import Frames, TargetPicture, relative
 
@@ -26,27 +27,29 @@ class Vantage:
     distance : float
         From the fields' plane, metres.
     part : tuple of float or None
-        Centre x and y and radius in cycles a pixel, y downwards; the whole pupil's radius is 0.5. None: all of it.
+        Centre x and y and radius in cycles a pixel, of the larger pitch, y downwards; the whole pupil's radius is 0.5.
+        None: all of it.
     """
 
     distance: float
     part: tuple | None = None
 
-    def passes(self, shape: tuple[int, int]) -> np.ndarray | None:
+    def passes(self, shape: tuple[int, int], pitch: Pitch = 1.0) -> np.ndarray | None:
         """FFT bins that the part lets through; None for the whole."""
         if self.part is None:
             return None
-        fy, fx = (scipy.fft.fftfreq(n) for n in shape)
+        fy, fx = frequencies(shape, pitch)
         x, y, radius = self.part
         return np.hypot(fx[None, :] - x, fy[:, None] - y) <= radius
 
 
-def spread_vantages(pitch: float, wavelength: float, low: float, high: float, seed: int) -> list[Vantage]:
+def spread_vantages(pitch: Pitch, wavelength: float, low: float, high: float, seed: int) -> list[Vantage]:
     """Vantages all over a volume: depths a depth of focus apart, at each the whole pupil and random halves of it.
 
     Parameters
     ----------
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     low, high : float
         Ends of the volume, from the fields' plane, metres.
@@ -56,7 +59,7 @@ def spread_vantages(pitch: float, wavelength: float, low: float, high: float, se
     -------
     list of Vantage
     """
-    slope = math.tan(math.asin(wavelength / (2 * pitch)))
+    slope = math.tan(math.asin(wavelength / (2 * coarsest(pitch))))
     rng = np.random.default_rng(seed)
     vantages = []
     depths = min(MOST_DEPTHS, 2 + math.ceil((high - low) * slope**2 / wavelength))
@@ -78,7 +81,8 @@ class Pictures:
     ----------
     shape : (int, int)
         Rows and columns of the fields.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     vantages : list of Vantage
     guard : int
@@ -95,7 +99,7 @@ class Pictures:
     def __init__(
         self,
         shape: tuple[int, int],
-        pitch: float,
+        pitch: Pitch,
         wavelength: float,
         vantages: list[Vantage],
         guard: int = 0,
@@ -117,7 +121,7 @@ class Pictures:
         if kept is not None:
             return kept
         vantage = self.vantages[number]
-        transfer, passes = self.space(vantage.distance), vantage.passes(self.padded)
+        transfer, passes = self.space(vantage.distance), vantage.passes(self.padded, self.space.pitch)
         if passes is not None:
             transfer *= passes
         if (len(self._transfers) + 1) * transfer.nbytes <= MOST_BYTES:
@@ -126,7 +130,7 @@ class Pictures:
 
     def share(self, number: int) -> float:
         """Part of the light in the band that a vantage lets through."""
-        passes = self.vantages[number].passes(self.padded)
+        passes = self.vantages[number].passes(self.padded, self.space.pitch)
         return 1.0 if passes is None else float((passes & self.space.band).sum() / self.space.band.sum())
 
     def spectra(self, fields: np.ndarray, threads: Frames) -> list[np.ndarray]:

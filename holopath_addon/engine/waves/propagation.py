@@ -14,6 +14,7 @@ import numpy as np
 import scipy.fft
 
 from ..memory import installed
+from ..pixels import Line, Pitch, axes, coarsest, frequencies
 from ..scene.variants import threads
 
 BLOCK = 1 << 18  # numbers that are worked on at a time
@@ -25,34 +26,36 @@ TEACHING_GUARD, JUDGING_GUARD = 96, 256
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
-def spectral_u(shape: Sequence[int], pitch: float, wavelength: float) -> np.ndarray:
+def spectral_u(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
     """(wavelength x spatial frequency)^2 on the FFT grid: the squared sine of each plane wave's angle.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+        Metres, see `pixels`.
+    wavelength : float
         Metres.
 
     Returns
     -------
     numpy.ndarray, float64, `shape`
     """
-    fy, fx = (scipy.fft.fftfreq(n, pitch) for n in shape)
+    fy, fx = (scipy.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
     return (wavelength * fx[None, :]) ** 2 + (wavelength * fy[:, None]) ** 2
 
 
-def circular_band(shape: Sequence[int]) -> np.ndarray:
-    """True on the FFT bins within the circle of radius 1 / (2 pitch): what a pixel grid records at every
-    azimuth (paper section 4.3, Omega_f)."""
-    fy, fx = (scipy.fft.fftfreq(n) for n in shape)
+def circular_band(shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
+    """True on the FFT bins within the circle of radius 1 / (2 pitch), of the larger pitch: what a pixel grid records at
+    every azimuth (paper section 4.3, Omega_f)."""
+    fy, fx = frequencies(shape, pitch)
     return fx[None, :] ** 2 + fy[:, None] ** 2 <= 0.25
 
 
 def transfer_function(
     shape: Sequence[int],
-    pitch: float,
+    pitch: Pitch,
     wavelength: float,
     distance: float,
     band: str = "circular",
@@ -67,7 +70,8 @@ def transfer_function(
     ----------
     shape : (int, int)
         Padded rows and columns.
-    pitch, wavelength, distance : float
+    pitch : float or (float, float)
+    wavelength, distance : float
         Metres; the distance may be negative.
     band : {'circular', 'full'}
         Keep the recordable circle, or every wave that is not evanescent.
@@ -78,8 +82,9 @@ def transfer_function(
     -------
     numpy.ndarray, complex64, `shape`, in FFT order
     """
+    pixel = coarsest(pitch)
     fy, fx = (
-        scipy.fft.fftfreq(n) + pitch / wavelength * sine for n, sine in zip(shape, tilt[::-1], strict=True)
+        f + pixel / wavelength * sine for f, sine in zip(frequencies(shape, pitch), tilt[::-1], strict=True)
     )
     rows, columns = representable(shape, pitch, wavelength, distance)
     transfer = np.empty(shape, np.complex64)
@@ -88,7 +93,7 @@ def transfer_function(
     def fill(first):  # double precision, of a few rows at a time
         part = slice(first, first + height)
         square = fx[None, :] ** 2 + fy[part, None] ** 2
-        u = (wavelength / pitch) ** 2 * square
+        u = (wavelength / pixel) ** 2 * square
         keep = square <= 0.25 if band == "circular" else u < 1
         keep &= rows[part, None] & columns[None, :]
         phase = (-2 * math.pi / wavelength * distance) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
@@ -106,7 +111,7 @@ def transfer_function(
     return transfer
 
 
-def lag(shape: Sequence[int], pitch: float, wavelength: float) -> np.ndarray:
+def lag(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
     """Radians a metre by which each plane wave falls behind the carrier: k - kz."""
     u = spectral_u(shape, pitch, wavelength)
     return (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
@@ -119,17 +124,18 @@ class FreeSpace:
     ----------
     shape : (int, int)
         Padded rows and columns.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     passes : numpy.ndarray of bool, optional
         FFT bins that pass a stop, see `Optics.passes`. Default: all of the band.
     """
 
     def __init__(
-        self, shape: Sequence[int], pitch: float, wavelength: float, passes: np.ndarray | None = None
+        self, shape: Sequence[int], pitch: Pitch, wavelength: float, passes: np.ndarray | None = None
     ) -> None:
         self.shape, self.pitch, self.wavelength = shape, pitch, wavelength
-        self.band = circular_band(shape) if passes is None else passes
+        self.band = circular_band(shape, pitch) if passes is None else passes
         self._lag = lag(shape, pitch, wavelength).astype(np.float32)
 
     def __call__(self, distance: float) -> np.ndarray:
@@ -145,20 +151,20 @@ class FreeSpace:
         return transfer
 
 
-def representable(shape: Sequence[int], pitch: float, wavelength: float, distance: float) -> list[np.ndarray]:
+def representable(shape: Sequence[int], pitch: Pitch, wavelength: float, distance: float) -> list[np.ndarray]:
     """For each axis, the FFT frequencies at which the sampled transfer function has no aliases.
 
     Matsushima and Shimobaba, Opt. Express 17, 19662 (2009), eq. 21.
     """
-    axes = []
-    for n in shape:
-        limit = 1 / (wavelength * math.hypot(2 * distance / (n * pitch), 1))
-        axes.append(np.abs(scipy.fft.fftfreq(n, pitch)) <= limit)
-    return axes
+    within = []
+    for n, d in zip(shape, axes(pitch), strict=True):
+        limit = 1 / (wavelength * math.hypot(2 * distance / (n * d), 1))
+        within.append(np.abs(scipy.fft.fftfreq(n, d)) <= limit)
+    return within
 
 
 def padded_shape(
-    shape: Sequence[int], pitch: float, wavelength: float, distance: float, guard: int = 0
+    shape: Sequence[int], pitch: Pitch, wavelength: float, distance: float, guard: int = 0
 ) -> tuple[int, int]:
     """Smallest fast FFT shape on which a window of `shape` is propagated without wrap-around.
 
@@ -167,11 +173,14 @@ def padded_shape(
     with the third power of the distance; `guard` more pixels hold most of it: `TEACHING_GUARD` or `JUDGING_GUARD` for
     light of a modulator.
     """
-    walk = math.ceil(math.tan(math.asin(wavelength / (2 * pitch))) * abs(distance) / pitch) + 8
-    return tuple(scipy.fft.next_fast_len(max(n + walk + guard, 2 * walk)) for n in shape)
+    spread = math.tan(math.asin(wavelength / (2 * coarsest(pitch)))) * abs(distance)
+    walks = [math.ceil(spread / d) + 8 for d in axes(pitch)]
+    return tuple(
+        scipy.fft.next_fast_len(max(n + walk + guard, 2 * walk)) for n, walk in zip(shape, walks, strict=True)
+    )
 
 
-def grid_bytes(shape: Sequence[int], pitch: float, wavelength: float, distance: float, guard: int = 0) -> int:
+def grid_bytes(shape: Sequence[int], pitch: Pitch, wavelength: float, distance: float, guard: int = 0) -> int:
     """Memory that propagating one field of `shape` by a distance takes, bytes; see `padded_shape`."""
     return BYTES * math.prod(padded_shape(shape, pitch, wavelength, distance, guard))
 
@@ -186,7 +195,9 @@ def _at_once(grid, fields):
     return max(1, min(threads(), fields, int(MOVING * (installed() or 0) / grid)))
 
 
-def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.ndarray]:
+def moved(
+    fields: Sequence[np.ndarray], transfer: np.ndarray, places: Sequence[Line] | None = None
+) -> Iterator[np.ndarray]:
     """Each of some fields times a transfer function; several are moved at once.
 
     Parameters
@@ -195,6 +206,8 @@ def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.nda
         None may change before it has come.
     transfer : numpy.ndarray, complex64
         On a grid of `padded_shape`.
+    places : (Line, Line), optional
+        Rows and columns at which the result is wanted, see `sampled`. Default: the fields' own.
 
     Yields
     ------
@@ -205,6 +218,8 @@ def moved(fields: Sequence[np.ndarray], transfer: np.ndarray) -> Iterator[np.nda
     def one(field, workers):
         waves = spectrum(field, transfer.shape, workers)
         waves *= transfer
+        if places is not None:
+            return sampled(waves, places)
         return field_of(waves, field.shape, workers, overwrite=True)
 
     count = _at_once(BYTES * transfer.size, len(fields))
@@ -256,13 +271,52 @@ def field_of(
     return rows[..., : shape[1]]
 
 
+def sampled(spectrum_: np.ndarray, places: Sequence[Line]) -> np.ndarray:
+    """Inverse of `spectrum` at places that may lie between the pixels: exact for a spectrum within the band.
+
+    Sums of waves at evenly spaced places are a chirp-z transform of the spectrum along each axis (Rabiner, Schafer and
+    Rader, IEEE Trans. Audio Electroacoust. 17, 86 (1969)).
+
+    Parameters
+    ----------
+    spectrum_ : numpy.ndarray, complex64, shape (y, x)
+        In FFT order.
+    places : (Line, Line)
+        Rows and columns.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, of as many rows and columns
+    """
+    rows, columns = places
+    return _at_places(_at_places(spectrum_, columns).T, rows).T
+
+
+def _at_places(spectra, line):
+    """The last axis at the places of a line; in double precision, some rows at a time."""
+    from scipy.signal import ZoomFFT  # a fifth of a second, for displays whose pixels are not square
+
+    n = spectra.shape[1]
+    last = line.first + line.step * line.count
+    zoom = ZoomFFT(n, [line.first / n, last / n], line.count, fs=1.0, endpoint=False)
+    place = line.first + line.step * np.arange(line.count)
+    # bins are counted from the lowest frequency on
+    turn = np.exp(-2j * math.pi * np.mod(place * (n // 2) / n, 1.0)) / n
+    out = np.empty((len(spectra), line.count), np.complex64)
+    height = max(1, BLOCK // n)
+    for first in range(0, len(spectra), height):
+        part = slice(first, first + height)
+        out[part] = zoom(scipy.fft.fftshift(spectra[part], axes=1).conj()).conj() * turn
+    return out
+
+
 def carrier(wavelength: float, distance: float) -> np.complex64:
     """exp(i k z), the phase that `transfer_function` leaves out, from double precision."""
     return np.complex64(np.exp(2j * math.pi * math.fmod(distance / wavelength, 1.0)))
 
 
 def propagate(
-    field: np.ndarray, distance: float, pitch: float, wavelength: float, band: str = "circular"
+    field: np.ndarray, distance: float, pitch: Pitch, wavelength: float, band: str = "circular"
 ) -> np.ndarray:
     """Propagate fields by a distance along z with the band-limited angular spectrum method.
 
@@ -272,7 +326,8 @@ def propagate(
         On a grid of `pitch`; zero outside.
     distance : float
         Metres; negative goes back.
-    pitch, wavelength : float
+    pitch : float or (float, float)
+    wavelength : float
         Metres.
     band : {'circular', 'full'}
         See `transfer_function`.

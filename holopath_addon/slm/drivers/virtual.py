@@ -119,7 +119,8 @@ class VirtualDriver:
         if not self._levels:
             raise InvalidInput("The virtual camera has seen nothing yet: stream a hologram first.")
         hologram = self._hologram.hologram
-        picture = np.zeros((hologram.height, hologram.width, len(hologram.wavelengths)), np.float32)
+        size = hologram.picture.height, hologram.picture.width
+        picture = np.zeros((*size, len(hologram.wavelengths)), np.float32)
         levels, counts = dict(self._levels), np.zeros(len(hologram.wavelengths))
         for (_, k), level in levels.items():
             picture[..., k] += self._seen(level, k)
@@ -137,8 +138,14 @@ class VirtualDriver:
         illumination = hologram.illumination(k)
         if illumination is not None:
             light *= illumination
+        camera, near = self._hologram.camera, self._hologram.near
+        if hologram.optics.colors_apart:  # pictures of all colors have one grid, which all decide
+            whole = np.zeros((1, len(hologram.wavelengths), *shape), np.complex64)
+            whole[0, k] = light
+            return Refocuser(WaveField(whole, hologram, camera, near, modulated=True))([self.focus])[
+                0, ..., k
+            ]
         # what is measured of the beam may be of all wavelengths
         alone = replace(hologram, wavelengths=(wavelength,), optics=replace(hologram.optics, beam=Beam()))
-        camera, near = self._hologram.camera, self._hologram.near
         field = WaveField(light[None, None], alone, camera, near, modulated=True)
         return Refocuser(field)([self.focus])[0, ..., 0]

@@ -1,0 +1,174 @@
+"""Light behind a lens, and in the far field: Collins' integral, by one transform.
+
+S. A. Collins, J. Opt. Soc. Am. 60, 1168 (1970): with the ray matrix A, B, C, D from one plane to another,
+
+    u'(x') = exp(i pi D x'^2 / (lambda B)) / sqrt(i lambda B) integral u(x) exp(i pi A x^2 / (lambda B))
+             exp(-2 pi i x x' / (lambda B)) dx
+
+along each axis. Behind a lens of focal length f, L from the SLM, A = 1 - s/f, B = L + s - L s/f, D = 1 - L/f at a
+distance s; A = D = 1, B = z is Fresnel's diffraction over a distance z of free space.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.fft
+
+from ..hologram import AerialImage
+from ..pixels import axes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..hologram import Hologram
+    from ..pixels import Pitch
+
+WHOLE = 1e-9  # of a turn, by which steps may differ from those of a Fourier transform
+
+
+class Collins:
+    """The way of one wavelength's light to another plane, on a grid of another pitch there around the same axis.
+
+    Left out are the curvature exp(i pi D x'^2 / (lambda B)) of the light on that plane, which neither intensities there
+    nor the telecentric space of an `AerialImage` have, and a constant phase. Fields are scaled by the sizes of pixels:
+    their squares, summed, are the light's power on both planes.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the first plane. Of more than the other plane has, those in the middle count, so that the
+        other plane's pixels sample their light.
+    pitch : float or (float, float)
+    wavelength : float
+        Meters.
+    curvature, reach : float
+        A, and B in meters, which is not 0.
+    there_shape, there_pitch : (int, int), float
+        Of the other plane, whose pixels are square.
+    """
+
+    def __init__(
+        self,
+        shape: Sequence[int],
+        pitch: Pitch,
+        wavelength: float,
+        curvature: float,
+        reach: float,
+        there_shape: Sequence[int],
+        there_pitch: float,
+    ) -> None:
+        step = there_pitch / (wavelength * reach)
+        bend = curvature / (wavelength * reach)
+        self._axes = [
+            _Axis(n, count, d * step, bend * d**2)
+            for n, count, d in zip(shape, there_shape, axes(pitch), strict=True)
+        ]
+
+    @property
+    def kind(self) -> str:
+        """How it is computed: a ``Fourier`` transform where pixels are as fine as that of one, else ``chirp-z``."""
+        return "Fourier" if all(axis.whole for axis in self._axes) else "chirp-z"
+
+    def there(self, fields: np.ndarray) -> np.ndarray:
+        """Fields on the other plane.
+
+        Parameters
+        ----------
+        fields : numpy.ndarray, complex, shape (..., y, x)
+
+        Returns
+        -------
+        numpy.ndarray, complex64, or complex128 of such fields
+        """
+        for axis, place in zip(self._axes, (-2, -1), strict=True):
+            fields = axis.there(fields, place)
+        return fields
+
+    def back(self, fields: np.ndarray) -> np.ndarray:
+        """The adjoint of `there`: fields on the first plane, whose light on the other is what can be sent there."""
+        for axis, place in zip(self._axes, (-2, -1), strict=True):
+            fields = axis.back(fields, place)
+        return fields
+
+
+class _Axis:
+    """sqrt(abs(s)) exp(-2 pi i s x x') exp(i pi b x^2), with places x and x' in pixels from the middle.
+
+    A convolution with a chirp, as 2 j k = j^2 + k^2 - (j - k)^2: L. I. Bluestein, IEEE Trans. Audio Electroacoust. 18,
+    451 (1970). Where s = 1 / n, it is a Fourier transform.
+
+    Parameters
+    ----------
+    n, count : int
+        Pixels on the planes.
+    step, bend : float
+        s and b, turns.
+    """
+
+    def __init__(self, n, count, step, bend):
+        self._n, self._count = n, count
+        used = min(n, count)
+        start = (n - used) // 2
+        self._used = slice(start, start + used)
+        self.whole = used == count and abs(abs(step) * count - 1) < WHOLE
+        j, k = np.arange(used), np.arange(count)
+        middle, middle_there = (n - 1) / 2 - start, (count - 1) / 2
+        size = abs(step)  # with a step below 0, light is mirrored: the conjugate's conjugate
+        self._mirrored = step < 0
+        bend = -bend if self._mirrored else bend
+        first = bend / 2 * (j - middle) ** 2 + size * middle_there * j
+        last = size * middle * (k - middle_there)
+        if not self.whole:
+            first, last = first - size * j**2 / 2, last - size * k**2 / 2
+            self._bins = scipy.fft.next_fast_len(2 * max(used, count) - 1)
+            apart = scipy.fft.fftfreq(self._bins, 1 / self._bins)
+            chirp = scipy.fft.fft(_phasor(size * apart**2 / 2))
+            self._chirp = (math.sqrt(size) * chirp).astype(np.complex64)
+        self._ends = [_phasor(turns).astype(np.complex64) for turns in (first, last)]
+
+    def there(self, fields, place):
+        fields = np.moveaxis(fields, place, -1)[..., self._used]
+        first, last = self._ends
+        if self._mirrored:
+            fields = self._along(fields.conj(), first, last, self._count).conj()
+        else:
+            fields = self._along(fields, first, last, self._count)
+        return np.moveaxis(fields, -1, place)
+
+    def back(self, fields, place):
+        fields, (first, last) = np.moveaxis(fields, place, -1), self._ends
+        used = self._used.stop - self._used.start
+        # what lies between the two chirps is symmetric, so its adjoint is its conjugate
+        if self._mirrored:
+            fields = self._along(fields, last, first, used)
+        else:
+            fields = self._along(fields.conj(), last, first, used).conj()
+        if used < self._n:
+            dark = [(0, 0)] * (fields.ndim - 1) + [(self._used.start, self._n - self._used.stop)]
+            fields = np.pad(fields, dark)
+        return np.moveaxis(fields, -1, place)
+
+    def _along(self, fields, first, last, count):
+        """The last axis times one chirp, transformed, times the other."""
+        waves = fields * first
+        if self.whole:
+            return scipy.fft.fft(waves, norm="ortho", overwrite_x=True) * last
+        waves = scipy.fft.fft(waves, self._bins) * self._chirp
+        return scipy.fft.ifft(waves, overwrite_x=True)[..., :count] * last
+
+
+def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
+    """The way from the SLM to the grid of the `AerialImage` behind its lens; None where there is none."""
+    image = hologram.in_air
+    if not isinstance(image, AerialImage):
+        return None
+    panel, lens = image.panel, image.lens
+    there = (image.height, image.width), image.pitch
+    return Collins((panel.height, panel.width), panel.pitch, wavelength, lens.curvature, lens.reach, *there)
+
+
+def _phasor(turns):
+    return np.exp(2j * math.pi * np.mod(turns, 1.0))

@@ -1,0 +1,59 @@
+"""A field at the panel of another bench, on which colors lie elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..optics import COLORS
+from ..pixels import beyond, coarsest, frequencies
+from .propagation import carrier, moved, padded_shape, transfer_function
+
+if TYPE_CHECKING:
+    from ..optics import Optics
+    from ..wavefield import WaveField
+
+
+def at_panel(field: WaveField, optics: Optics) -> WaveField:
+    """The same light at the panel of a bench, where its pixels lie for each color.
+
+    What passes beside that panel is lost, and so are directions that its pixels cannot send.
+
+    Parameters
+    ----------
+    field : WaveField
+    optics : Optics
+
+    Returns
+    -------
+    WaveField
+        Without `WaveField.more` where colors lie elsewhere.
+
+    Raises
+    ------
+    InvalidInput
+        If the field is of another lens, or the optics do not go with its pixels.
+    """
+    if optics.lens != field.hologram.optics.lens:
+        raise InvalidInput(
+            "The field was rendered for another lens: render it with this one, or set that one again."
+        )
+    before, after = field.hologram, replace(field.hologram, optics=optics)
+    if all(getattr(before.optics, name) == getattr(optics, name) for name in COLORS):
+        return replace(field, hologram=after)
+    data, shape = np.empty(field.data.shape, np.complex64), field.data.shape[-2:]
+    for k, wavelength in enumerate(before.wavelengths):
+        pitch = before.pitch_at(wavelength)
+        lines = after.raster(wavelength).lines_on(before.raster(wavelength))
+        distance = after.distance_at(wavelength) - before.distance_at(wavelength)
+        padded = padded_shape(shape, pitch, wavelength, distance, beyond(lines, shape))
+        transfer = transfer_function(padded, pitch, wavelength, distance) * carrier(wavelength, distance)
+        fy, fx = frequencies(padded, pitch)
+        edge = 0.5 * coarsest(pitch) / coarsest(after.pitch_at(wavelength))
+        transfer *= np.hypot(fy[:, None], fx) <= edge
+        for m, wave in enumerate(moved(field.data[:, k], transfer, lines)):
+            data[m, k] = wave
+    return replace(field, data=data, hologram=after, more=None)
