@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .optics import ON_AXIS, Lens, Optics, Stop
-from .pixels import Pitch, Raster, axes, coarsest, scaled
+from .pixels import Pitch, Raster, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
@@ -266,10 +266,11 @@ class Hologram:
         if wavelength is None or not self.optics.colors_apart:
             return Raster(shape, self.pitch)
         scale, _, (right, up) = self.optics.color(self.wavelengths.index(wavelength))
-        return Raster(shape, scaled(self.pitch, scale), (-up, right))
+        pitch = self.pitch_x * scale, self.pitch_y * scale, self._largest_pitch
+        return Raster(shape, pitch, (-up, right))
 
     def pitch_at(self, wavelength: float) -> Pitch:
-        """Pitch of the panel's pixels as the light of a wavelength has them, meters."""
+        """Pitch of the panel's pixels as the light of a wavelength has them, meters; all colors have one cone."""
         return self.raster(wavelength).pitch
 
     def distance_at(self, wavelength: float) -> float:

@@ -1,7 +1,8 @@
 """Pixels of a grid, which may be longer in one direction than in the other.
 
 A pitch is one number for both directions, or the pair (x, y). What a grid records is a round cone: the circle that both
-directions hold, whose edge, 1 / (2 p), follows from the larger pitch p.
+directions hold, whose edge, 1 / (2 p), follows from the larger pitch p. With a third number that is p, for grids whose
+cone is narrower than their pixels allow.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.fft
 
-Pitch = float | tuple[float, float]
+Pitch = float | tuple[float, ...]
 
 
 class Line(NamedTuple):
@@ -69,24 +70,24 @@ def axes(pitch: Pitch) -> tuple[float, float]:
 
 def in_words(pitch: Pitch) -> str:
     """A pitch in micrometers, as labels and reports have it."""
-    return " × ".join(f"{d * 1e6:.4g}" for d in (pitch if isinstance(pitch, tuple) else (pitch,))) + " µm"
+    return " × ".join(f"{d * 1e6:.4g}" for d in (pitch[:2] if isinstance(pitch, tuple) else (pitch,))) + " µm"
 
 
 def coarsest(pitch: Pitch) -> float:
-    """The larger pitch p, meters."""
-    return max(pitch) if isinstance(pitch, tuple) else pitch
+    """The pitch p of the recorded cone, meters."""
+    return pitch if not isinstance(pitch, tuple) else pitch[2] if len(pitch) == 3 else max(pitch)
 
 
 def frequencies(shape: Sequence[int], pitch: Pitch) -> list[np.ndarray]:
-    """FFT frequencies of rows and of columns, cycles in a length of the larger pitch: the band's edge is 1/2."""
+    """FFT frequencies of rows and of columns, cycles in a length p: the band's edge is 1/2."""
     if not isinstance(pitch, tuple):
         return [scipy.fft.fftfreq(n) for n in shape]
-    return [scipy.fft.fftfreq(n) * (max(pitch) / d) for n, d in zip(shape, axes(pitch), strict=True)]
+    return [scipy.fft.fftfreq(n) * (coarsest(pitch) / d) for n, d in zip(shape, axes(pitch), strict=True)]
 
 
 def scaled(pitch: Pitch, factor: float) -> Pitch:
     """A pitch times a factor."""
-    return (pitch[0] * factor, pitch[1] * factor) if isinstance(pitch, tuple) else pitch * factor
+    return tuple(d * factor for d in pitch) if isinstance(pitch, tuple) else pitch * factor
 
 
 def half_sides(shape: Sequence[int], pitch: Pitch, half: float = 0.0) -> list[float]:

@@ -90,7 +90,7 @@ def test_two_percent_apart_uncorrected_and_corrected(slanted, camera):
     def score(light, hologram):
         truth = engine.reference(slanted, camera, hologram, focus, spp=32, near=light.near, halves=True)
         picture = engine.reconstruct(light, focus)[0]
-        if not light.modulated:  # phases lose some light
+        if light is made_up:
             inner = np.s_[10:-10, 10:-10]
             bright = picture[inner].mean((0, 1)) / truth[0].mean(0)[inner].mean((0, 1))
             np.testing.assert_allclose(bright, 1, atol=0.02)
@@ -103,9 +103,9 @@ def test_two_percent_apart_uncorrected_and_corrected(slanted, camera):
         score(made_up, apart),
     )
     assert left < best - 3 and found > best - 0.3
-    phases = [engine.encode(field, "sgd", max_steps=30) for field in (straight, made_up)]
+    phases = [engine.encode(field, "joint", max_steps=30) for field in (straight, made_up)]
     left, found = score(replace(phases[0], hologram=apart).field(), apart), score(phases[1].field(), apart)
-    assert left < found - 1.5 and found > score(phases[0].field(), plain) - 0.3
+    assert left < found - 2 and found > score(phases[0].field(), plain) - 0.3
 
 
 def test_a_stored_field_goes_to_another_panel(slanted, camera):

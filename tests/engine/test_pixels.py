@@ -91,10 +91,13 @@ def test_a_spherical_wave_comes_to_an_airy_disk():
     assert np.abs(light - disk).max() < 0.02 * disk.max()
 
 
-def test_waves_between_pixels_are_direct_sums():
+@pytest.mark.parametrize("steps", [(0.7, 1.23), (0.8, 1.25), (1.5, 31 / 30)])
+def test_waves_between_pixels_are_direct_sums(steps):
+    """By chirps, and by FFTs where steps are whole parts of the grid."""
     rng = np.random.default_rng(0)
-    shape, rows, columns = (24, 31), Line(-0.3, 0.7, 20), Line(2.1, 1.25, 17)
-    spectrum = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+    shape, rows, columns = (24, 35), Line(-0.3, steps[0], 16), Line(2.1, steps[1], 17)
+    band = np.hypot(*np.meshgrid(*map(np.fft.fftfreq, shape), indexing="ij")) < 0.3
+    spectrum = (band * (rng.normal(size=shape) + 1j * rng.normal(size=shape))).astype(np.complex64)
     down, across = (line.first + line.step * np.arange(line.count) for line in (rows, columns))
     fy, fx = (np.fft.fftfreq(n) for n in shape)
     wanted = (
@@ -177,9 +180,11 @@ def test_pictures_are_those_of_square_pixels(slanted, camera):
 
 
 def test_parts_join_to_the_same_field(slanted, camera, tmp_path):
+    """With colors that lie apart, too."""
     from holopath_addon.engine.rendering.division import DividedRender
 
-    hologram = Hologram(40, 32, PITCH, (GREEN,), **ENDS)
+    optics = engine.Optics(color_scale=(1.0, 1.02), color_distance=(0.0, 0.2e-3))
+    hologram = Hologram(40, 32, PITCH, (640e-9, GREEN), **ENDS, optics=optics)
     settings = engine.Settings(frames=2, phase_field="designed", method="full", seed=3)
     whole = engine.render(slanted, camera, hologram, settings)
     divided = DividedRender(slanted, camera, hologram, settings, tmp_path, 2)

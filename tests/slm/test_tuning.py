@@ -111,6 +111,10 @@ REFUSED = {
         c,
         replace(p, hologram=replace(p.hologram, wavelengths=(640e-9,))),
     ),
+    "one color where the panel shows it": lambda c, p: (
+        c,
+        replace(p, hologram=replace(p.hologram, optics=engine.Optics(color_distance=(1e-4,)))),
+    ),
     "neither turned": lambda c, p: (replace(c, flip_x=True), p),
     "run `holopath calibrate` first": lambda c, p: (replace(c, models=(), sensors=()), p),
     "No focus of the calibration lies within the volume, 2 to 7 mm": lambda c, p: (

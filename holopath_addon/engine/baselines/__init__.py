@@ -17,7 +17,14 @@ from ..mapping import DepthMapping, squared
 from ..pixels import beyond, in_words
 from ..settings import BASELINES
 from ..waves.phase_fields import FEW_FRAMES
-from ..waves.propagation import TEACHING_GUARD, carrier, moved, padded_shape, transfer_function
+from ..waves.propagation import (
+    TEACHING_GUARD,
+    carrier,
+    commensurate,
+    moved,
+    padded_shape,
+    transfer_function,
+)
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -119,7 +126,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
             hologram.distance_at(wavelength),
         )
         guard = max(TEACHING_GUARD, beyond(lines, shape))
-        padded = padded_shape(shape, square.pitch, wavelength, distance, guard)
+        padded = commensurate(padded_shape(shape, square.pitch, wavelength, distance, guard), lines)
         transfer = transfer_function(padded, square.pitch, wavelength, distance) * carrier(
             wavelength, distance
         )

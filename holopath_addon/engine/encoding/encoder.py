@@ -365,7 +365,10 @@ class _Work:
         self._grid = hologram.in_air
         if self._ways[0] is not None:
             self._shape = self._grid.height, self._grid.width
-        self._passes = [optics.passes(self._shape, self._grid.pitch) for optics in self._optics]
+        self._passes = [
+            optics.passes(self._shape, self._grid.pitch_at(wavelength))
+            for optics, wavelength in zip(self._optics, hologram.wavelengths, strict=True)
+        ]
         self.report = {
             "bits": asked.bits,
             "measured_levels": asked.levels is not None,
@@ -489,12 +492,12 @@ class _Work:
     def _target(self, fields, colour):
         """What `sgd` compares the light of some frames with."""
         hologram, asked, optics = self.field.hologram, self._asked, self._optics[colour]
-        if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads, optics, self._grid.pitch)
-        distances = _spread(*self._volume(colour), asked.planes)
         wavelength = hologram.wavelengths[colour]
-        grid = self._grid.pitch_at(wavelength), wavelength
-        return AmplitudeTarget(fields, *grid, distances, self._threads, optics)
+        pitch = self._grid.pitch_at(wavelength)
+        if asked.supervision == "complex":
+            return ComplexTarget(fields, asked.aperture, self._threads, optics, pitch)
+        distances = _spread(*self._volume(colour), asked.planes)
+        return AmplitudeTarget(fields, pitch, wavelength, distances, self._threads, optics)
 
     def joint(self):
         """All frames together, towards their own mean."""
@@ -528,8 +531,12 @@ class _Work:
         hologram, seed = self.field.hologram, self._asked.effort.seed
         volume, frames = self._volume(colour), len(self.field.data)
         wavelength = hologram.wavelengths[colour]
-        space = self._shape, self._grid.pitch_at(wavelength), wavelength, *volume
-        return Views(*space, frames, seed, self._asked.eyebox, self._optics[colour])
+        grid, places = self._grid, None
+        space = self._shape, grid.pitch_at(wavelength), wavelength, *volume
+        if not grid.plain:
+            lines = grid.picture.raster().lines_on(grid.raster(wavelength))
+            places = [line._replace(first=line.first + self._margin) for line in lines]
+        return Views(*space, frames, seed, self._asked.eyebox, self._optics[colour], places)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""

@@ -10,10 +10,10 @@ import numpy as np
 import scipy.fft
 
 from ..optics import ON_AXIS, Optics
-from ..pixels import Pitch, axes, coarsest
+from ..pixels import Line, Pitch, axes, coarsest
 from ..scene.variants import threads
 from ..waves.pictures import Vantage
-from ..waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
+from ..waves.propagation import TEACHING_GUARD, FreeSpace, commensurate, padded_shape
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -114,6 +114,9 @@ class Views:
         Weight of the parts of the pupil, see `kinds_for`.
     optics : Optics
         Through whose stop all is seen; parts of the pupil are those of its `opening`.
+    places : (Line, Line), optional
+        Rows and columns of the picture between those of the fields, at which the whole pupil shows it, but for how far
+        FFTs allow that. Default: the fields' own.
 
     Attributes
     ----------
@@ -140,10 +143,13 @@ class Views:
         seed: int,
         eyebox: float = 1.0,
         optics: Optics = ON_AXIS,
+        places: Sequence[Line] | None = None,
     ) -> None:
-        self.shape = shape
+        self.shape, self._places = shape, places
         farthest = max(abs(low), abs(high))
         self.padded = tuple(map(_fast, padded_shape(shape, pitch, wavelength, farthest, TEACHING_GUARD)))
+        if places is not None:
+            self.padded = commensurate(self.padded, places, COARSEST)
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
         self.wanted = []
         self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded, pitch))
@@ -163,10 +169,13 @@ class Views:
                 numbers.append(len(self._views))
                 if part is not None:
                     part = (radius * part[0] + x / 2, radius * part[1] - y / 2, radius * part[2])
-                self._views.append(_View(Vantage(float(distance), part), kind.apart, self.padded, pitch))
+                vantage = Vantage(float(distance), part)
+                self._views.append(_View(vantage, kind.apart, self.padded, pitch, places))
         for view in self._views:
-            rows, columns = (-(-n // view.apart) for n in shape)
-            self.wanted.append(np.zeros((rows, columns), np.float32))
+            size = tuple(-(-n // view.apart) for n in shape)
+            if places is not None and view.vantage.part is None:
+                size = tuple(line.count for line in places)
+            self.wanted.append(np.zeros(size, np.float32))
 
     @property
     def vantages(self) -> list[Vantage]:
@@ -199,7 +208,10 @@ class Views:
             distance, apart = view.vantage.distance, view.apart
             if distance not in met:
                 met[distance] = _met(self.shape, self.padded, abs(distance) * self._reach, self._pitch)
-            self.wanted[number] /= met[distance][::apart, ::apart]
+            rows, columns = (np.arange(0, n, apart) for n in self.shape)
+            if self._places is not None and view.vantage.part is None:
+                rows, columns = map(_nearest, self._places, self.shape)
+            self.wanted[number] /= met[distance][np.ix_(rows, columns)]
 
     def waves(self, spectra: np.ndarray, number: int) -> np.ndarray:
         """The waves in a view, on its own padded grid, of padded spectra; both of shape (frame, y, x)."""
@@ -216,7 +228,7 @@ class Views:
         """The adjoint of `waves` times the spectrum's number of bins, added to `gradient`; overwrites the waves."""
         view = self._views[number]
         part = scipy.fft.fft2(waves, overwrite_x=True, workers=threads())
-        part *= np.conj(self._transfer(view)) * np.float32(view.apart**2)
+        part *= np.conj(self._transfer(view)) * np.float32(1 / view.share)
         view.put(part, gradient)
 
     def _transfer(self, view):
@@ -248,14 +260,25 @@ class _View:
     ----------
     apart : int
         Pixels between samples.
+    share : float
+        Samples over bins of the padded spectrum.
     passes : numpy.ndarray or None
-        What the part lets through of its bins of the padded spectrum, over `apart` squared, as samples are that far
-        apart; in FFT order around the middle of the part. None for the whole pupil.
+        What the part lets through of its bins of the padded spectrum, times `share`; in FFT order around the middle of
+        the part. At other places than the fields' own also what brings the first of them to the first sample. None for
+        the whole pupil at the fields' own.
     """
 
-    def __init__(self, vantage, apart, padded, pitch):
-        self.vantage, self.apart, self.passes = vantage, apart, None
+    def __init__(self, vantage, apart, padded, pitch, places=None):
+        self.vantage, self.apart, self.passes, self.share = vantage, apart, None, 1 / apart**2
         passes = vantage.passes(padded, pitch)
+        if passes is None and places is not None:
+            self._shape = tuple(round(n / line.step) for n, line in zip(padded, places, strict=True))
+            bins = [scipy.fft.fftfreq(m, 1 / m).round().astype(int) for m in self._shape]
+            self._set_blocks(*(b % n for b, n in zip(bins, padded, strict=True)))
+            self.share = math.prod(self._shape) / math.prod(padded)
+            turns = (b * (line.first / n) for b, line, n in zip(bins, places, padded, strict=True))
+            down, across = (np.exp(2j * math.pi * turn) for turn in turns)
+            self.passes = (self.share * down[:, None] * across).astype(np.complex64)
         if passes is not None:
             x, y, _ = vantage.part
             rows, columns = (
@@ -263,8 +286,11 @@ class _View:
                 for middle, d, n in zip((y, x), axes(pitch), padded, strict=True)
             )
             self._shape = len(rows), len(columns)
-            self._blocks = [(a, b) for a in _runs(rows) for b in _runs(columns)]
-            self.passes = passes[np.ix_(rows, columns)] * np.float32(1 / apart**2)
+            self._set_blocks(rows, columns)
+            self.passes = passes[np.ix_(rows, columns)] * np.float32(self.share)
+
+    def _set_blocks(self, rows, columns):
+        self._blocks = [(a, b) for a in _runs(rows) for b in _runs(columns)]
 
     def cut(self, spectra):
         """Its part's bins of spectra, shape (frame, y, x). Blocks are copied much faster than by index."""
@@ -285,6 +311,11 @@ class _View:
 def _bins(count, apart):
     """The lowest bins of a spectrum, in FFT order, that samples so many pixels apart hold."""
     return scipy.fft.fftfreq(count // apart, apart / count).round().astype(int)
+
+
+def _nearest(line, count):
+    """Pixels of a field that are nearest to the places of a line."""
+    return np.clip(np.round(line.first + line.step * np.arange(line.count)), 0, count - 1).astype(int)
 
 
 def _runs(numbers):

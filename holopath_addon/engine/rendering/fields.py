@@ -12,7 +12,7 @@ from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
 from ..waves import despeckle, lens
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
-from ..waves.propagation import carrier, moved, padded_shape, transfer_function
+from ..waves.propagation import carrier, commensurate, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -245,6 +245,7 @@ def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tu
             places = display.raster(wavelength).lines_on(Raster(shape, hologram.pitch))
             guard = beyond(places, shape)
         padded = padded_shape(shape, hologram.pitch, wavelength, distance, guard)
+        padded = padded if places is None else commensurate(padded, places)
         transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
         if carried:
             transfer = transfer * carrier(wavelength, distance)

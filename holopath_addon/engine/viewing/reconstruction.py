@@ -19,6 +19,7 @@ from ..waves.panels import at_panel
 from ..waves.propagation import (
     JUDGING_GUARD,
     circular_band,
+    commensurate,
     field_of,
     grid_bytes,
     padded_shape,
@@ -241,7 +242,8 @@ class Refocuser:
         shape, wavelength, guard = (grid.height, grid.width), grid.wavelengths[k], self._guard
         if places is not None:
             guard = max(guard, beyond(places, shape))
-        return padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)
+        padded = padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)
+        return padded if places is None else commensurate(padded, places)
 
     def _places(self, k):
         """Where pixels of the picture lie between those of the panel; None where they are these."""

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..optics import COLORS
 from ..pixels import beyond, coarsest, frequencies
-from .propagation import carrier, moved, padded_shape, transfer_function
+from .propagation import carrier, commensurate, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
     from ..optics import Optics
@@ -49,7 +49,7 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
         pitch = before.pitch_at(wavelength)
         lines = after.raster(wavelength).lines_on(before.raster(wavelength))
         distance = after.distance_at(wavelength) - before.distance_at(wavelength)
-        padded = padded_shape(shape, pitch, wavelength, distance, beyond(lines, shape))
+        padded = commensurate(padded_shape(shape, pitch, wavelength, distance, beyond(lines, shape)), lines)
         transfer = transfer_function(padded, pitch, wavelength, distance) * carrier(wavelength, distance)
         fy, fx = frequencies(padded, pitch)
         edge = 0.5 * coarsest(pitch) / coarsest(after.pitch_at(wavelength))

@@ -23,6 +23,7 @@ MOVING = 1 / 16  # of the machine's memory, at most, that fields take that are m
 # round on the grid: where light teaches phases, and where it is judged. What is left falls slowly, as band limits are
 # sharp. Of random phases at 256 x 256 it is 2e-3 of the energy without a guard band, 5e-4 and 1.6e-4 with these.
 TEACHING_GUARD, JUDGING_GUARD = 96, 256
+WHOLE = 1e-8  # of a grid's pixel, by which a step may be off to count as a whole part of the grid
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
@@ -271,11 +272,51 @@ def field_of(
     return rows[..., : shape[1]]
 
 
-def sampled(spectrum_: np.ndarray, places: Sequence[Line]) -> np.ndarray:
-    """Inverse of `spectrum` at places that may lie between the pixels: exact for a spectrum within the band.
+def commensurate(shape: Sequence[int], places: Sequence[Line], multiple: int = 1) -> tuple[int, int]:
+    """FFT shape, an eighth larger at most, of which the steps of places are whole parts: `sampled` is then two FFTs.
 
-    Sums of waves at evenly spaced places are a chirp-z transform of the spectrum along each axis (Rabiner, Schafer and
-    Rader, IEEE Trans. Audio Electroacoust. 17, 86 (1969)).
+    Where there is none it is the one that comes nearest.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns at least.
+    places : (Line, Line)
+    multiple : int
+        Of which rows and columns are.
+
+    Returns
+    -------
+    (int, int)
+    """
+    found = []
+    for least, line in zip(shape, places, strict=True):
+        first = -(-least // multiple) * multiple
+        lengths = range(first, first + max(first // 8, 64 * multiple), multiple)
+        whole = [n for n in lengths if _off(n, line.step) < WHOLE]
+        found.append(
+            min(whole, key=lambda n, step=line.step: _work(n) + _work(round(n / step)), default=0)
+            or min(lengths, key=lambda n, step=line.step: _off(n, step))
+        )
+    return tuple(found)
+
+
+def _off(count, step):
+    """How far so long steps are from whole parts of a length, over their number."""
+    return abs(count / step - round(count / step)) / count
+
+
+def _work(count):
+    """Of an FFT of a length, roughly."""
+    return count if scipy.fft.next_fast_len(count) == count else 3 * count
+
+
+def sampled(spectrum_: np.ndarray, places: Sequence[Line]) -> np.ndarray:
+    """Inverse of `spectrum` at places that may lie between the pixels; exact for what these can sample.
+
+    Sums of waves at evenly spaced places are an FFT of another length where their steps are whole parts of the grid,
+    and else a chirp-z transform along each axis (Rabiner, Schafer and Rader, IEEE Trans. Audio Electroacoust. 17, 86
+    (1969)).
 
     Parameters
     ----------
@@ -293,8 +334,24 @@ def sampled(spectrum_: np.ndarray, places: Sequence[Line]) -> np.ndarray:
 
 
 def _at_places(spectra, line):
-    """The last axis at the places of a line; in double precision, some rows at a time."""
-    from scipy.signal import ZoomFFT  # a fifth of a second, for displays whose pixels are not square
+    """The last axis at the places of a line."""
+    n = spectra.shape[1]
+    if _off(n, line.step) >= WHOLE:
+        return _by_chirps(spectra, line)
+    m = round(n / line.step)
+    low = min(n, m) // 2  # of the bins that both lengths have, from -low to high - 1
+    high = min(n, m) - low
+    wide = np.zeros((len(spectra), m), np.complex64)
+    bins = scipy.fft.fftfreq(n, 1 / n)
+    turn = (np.exp(2j * math.pi * np.mod(bins * (line.first / n), 1.0)) * (m / n)).astype(np.complex64)
+    wide[:, :high] = spectra[:, :high] * turn[:high]
+    wide[:, m - low :] = spectra[:, n - low :] * turn[n - low :]
+    return scipy.fft.ifft(wide, overwrite_x=True, workers=threads())[:, : line.count]
+
+
+def _by_chirps(spectra, line):
+    """The same wherever the places lie, in double precision, some rows at a time."""
+    from scipy.signal import ZoomFFT  # takes a fifth of a second, and is seldom needed
 
     n = spectra.shape[1]
     last = line.first + line.step * line.count

@@ -15,6 +15,7 @@ from holopath_addon.engine.encoding import views as views_module
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
 from holopath_addon.engine.encoding.views import Views
+from holopath_addon.engine.pixels import Line
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
@@ -123,7 +124,9 @@ def test_amplitude_supervision_tells_what_is_true():
     assert true > 38 and last == pytest.approx(true, abs=1.5)  # 44.6 for 33 on a grid without a guard band
 
 
-@pytest.mark.parametrize("kind", ["aperture", "no aperture", "amplitude", "frame mean", "views"])
+@pytest.mark.parametrize(
+    "kind", ["aperture", "no aperture", "amplitude", "frame mean", "views", "views elsewhere"]
+)
 def test_gradient_against_finite_differences(kind, threads):
     """Along random directions, in double precision, on sides that are odd and unequal."""
     rng = np.random.default_rng(3)
@@ -138,8 +141,11 @@ def test_gradient_against_finite_differences(kind, threads):
         def gradient(light):
             loss, back = mean.gradient(light, 1)
             return loss, back, np.ones(len(light))
-    elif kind == "views":
-        views = Views(fields.shape[-2:], PITCH, GREEN, -1e-3, 2e-3, 3, 0)
+    elif kind in ("views", "views elsewhere"):
+        pitch, places = PITCH, None
+        if kind == "views elsewhere":
+            pitch, places = (0.8 * PITCH, PITCH), (Line(-0.4, 1.02, 27), Line(0.3, 1.25, 32))
+        views = Views(fields.shape[-2:], pitch, GREEN, -1e-3, 2e-3, 3, 0, places=places)
         chosen = [
             (numbers[-1], share) for (_, numbers), share in zip(views.kinds, (0.5, 0.3, 0.2), strict=True)
         ]
@@ -725,6 +731,21 @@ def test_refinement_for_few_bits(bits):
         engine.psnr(engine.reconstruct(light, [1.0])[0], wanted, 4) for light in (refined.field(), late)
     )
     assert in_time > rounded + 0.5
+
+
+def test_whole_views_are_pictures_where_colors_lie_apart(monkeypatch):
+    """At the picture's pixels, which lie between those of the panel, as `reconstruct` shows them."""
+    monkeypatch.setattr(views_module, "TEACHING_GUARD", 0)
+    shape, optics = (47, 64), engine.Optics(color_scale=(1.03,), color_shift=((9e-6, -3e-6),))
+    hologram = engine.Hologram(64, 47, (0.8 * PITCH, PITCH), (GREEN,), 1e-3, 3e-3, optics=optics)
+    field = replace(wave_field(band_limited(shape, frames=2)), hologram=hologram)
+    raster = hologram.raster(GREEN)
+    places = hologram.picture.raster().lines_on(raster)
+    views = Views(shape, raster.pitch, GREEN, 1e-3, 2e-3, frames=2, seed=3, eyebox=0, places=places)
+    views.add(field.data[:, 0])
+    seen = engine.reconstruct(field, [math.inf])[0, ..., 0]
+    error = views.wanted[views.kinds[0][1][0]] - seen
+    assert np.sqrt((error**2).mean()) < 0.1 * seen.mean()  # edges have other bins
 
 
 def test_views_are_those_of_a_field(monkeypatch):
