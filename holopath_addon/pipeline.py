@@ -161,7 +161,7 @@ def _check_view(plan, camera, hologram, focus, pupil):
         for wavelength in hologram.wavelengths:
             grid = hologram.in_air
             size, pitch = (grid.height, grid.width), grid.pitch_at(wavelength)
-            pupil_mask(size, pitch, wavelength, mapping, pupil, grid.optics_at(wavelength))
+            pupil_mask(size, pitch, wavelength, mapping, pupil, hologram.optics)
 
 
 def _begun(started, plan):

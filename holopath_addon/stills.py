@@ -14,6 +14,7 @@ import numpy as np
 
 from . import engine, output, pipeline
 from .engine.mapping import squared
+from .engine.pixels import coarsest
 from .engine.planning.planner import resolved
 from .engine.progress import Clock, stage
 from .engine.settings import current
@@ -365,7 +366,10 @@ def _compare(folder, still, result, progress, shown=None):
     output.write_pictures(folder / "reference", files)
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     openings = [
-        0.5 * picture.band(w) * (min(1.0, pupil.diameter / (2 * r)) if pupil else 1.0)
+        0.5
+        * picture.pitch
+        / coarsest(picture.pitch_at(w))
+        * (min(1.0, pupil.diameter / (2 * r)) if pupil else 1)
         for w, r in zip(hologram.wavelengths, radii, strict=True)
     ]
     slope = hologram.widest_slope

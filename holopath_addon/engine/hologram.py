@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InvalidInput
-from .optics import ON_AXIS, Lens, Optics, Stop
+from .optics import ON_AXIS, Lens, Optics
 from .pixels import Pitch, Raster, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
@@ -194,14 +194,6 @@ class Hologram:
         """What cuts the light of pictures away from the `origin`, in words."""
         return "the SLM's aperture"
 
-    def band(self, wavelength: float) -> float:
-        """Radius of the circular band of light of a wavelength, in units of the largest that the pixels record."""
-        return 1.0
-
-    def optics_at(self, wavelength: float) -> Optics:
-        """Beam and stop as light of a wavelength meets them where the scene is, see `in_air`."""
-        return self.optics if self.in_air is self else self.in_air.optics_at(wavelength)
-
     def captured_share(self, distance: float) -> float:
         """Share of the recordable cones' light, from a picture at `distance` in meters, that passes the aperture.
 
@@ -235,10 +227,11 @@ class Hologram:
 
     def max_slope(self, wavelength: float) -> float:
         """Slope tan(asin(wavelength / (2 pitch))) of the recordable cone's edge, by the largest pitch; behind a lens of
-        the `band`.
+        what the aperture sends there.
         """
-        grid = self.in_air
-        return math.tan(math.asin(grid.band(wavelength) * wavelength / (2 * grid._largest_pitch)))
+        if self.in_air is not self:
+            return self.in_air.max_slope(wavelength)
+        return math.tan(math.asin(wavelength / (2 * self._largest_pitch)))
 
     @property
     def _largest_pitch(self):
@@ -377,12 +370,14 @@ class AerialImage(Hologram):
     def opening(self) -> str:
         return "what the SLM's pixels reach there"
 
-    def band(self, wavelength: float) -> float:
-        return self.shortest / wavelength
+    def raster(self, wavelength: float | None = None) -> Raster:
+        shape = self.height, self.width
+        if wavelength is None or wavelength <= self.shortest:
+            return Raster(shape, self.pitch)
+        return Raster(shape, (self.pitch, self.pitch, self.pitch * wavelength / self.shortest))
 
-    def optics_at(self, wavelength: float) -> Optics:
-        band = self.band(wavelength)
-        return Optics(stop=Stop("circle", (band,))) if band < 1 else ON_AXIS
+    def max_slope(self, wavelength: float) -> float:
+        return math.tan(math.asin(wavelength / (2 * coarsest(self.pitch_at(wavelength)))))
 
 
 def _aerial_pitch(hologram):

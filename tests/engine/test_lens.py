@@ -189,11 +189,11 @@ def test_the_slope_of_phases_behind_a_lens():
     """By differences: of the loss in the picture's plane with respect to phases on the SLM."""
     hologram = panel(16, RGB[:1] + RGB[2:], lens=Lens(FOCAL, 0.06, 0.12))
     rng = np.random.default_rng(0)
-    way, optics = behind_lens(hologram, RGB[0]), hologram.optics_at(RGB[0])
+    way, pitch = behind_lens(hologram, RGB[0]), hologram.in_air.pitch_at(RGB[0])
     target = rng.normal(size=(1, 16, 16)) + 1j * rng.normal(size=(1, 16, 16))
     angle, change = rng.uniform(0, 6, (2, 1, 16, 16))
     with Frames() as threads:
-        compared = ComplexTarget(target, True, threads, optics)
+        compared = ComplexTarget(target, True, threads, pitch=pitch)
 
         def loss(step):
             # the factor of the step before is 1 until it is set

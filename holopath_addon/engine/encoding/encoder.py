@@ -361,13 +361,11 @@ class _Work:
         ]
         self._beams = [hologram.illumination(colour) for colour in range(count)]
         self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
-        self._optics = [hologram.optics_at(wavelength) for wavelength in hologram.wavelengths]
         self._grid = hologram.in_air
         if self._ways[0] is not None:
             self._shape = self._grid.height, self._grid.width
         self._passes = [
-            optics.passes(self._shape, self._grid.pitch_at(wavelength))
-            for optics, wavelength in zip(self._optics, hologram.wavelengths, strict=True)
+            hologram.optics.passes(self._shape, self._grid.pitch_at(w)) for w in hologram.wavelengths
         ]
         self.report = {
             "bits": asked.bits,
@@ -491,13 +489,13 @@ class _Work:
 
     def _target(self, fields, colour):
         """What `sgd` compares the light of some frames with."""
-        hologram, asked, optics = self.field.hologram, self._asked, self._optics[colour]
+        hologram, asked = self.field.hologram, self._asked
         wavelength = hologram.wavelengths[colour]
         pitch = self._grid.pitch_at(wavelength)
         if asked.supervision == "complex":
-            return ComplexTarget(fields, asked.aperture, self._threads, optics, pitch)
+            return ComplexTarget(fields, asked.aperture, self._threads, hologram.optics, pitch)
         distances = _spread(*self._volume(colour), asked.planes)
-        return AmplitudeTarget(fields, pitch, wavelength, distances, self._threads, optics)
+        return AmplitudeTarget(fields, pitch, wavelength, distances, self._threads, hologram.optics)
 
     def joint(self):
         """All frames together, towards their own mean."""
@@ -536,7 +534,7 @@ class _Work:
         if not grid.plain:
             lines = grid.picture.raster().lines_on(grid.raster(wavelength))
             places = [line._replace(first=line.first + self._margin) for line in lines]
-        return Views(*space, frames, seed, self._asked.eyebox, self._optics[colour], places)
+        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places)
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""

@@ -215,7 +215,7 @@ def efficiency(phase: PhaseHologram) -> list[float]:
     found = []
     for colour, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0
-        band = hologram.optics_at(wavelength).passes(shape, grid.pitch_at(wavelength))
+        band = hologram.optics.passes(shape, grid.pitch_at(wavelength))
         way = behind_lens(hologram, wavelength)
         illumination = phase.hologram.illumination(colour)
         beam = 1 if illumination is None else illumination

@@ -155,8 +155,7 @@ class Refocuser:
     def _mask(self, k, padded, pupil):
         """FFT bins that pass the stop and the pupil; None for all of the band."""
         grid, wavelength = self._grid, self._grid.wavelengths[k]
-        optics = grid.optics_at(wavelength)
-        pitch = grid.pitch_at(wavelength)
+        optics, pitch = grid.optics, grid.pitch_at(wavelength)
         mask = optics.passes(padded, pitch) if optics.stopped else None
         if pupil is not None:
             part = pupil_mask(padded, pitch, wavelength, self.field.mapping, pupil, optics)

@@ -269,11 +269,11 @@ def diffracted(
     numpy.ndarray, float32, of the same shape
     """
     openings = [0.5] * len(hologram.wavelengths) if openings is None else openings
-    rows, columns = pictures.shape[-3:-1]
+    grid, (rows, columns) = hologram.picture, pictures.shape[-3:-1]
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty(pictures.shape, np.float32)
     for k, radius in enumerate(openings):
-        passes = hologram.optics_at(hologram.wavelengths[k]).passes((rows, columns))
+        passes = grid.optics.passes((rows, columns), grid.pitch_at(grid.wavelengths[k]))
         kernel = np.abs(scipy.fft.ifft2((f <= radius) & passes)) ** 2
         transfer = scipy.fft.fft2(kernel / kernel.sum())
         out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real
