@@ -129,7 +129,7 @@ GALLERY = {
 }
 SKETCHES = {
     f"bench-{name}.svg": Picture(("python -m documentation sketches",))
-    for name in ("point", "gaussian", "carrier", "half")
+    for name in ("point", "gaussian", "carrier", "half", "eyepiece", "lens")
 }
 PICTURES: dict[str, Picture] = WINDOW | RENDERED | MEASURED | GALLERY | SKETCHES
 

@@ -223,22 +223,22 @@ def _print(args, thing, file, progress):
     frame, color = _frame(args.frame, len(thing.data)), _color(args.wavelength, hologram.wavelengths)
     if isinstance(hologram.pitch, tuple):
         raise engine.InvalidInput(
-            f"A print has square dots, and the hologram has pixels of {in_words(hologram.pitch)}: render it with one "
-            "--pitch."
+            f"A print has dots as far apart in x as in y, and pixels are {in_words(hologram.pitch)}: render with one "
+            "number for --pitch."
         )
     if args.dpi is not None:
         prints.check_dots(args.dpi, hologram.pitch)
     thing = replace(thing, hologram=replace(hologram, optics=_off_axis(args, hologram.optics)))
     progress(0.1, "Interfering")
-    bits = args.bits or 8
+    bits, dot = args.bits or 8, prints.INCH / args.dpi if args.dpi else hologram.pitch
     picture = engine.interference(thing, frame, color, binary=bits == 1)
     progress(0.5, "Writing")
-    prints.write_print(file, picture, bits, prints.INCH / args.dpi if args.dpi else hologram.pitch)
+    prints.write_print(file, picture, bits, dot)
     sines = (c * hologram.wavelengths[color] / (2 * hologram.pitch) for c in thing.hologram.optics.carrier)
     angles = " and ".join(f"{math.degrees(math.asin(sine)):.3g}" for sine in sines)
-    width, height = (n * hologram.pitch * 1e3 for n in (hologram.width, hologram.height))
+    width, height = (n * dot * 1e3 for n in (hologram.width, hologram.height))
     progress.say(
-        f"The print is {width:.3g} x {height:.3g} mm at {prints.dots_per_inch(hologram.pitch):.5g} dots per inch. Lit "
+        f"The print is {width:.3g} x {height:.3g} mm at {prints.dots_per_inch(dot):.5g} dots per inch. Lit "
         f"from straight behind, it shows the picture {angles} degrees to the right and up."
     )
     progress(1.0, f"Done: {file}")

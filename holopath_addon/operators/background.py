@@ -315,7 +315,7 @@ def _words(props, copy, folder):
     if pupil is not None:
         numbers = (pupil.x, pupil.y, pupil.diameter)
         words.append("--pupil=" + ",".join(repr(number * 1e3) for number in numbers))
-    words += _measured_bench(props.optics)
+    words += _measured_bench(props)
     if props.animation_encodes:
         words += _encoding(props)
     cluster = preferences.cluster()
@@ -324,12 +324,16 @@ def _words(props, copy, folder):
 
 def _measured_bench(props):
     """Words for what was measured of the bench: the copy of the .blend does not lie where its paths begin."""
-    files = {role: Path(bpy.path.abspath(path)).absolute() for role, path in files_of(props).items() if path}
+    files = {
+        role: Path(bpy.path.abspath(path)).absolute() for role, path in files_of(props.optics).items() if path
+    }
     stop, words = files.pop("stop", None), []
     if stop:
         words += ["--stop", str(stop)]
-        if props.carrier != "stop":
-            place = "auto" if props.carrier == "auto" else ",".join(map(repr, optics_of(props).carrier))
+        if props.optics.carrier != "stop":
+            place = (
+                "auto" if props.optics.carrier == "auto" else ",".join(map(repr, optics_of(props).carrier))
+            )
             words.append(f"--carrier={place}")
     if "field" in files:
         words += ["--beam", str(files["field"])]

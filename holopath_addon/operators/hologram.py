@@ -1,7 +1,5 @@
 """Encode the stored wave field for an SLM, look at the phases and save them."""
 
-from dataclasses import replace
-
 import bpy
 
 from .. import engine, pipeline, preferences, properties
@@ -36,8 +34,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
     def work(self, scene):
         field, task, before = session.rendered().field, session.current.task, session.current.phase
         props = properties.of(bpy.data.scenes[scene])
-        optics = optics_of(props.optics)
-        on_bench = replace(field, hologram=replace(field.hologram, optics=optics))
+        optics = optics_of(props)
         method, calibration = props.encoding, calibration_of(props.device)
         display = {"bits": props.bits if props.bits < ENOUGH_BITS else None}
         if calibration is not None:
@@ -57,6 +54,7 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
                 )
             try:
                 options = {"seconds": seconds, "eyebox": eyebox, **display}
+                on_bench = engine.at_panel(field, optics)
                 return field, pipeline.encode(on_bench, method, progress, *scene, **options)
             except engine.Cancelled as error:
                 if error.kept is None or before is not None:

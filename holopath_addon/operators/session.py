@@ -535,6 +535,10 @@ def light_of(refocuser, modulator, optics):
     phase, kept = current.phase, current.phase_light  # another thread may render or encode meanwhile
     if modulator is None or phase is None:
         return refocuser if optics == refocuser.field.hologram.optics else refocuser.on(optics)
+    if optics.lens != phase.hologram.optics.lens:
+        raise engine.InvalidInput(
+            "The hologram was encoded for another lens: render and encode it for this one, or set that one again."
+        )
     if kept is None or kept[0] is not phase or kept[1:3] != (modulator, optics):
         light = replace(phase, hologram=replace(phase.hologram, optics=optics)).field(modulator)
         kept = current.phase_light = phase, modulator, optics, engine.Refocuser(light)

@@ -402,8 +402,8 @@ class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
     show_bench: BoolProperty(
         name="Sketch in Viewport",
         description=(
-            "Draw beam, SLM, volume, stop and eye to scale in the 3D View, while the sidebar's HoloPath tab is open or "
-            "HoloPath is the render engine"
+            "Draw beam, SLM, volume, lens, stop and eye to scale in the 3D View, while the sidebar's HoloPath tab is "
+            "open or HoloPath is the render engine"
         ),
         default=False,
     )
@@ -592,7 +592,7 @@ def hologram_of(props, resolution=None):
         tuple(tidy(w * 1e-9) for w in wavelengths),
         depth_mapping=props.depth_mapping,
         near=None if props.near_auto else tidy(props.near),
-        optics=optics_of(props.optics),
+        optics=optics_of(props),
         **ends,
     )
 
@@ -691,7 +691,7 @@ def seen_of(props):
         If there is no such bench.
     """
     modulator = modulator_of(props) if props.refocused == "PHASE" else None
-    return focus_of(props), pupil_or_none(props), modulator, optics_of(props.optics)
+    return focus_of(props), pupil_or_none(props), modulator, optics_of(props)
 
 
 def pupil_or_none(props):

@@ -193,10 +193,102 @@ class HoloPathOptics(bpy.types.PropertyGroup):
         options=RELATIVE,
         update=_changed,
     )
+    use_lens: BoolProperty(
+        name="Lens",
+        description="A lens stands behind the SLM. With the depth mapping Eyepiece you look through it, otherwise the "
+        "picture stands in the air behind it",
+        update=_changed,
+    )
+    focal_mm: FloatProperty(
+        name="Focal Length (mm)",
+        description="Focal length of the lens, in millimeters",
+        default=50.0,
+        min=1e-3,
+        soft_max=1000.0,
+        step=100,
+        precision=2,
+        update=_changed,
+    )
+    use_lens_distance: BoolProperty(
+        name="Distance",
+        description="Set the distance of the lens from the SLM. Otherwise it is the focal length",
+        update=_changed,
+    )
+    lens_distance_mm: FloatProperty(
+        name="Distance (mm)",
+        description="Distance of the lens from the SLM, in millimeters",
+        default=50.0,
+        min=0.0,
+        soft_max=1000.0,
+        step=100,
+        precision=2,
+        update=_changed,
+    )
+    use_picture_distance: BoolProperty(
+        name="Picture",
+        description="Set the distance of the picture behind the lens. Otherwise it is the focal length",
+        update=_changed,
+    )
+    picture_mm: FloatProperty(
+        name="Picture (mm)",
+        description="Distance of the plane around which the picture stands from the lens, in millimeters",
+        default=50.0,
+        min=1e-3,
+        soft_max=1000.0,
+        step=100,
+        precision=2,
+        update=_changed,
+    )
+    colors_apart: BoolProperty(
+        name="Colors Apart",
+        description="Lenses show each wavelength's picture elsewhere, or of another size. The phases make up for it",
+        update=_changed,
+    )
+    color_scale: FloatVectorProperty(
+        name="Scale",
+        description="Magnification of each color's picture over what it should be. 1 is as it should be",
+        size=3,
+        default=(1.0, 1.0, 1.0),
+        min=0.5,
+        max=2.0,
+        step=0.1,
+        precision=4,
+        update=_changed,
+    )
+    color_distance_mm: FloatVectorProperty(
+        name="Too Near (mm)",
+        description="How far each color's picture lies too near to the viewer, in millimeters",
+        size=3,
+        soft_min=-10.0,
+        soft_max=10.0,
+        step=1,
+        precision=3,
+        update=_changed,
+    )
+    color_right_mm: FloatVectorProperty(
+        name="Right (mm)",
+        description="How far each color's picture lies too far to the right, in millimeters",
+        size=3,
+        soft_min=-1.0,
+        soft_max=1.0,
+        step=1,
+        precision=4,
+        update=_changed,
+    )
+    color_up_mm: FloatVectorProperty(
+        name="Up (mm)",
+        description="How far each color's picture lies too far up, in millimeters",
+        size=3,
+        soft_min=-1.0,
+        soft_max=1.0,
+        step=1,
+        precision=4,
+        update=_changed,
+    )
 
 
-def optics_of(props: HoloPathOptics) -> engine.Optics:
-    """Engine's optics of the settings.
+def optics_of(settings: Any) -> engine.Optics:
+    """Engine's optics of the scene's settings, `Scene.holopath`.
 
     Raises
     ------
@@ -205,7 +297,15 @@ def optics_of(props: HoloPathOptics) -> engine.Optics:
     engine.BackendUnavailable
         If the library for a file is not installed.
     """
-    return engine.Optics(beam=_beam(props), carrier=_carrier(props), stop=_stop(props))
+    props, count = settings.optics, 3 if settings.colours == "RGB" else 1
+    colors = _colors(props, count) if props.colors_apart else {}
+    return engine.Optics(
+        beam=_beam(props),
+        carrier=_carrier(props),
+        stop=_stop(props),
+        lens=_lens(props, settings.depth_mapping) if props.use_lens else None,
+        **colors,
+    )
 
 
 def files_of(props: HoloPathOptics) -> dict[str, str]:
@@ -246,6 +346,23 @@ def _stop(props):
         "rectangle": lambda: _all(props.rectangle),
     }
     return engine.Stop(props.stop, numbers[props.stop]())
+
+
+def _lens(props, depth_mapping):
+    (focal,) = _all([props.focal_mm], 1e-3)
+    (distance,) = _all([props.lens_distance_mm], 1e-3) if props.use_lens_distance else (focal,)
+    behind = props.use_picture_distance and depth_mapping != "eyepiece"
+    (picture,) = _all([props.picture_mm], 1e-3) if behind else (None,)
+    return engine.Lens(focal, distance, picture)
+
+
+def _colors(props, count):
+    right, up = (_all(each, 1e-3)[:count] for each in (props.color_right_mm, props.color_up_mm))
+    return {
+        "color_scale": _all(props.color_scale)[:count],
+        "color_distance": _all(props.color_distance_mm, 1e-3)[:count],
+        "color_shift": tuple(zip(right, up, strict=True)),
+    }
 
 
 def _all(values, unit=1.0):

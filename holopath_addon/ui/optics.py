@@ -20,10 +20,16 @@ _STOP = {
     "rectangle": {"rectangle": ("Width", "Height")},
     "measured": {"stop_file": ()},
 }
+_COLORS = {
+    "color_scale": "Scale",
+    "color_distance_mm": "Too Near (mm)",
+    "color_right_mm": "Right (mm)",
+    "color_up_mm": "Up (mm)",
+}
 
 
 def optics(layout: UILayout, context: Context) -> None:
-    """Beam, carrier and stop: of each its kind, and the numbers of that kind alone."""
+    """Beam, carrier, stop, lens and colors: of each its kind, and the numbers of that kind alone."""
     props: HoloPathOptics = properties.of(context.scene).optics
     layout.prop(props, "beam")
     _numbers(layout, props, _BEAM.get(props.beam, {}))
@@ -35,12 +41,35 @@ def optics(layout: UILayout, context: Context) -> None:
     layout.prop(props, "stop")
     _numbers(layout, props, _STOP.get(props.stop, {}))
     if props.stop == "circle":
-        row = layout.row(heading="Radius")
-        row.prop(props, "use_radius", text="")
-        if props.use_radius:
-            row.prop(props, "radius", text="")
+        _switched(layout, props, "use_radius", "radius", "Radius")
+    _lens(layout, props, properties.of(context.scene).depth_mapping)
+    layout.prop(props, "colors_apart")
+    if props.colors_apart:
+        _colors(layout, props, properties.of(context.scene).colours)
     layout.prop(properties.of(context.scene), "show_bench")
     _state(layout, context)
+
+
+def _switched(layout, props, switch, name, heading):
+    """A number after its switch."""
+    row = layout.row(heading=heading)
+    row.prop(props, switch, text="")
+    if getattr(props, switch):
+        row.prop(props, name, text="")
+
+
+def _lens(layout, props, depth_mapping):
+    _switched(layout, props, "use_lens", "focal_mm", "Lens (mm)")
+    if props.use_lens:
+        _switched(layout, props, "use_lens_distance", "lens_distance_mm", "Distance (mm)")
+        if depth_mapping != "eyepiece":  # then no picture stands behind it
+            _switched(layout, props, "use_picture_distance", "picture_mm", "Picture (mm)")
+
+
+def _colors(layout, props, colors):
+    words = ("Red", "Green", "Blue") if colors == "RGB" else ("",)
+    for name, what in _COLORS.items():
+        _numbers(layout, props, {name: [f"{what} {word}".rstrip() for word in words]})
 
 
 def _numbers(layout, props, rows):
@@ -61,6 +90,8 @@ def _state(layout, context):
         return
     if bench.stopped:
         wrapped(layout, context, f"Pupil: {bench.opening[2]:.0%} as Wide as on Axis", icon="INFO")
-    phase = session.current.phase
-    if phase is not None and phase.hologram.optics != bench:
+    field, phase = session.current.field, session.current.phase
+    if field is not None and field.hologram.optics.lens != bench.lens:
+        wrapped(layout, context, "Wave Field Is for Another Lens: Render Again", icon="ERROR")
+    elif phase is not None and phase.hologram.optics != bench:
         wrapped(layout, context, "Phases Are for Another Bench: Encode Again", icon="ERROR")

@@ -394,7 +394,7 @@ def test_cancelled_render_keeps_the_last_one(scene, monkeypatch):
 def test_a_failure_outlives_the_picture_that_comes_back(scene):
     """In a window the picture before is made in a thread, and is there after the failure was told."""
     bpy.ops.holopath.render_hologram()
-    session.current.wanted = (2.0, None, None)
+    session.current.wanted = (2.0, None, None, engine.Optics())
     session._start_refocus()
     session.fail(engine.InvalidInput("No."))
     assert session.current.refocus.wait(NEVER)
@@ -557,7 +557,7 @@ def test_dioptres_in_view(scene):
 
 def test_a_picture_of_an_earlier_field_is_dropped(scene):
     bpy.ops.holopath.render_hologram()
-    session.current.wanted = (2.0, None, None)
+    session.current.wanted = (2.0, None, None, engine.Optics())
     session._start_refocus()
     assert session.current.refocus.wait(NEVER)
     scene.holopath.resolution_x = 48

@@ -56,6 +56,37 @@ def test_settings_mean_what_words_mean(scene, settings, beam, carrier, stop):
     assert BlenderSource().hologram_from().optics == expected  # of the .blend on the command line
 
 
+def test_lens_and_colors_mean_what_words_mean(scene):
+    props = scene.holopath
+    set_all(scene, {"use_lens": True, "focal_mm": 100.0})
+    assert properties.hologram_of(props).optics.lens == exchange.parse_lens("100")
+    set_all(scene, {"use_lens_distance": True, "lens_distance_mm": 50.0})
+    set_all(scene, {"use_picture_distance": True, "picture_mm": 150.0})
+    assert properties.hologram_of(props).optics.lens == exchange.parse_lens("100@50@150")
+    props.depth_mapping, props.depth_auto = "eyepiece", True  # in which no picture stands behind it
+    assert properties.optics_of(props).lens == exchange.parse_lens("100@50")
+    set_all(scene, {"use_lens": False, "colors_apart": True, "color_scale": (1.02, 1.0, 0.98)})
+    set_all(scene, {"color_distance_mm": (0.3, 0.0, -0.1), "color_right_mm": (0.0, 0.0, 0.02)})
+    words = {"color_scale": "1.02,1,0.98", "color_distance": "0.3,0,-0.1", "color_shift": "0,0,0,0,0.02,0"}
+    colors = {name: exchange.optics.parse_colors(name, text) for name, text in words.items()}
+    assert properties.optics_of(props) == engine.Optics(**colors)
+    props.colours = "MONO"
+    assert len(properties.optics_of(props).color_scale) == 1
+
+
+def test_a_field_of_another_lens(scene):
+    """It has to be rendered for it: the panel says so, and so do the picture and Encode."""
+    props = scene.holopath
+    props.frames, props.colours, props.method, props.encoding = 1, "MONO", "fast", "dpac"
+    bpy.ops.holopath.render_hologram()
+    kept = shown()
+    props.depth_auto, props.optics.use_lens = True, True
+    assert "Wave Field Is for Another Lens: Render Again" in drawn(scene)[1]
+    assert "rendered for another lens" in session.current.error and (shown() == kept).all()
+    with pytest.raises(RuntimeError, match="rendered for another lens"):
+        bpy.ops.holopath.encode()
+
+
 def test_each_kind_has_a_setting(scene):
     kinds = scene.holopath.optics.bl_rna.properties
     assert set(kinds["beam"].enum_items.keys()) == set(BEAMS)
@@ -76,11 +107,20 @@ def test_each_kind_has_a_setting(scene):
         ({"stop": "rectangle"}, ["rectangle", "rectangle"]),
         ({"stop": "measured"}, ["stop_file"]),
         ({"use_radius": True}, ["radius"]),
+        ({"use_lens": True}, ["focal_mm", "use_lens_distance", "use_picture_distance"]),
+        (
+            {"use_lens": True, "use_lens_distance": True},
+            ["focal_mm", "use_lens_distance", "lens_distance_mm", "use_picture_distance"],
+        ),
+        (
+            {"colors_apart": True},
+            [*3 * ["color_scale"], *3 * ["color_distance_mm"], *3 * ["color_right_mm"], *3 * ["color_up_mm"]],
+        ),
     ],
 )
 def test_a_kind_shows_its_own_numbers_alone(scene, settings, shown):
     set_all(scene, settings)
-    kinds = ("beam", "carrier", "stop", "use_radius", "show_bench")
+    kinds = ("beam", "carrier", "stop", "use_radius", "use_lens", "colors_apart", "show_bench")
     assert [name for name in drawn(scene)[0] if name not in kinds] == shown
 
 

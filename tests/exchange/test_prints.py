@@ -97,12 +97,11 @@ def test_another_kind_of_file(folder, tmp_path, capsys):
     assert "A print ends on .png, .tif, .tiff, not on '.jpg'" in capsys.readouterr().err
 
 
-def test_dots_are_square(tmp_path, capsys):
-    plain = field(height=32, width=48)
-    oblong = replace(plain, hologram=replace(plain.hologram, pitch=(6.4e-6, 8e-6)))
-    with output.output_folder(tmp_path / "out") as part:
-        oblong.save(part / "wavefield")
-        output.write_report(part, {})
-    words = [str(tmp_path / "out"), str(tmp_path / "a.png"), "--interference", *WHICH]
-    assert cli.main(["export", *words]) == 2
-    assert "A print has square dots, and the hologram has pixels of 6.4 × 8 µm" in capsys.readouterr().err
+def test_pixels_that_are_not_square(folder, tmp_path, capsys):
+    stored = output.stored_field(folder)
+    oblong = replace(stored, hologram=replace(stored.hologram, pitch=(6.4e-6, 8e-6)))
+    oblong.save(tmp_path / "oblong" / "wavefield")
+    assert (
+        cli.main(["export", str(tmp_path / "oblong"), str(tmp_path / "a.png"), "--interference", *WHICH]) == 2
+    )
+    assert "as far apart in x as in y, and pixels are 6.4" in capsys.readouterr().err

@@ -125,7 +125,7 @@ def watch_all():
     rows = bpy.types.HOLOPATH_UL_focus
     draw_item, wanted, add_menu = rows.draw_item, overlay._wanted, menus._add_menu
     bench = module("ui.bench_overlay")
-    draw_sketch = bench.draw_sketch
+    wanted_bench = bench.wanted
 
     def watched_item(self, context, layout, data, item, icon, active_data, active_property, index):
         with noted(rows.__name__):
@@ -139,11 +139,11 @@ def watch_all():
         with noted("VIEW3D_MT_add"):
             add_menu(self, context)
 
-    def watched_sketch(hologram, region, scale):
+    def watched_bench(context):
         with noted("sketch"):
-            draw_sketch(hologram, region, scale)
+            return wanted_bench(context)
 
-    rows.draw_item, overlay._wanted, bench.draw_sketch = watched_item, watched_overlay, watched_sketch
+    rows.draw_item, overlay._wanted, bench.wanted = watched_item, watched_overlay, watched_bench
     menus.remove_from_menus()
     menus._add_menu = watched_menu
     menus.add_to_menus()

@@ -61,8 +61,9 @@ def interference(
     if isinstance(thing, PhaseHologram):
         waves, reference = np.exp(1j * thing.data[frame, color]), 1.0
     else:
-        field = thing.data[frame, color]
-        passed = scipy.fft.ifft2(scipy.fft.fft2(field) * optics.passes(field.shape))
+        field, wavelength = thing.data[frame, color], thing.hologram.wavelengths[color]
+        passes = optics.passes(field.shape, thing.hologram.pitch_at(wavelength))
+        passed = scipy.fft.ifft2(scipy.fft.fft2(field) * passes)
         waves = transmission(passed, thing.hologram.illumination(color))
         reference = float(np.percentile(np.abs(waves), REFERENCE))
     intensity = np.abs(waves + reference) ** 2

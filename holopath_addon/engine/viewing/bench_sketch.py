@@ -25,6 +25,7 @@ COLORS = {
     "volume": (0.2, 0.65, 0.4),
     "light": (0.7, 0.4, 0.85),
     "stop": (0.9, 0.3, 0.3),
+    "lens": (0.1, 0.57, 0.62),
 }
 # Pixels: of the whole, across the axis at most, behind the break, the Fourier plane, and of letters.
 WIDTH, HIGH, BEHIND_BREAK, SIDE, FONT = 720.0, 170.0, 110.0, 130.0, 12.0
@@ -33,16 +34,19 @@ LETTER = 0.58  # of the letters' size is their mean width in fonts without serif
 GAP = 8.0  # pixels between labels
 # Of the depth that SLM and volume fill: how much is drawn of the beam and of the light, and how near a point source is
 # for it to be drawn.
-BEFORE, AFTER, NEAR_POINT = 0.6, 0.6, 2.0
+BEFORE, AFTER, NEAR_POINT = 0.5, 0.5, 2.0
 RAYS = (-0.9, -0.45, 0.0, 0.45, 0.9)  # of the beam, in halves of the panel
 CELLS = 99  # of the Fourier plane, a side, which are open or closed
 CIRCLE = 64  # corners
 FAINT = 0.3  # opacity of areas
+STRETCHED = (
+    0.1  # an end of the volume behind a lens is drawn at most as much as 1 / this farther from the plane
+)
 NARROW = 8.0  # pixels: behind the break light is drawn as wide or wider
 
 
 @dataclass(frozen=True)
-class Line:
+class Stroke:
     """A line, or the area within it.
 
     Attributes
@@ -71,7 +75,7 @@ class AxialView:
 
     Attributes
     ----------
-    lines : list of Line
+    lines : list of Stroke
     above, below : list of (float, str)
         Labels, and which place on the axis each belongs to.
     start, end : float
@@ -86,7 +90,7 @@ class AxialView:
         Whether the sketch is seen from the side; otherwise it is seen from above.
     """
 
-    lines: list[Line]
+    lines: list[Stroke]
     above: list[tuple[float, str]]
     below: list[tuple[float, str]]
     start: float
@@ -112,7 +116,7 @@ class Drawing:
 
     width: float
     height: float
-    lines: list[Line]
+    lines: list[Stroke]
     texts: list[Text]
 
 
@@ -120,30 +124,44 @@ def axial_view(hologram: Hologram) -> AxialView:
     """What stands on the axis of a hologram's bench, in the plane in which it is less even."""
     optics = hologram.optics
     axis = int(_aside(optics, 1) > _aside(optics, 0))  # 0 to the right, 1 up
-    size = 1e3 * (hologram.width * hologram.pitch_x, hologram.height * hologram.pitch_y)[axis]
-    far, near = 1e3 * hologram.depth_far, 1e3 * hologram.depth_near
-    first, last = min(0.0, far), max(0.0, near)
+    size, wide = (
+        1e3 * _sizes(each)[axis] for each in (hologram, hologram.in_air)
+    )  # of the panel, of pictures
+    far, near = _ends(hologram)
+    stands = 1e3 * optics.lens.distance if optics.lens else 0.0
+    first, last = min(0.0, far, near), max(stands, far, near)
     depth, half = last - first, size / 2
     rays, told, start = _beam(optics, axis, half, first, depth)
     end, middle = last + AFTER * depth, (far + near) / 2
     x, radius = optics.opening[axis], optics.opening[2]
-    edges = tuple(hologram.widest_slope * part * (end - middle) for part in (x - radius, x + radius))
-    zero_order = -hologram.widest_slope * optics.carrier[axis] * end if any(optics.carrier) else None
-    high = 1.25 * max(half, *map(abs, edges))
-    volume = np.array([(far, -half), (near, -half), (near, half), (far, half), (far, -half)])
-    lines = [
-        Line(volume, "volume", FAINT),
-        Line(volume, "volume", width=1.0),
-        *(_clipped(ray, high) for ray in rays),
-        Line(np.array([(0.0, -half), (0.0, half)]), "slm", width=4.0),
-        *(Line(np.array([(middle, 0.0), (end, edge)]), "light") for edge in edges),
+    slopes = [hologram.widest_slope * part for part in (x - radius, x + radius)]
+    cone = [
+        _through(optics.lens, np.array([(middle, 0.0), (end, slope * (end - middle))])) for slope in slopes
     ]
+    edges = tuple(float(points[-1, 1]) for points in cone)
+    zero_order = -hologram.widest_slope * optics.carrier[axis] * end if any(optics.carrier) else None
+    high = 1.25 * max(half, wide / 2, *(np.abs(points[:, 1]).max() for points in cone))
+    volume = np.array([(far, -1), (near, -1), (near, 1), (far, 1), (far, -1)]) * (1, wide / 2)
+    lines = [
+        Stroke(volume, "volume", FAINT),
+        Stroke(volume, "volume", width=1.0),
+        *(_clipped(ray, high) for ray in rays),
+        Stroke(np.array([(0.0, -half), (0.0, half)]), "slm", width=4.0),
+        *(Stroke(points, "light") for points in cone),
+    ]
+    above = [(start, f"beam: {told}"), (0.0, f"SLM, {size:.3g} mm {'high' if axis else 'wide'}")]
+    if optics.lens:
+        focal = 1e3 * optics.lens.focal
+        above.append((stands, f"lens, f = {focal:.4g} mm"))
+        lines.append(Stroke(np.array([(stands, -1.2 * half), (stands, 1.2 * half)]), "lens", width=3.0))
+        for y in (-0.9 * half, 0.9 * half):  # what the SLM leaves as it was, up to its focus
+            ray = _through(optics.lens, np.array([(0.0, y), (min(end, stands + focal), y)]))
+            lines.append(Stroke(ray, "beam", dashed=True, width=1.0))
     if zero_order is not None:
-        lines.append(_clipped(Line(np.array([(0.0, 0.0), (end, zero_order)]), "stop", dashed=True), high))
-    wide = "high" if axis else "wide"
+        lines.append(_clipped(Stroke(np.array([(0.0, 0.0), (end, zero_order)]), "stop", dashed=True), high))
     return AxialView(
         lines,
-        [(start, f"beam: {told}"), (0.0, f"SLM, {size:.3g} mm {wide}")],
+        above,
         [(middle, f"volume, {_number(far)} (far) to {_number(near)} mm (near)")],
         start,
         end,
@@ -198,7 +216,7 @@ def drawing(
         replace(line, points=(line.points - (bench.start, 0)) * (along, -across) + (0, axis))
         for line in bench.lines
     ]
-    lines.append(Line(np.array([(0.0, axis), (places[2], axis)]), INK, dashed=True, width=0.75))
+    lines.append(Stroke(np.array([(0.0, axis), (places[2], axis)]), INK, dashed=True, width=0.75))
     lines += _behind_the_break(bench, optics, across, axis, places, unit)
     texts = [Text(x, top - GAP * unit - y, text) for x, y, text in above]
     texts += [Text(x, bottom + row + y, text) for x, y, text in below]
@@ -211,6 +229,35 @@ def drawing(
         more, words, deep = _fourier_plane(optics, corner, side, font)
         lines, texts, height = lines + more, texts + words, max(height, deep)
     return Drawing(width, height, lines, texts)
+
+
+def _sizes(hologram):
+    """Width and height of a grid, meters."""
+    return hologram.width * hologram.pitch_x, hologram.height * hologram.pitch_y
+
+
+def _ends(hologram):
+    """Far and near end of the volume, millimeters from the SLM.
+
+    Behind a lens what is z behind the plane of the picture stands at z / (1 - z D / B), with B and D of the ray matrix.
+    """
+    ends, lens = (hologram.depth_far, hologram.depth_near), hologram.optics.lens
+    if hologram.in_air is hologram:
+        return tuple(1e3 * z for z in ends)
+    plane = lens.distance + (lens.focal if lens.picture is None else lens.picture)
+    bend = (1 - lens.distance / lens.focal) / lens.reach
+    return tuple(1e3 * (plane + z / max(1 - z * bend, STRETCHED)) for z in ends)
+
+
+def _through(lens, points):
+    """A ray between two points as a lens bends it, if one stands between them."""
+    (x, y), (u, v) = points
+    if lens is None or not x < 1e3 * lens.distance < u:
+        return points
+    stands, slope = 1e3 * lens.distance, (v - y) / (u - x)
+    there = y + slope * (stands - x)
+    bent = slope - there / (1e3 * lens.focal)
+    return np.array([(x, y), (stands, there), (u, there + bent * (u - stands))])
 
 
 def _aside(optics, axis):
@@ -242,7 +289,7 @@ def _beam(optics, axis, half, first, depth):
         places = at + waist * np.array([-1.0, 0.0, 1.0])
         slopes = np.zeros(3)
     rays = [
-        Line(np.array([(start, y + slope * start), (0.0, y)]), "beam", width=1.0)
+        Stroke(np.array([(start, y + slope * start), (0.0, y)]), "beam", width=1.0)
         for y, slope in zip(places, slopes, strict=True)
     ]
     return rays, told, start
@@ -267,22 +314,22 @@ def _behind_the_break(bench, optics, across, axis, places, unit):
     lines, wave = [], np.linspace(-1, 1, 17)
     for aside in (-3 * unit, 3 * unit):
         points = np.stack([broken + aside + 2 * unit * np.sin(3 * wave), axis + high * wave], 1)
-        lines.append(Line(points, INK, width=1.0))
+        lines.append(Stroke(points, INK, width=1.0))
     wider = max(across, NARROW * unit / (bench.edges[1] - bench.edges[0]))
     first, last = (axis - min(max(edge * wider, -0.9 * high), 0.9 * high) for edge in bench.edges)
     begin, radius = broken + 8 * unit, 9 * unit
-    lines += [Line(np.array([(begin, edge), (eye_at, edge)]), "light") for edge in (first, last)]
+    lines += [Stroke(np.array([(begin, edge), (eye_at, edge)]), "light") for edge in (first, last)]
     if optics.stopped:
         for edge, end in ((first, axis + high), (last, axis - high)):
-            lines.append(Line(np.array([(stop_at, edge), (stop_at, end)]), "stop", width=3.0))
+            lines.append(Stroke(np.array([(stop_at, edge), (stop_at, end)]), "stop", width=3.0))
     if bench.zero_order is not None:
         aside = axis - min(max(bench.zero_order * wider, -0.9 * high), 0.9 * high)
-        lines.append(Line(np.array([(begin, aside), (stop_at, aside)]), "stop", dashed=True))
+        lines.append(Stroke(np.array([(begin, aside), (stop_at, aside)]), "stop", dashed=True))
     turns = np.linspace(0, 2 * math.pi, CIRCLE + 1)
     ball = np.stack([np.cos(turns), np.sin(turns)], 1)
     middle = np.array([eye_at + radius, (first + last) / 2])
-    lines.append(Line(middle + radius * ball, INK))
-    lines.append(Line(middle + (-0.6 * radius, 0) + 0.4 * radius * ball * (0.5, 1.0), INK, 1.0))
+    lines.append(Stroke(middle + radius * ball, INK))
+    lines.append(Stroke(middle + (-0.6 * radius, 0) + 0.4 * radius * ball * (0.5, 1.0), INK, 1.0))
     return lines
 
 
@@ -308,7 +355,7 @@ def _scales(bench, along, across, times, foot, measure, font, wide):
     for scale, most, word, direction in bars:
         length = _round_number(most)
         start = np.array([x, foot])
-        lines.append(Line(np.stack([start, start + scale * length * np.array(direction)]), INK, width=2.0))
+        lines.append(Stroke(np.stack([start, start + scale * length * np.array(direction)]), INK, width=2.0))
         x += (scale * length if direction[0] else 0.0) + font / 2
         texts.append(Text(x, foot, f"{length:g} mm {word}"))
         x += measure(texts[-1].text) + 2 * font
@@ -339,18 +386,18 @@ def _fourier_plane(optics, corner, side, font):
                 (edges[last], above),
                 (edges[first], above),
             ]
-            lines.append(Line(place(corners), "light", FAINT))
+            lines.append(Stroke(place(corners), "light", FAINT))
     turns = np.linspace(0, 2 * math.pi, CIRCLE + 1)
     circle = np.stack([np.cos(turns), np.sin(turns)], 1)
-    lines.append(Line(place(circle), INK, width=1.0))
-    lines.append(Line(place([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]), INK, width=0.75))
+    lines.append(Stroke(place(circle), INK, width=1.0))
+    lines.append(Stroke(place([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]), INK, width=0.75))
     texts, row = [Text(left, corner[1] + font, "Fourier plane")], 1.4 * font
     small, y_text = 3.5 * font / FONT, top + side + row
     marks = [((0.0, 0.0), "zero order", "stop", True), ((x, y), "picture", "light", False)]
     marks += [((-x, -y), "twin", "stop", False)] if any(optics.carrier) else []
     for at, text, role, filled in marks:
         for middle in (place([at])[0], np.array([left + small, y_text - 0.35 * font])):
-            lines.append(Line(middle + small * circle, role, float(filled)))
+            lines.append(Stroke(middle + small * circle, role, float(filled)))
         texts.append(Text(left + 4 * small, y_text, text))
         y_text += row
     return lines, texts, y_text
@@ -363,4 +410,4 @@ def _round_number(limit):
 
 
 def _number(value):
-    return f"{value:.3g}".replace("-", "\u2212")
+    return f"{value:.4g}".replace("-", "\u2212")

@@ -230,7 +230,7 @@ class Refocuser:
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
         size = [-(-n // apart) for n in (shape if self._own else grid.picture.raster().shape)]
         images, done = np.empty((len(distances), *size, colours), np.float32), 0
-        for k, wavelength in enumerate(grid.wavelengths):
+        for k in range(colours):
             padded, places = self._padded(k, farthest), self._places(k)
             mask = self._mask(k, padded, pupil)
             bins = None if mask is None or apart == 1 or places is not None else _bins(mask, apart)

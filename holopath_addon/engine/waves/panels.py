@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import InvalidInput
 from ..optics import COLORS
 from ..pixels import beyond, coarsest, frequencies
 from .propagation import carrier, commensurate, moved, padded_shape, transfer_function
@@ -29,8 +30,17 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
     Returns
     -------
     WaveField
-        Without `WaveField.more`.
+        Without `WaveField.more` where colors lie elsewhere.
+
+    Raises
+    ------
+    InvalidInput
+        If the field is of another lens, or the optics do not go with its pixels.
     """
+    if optics.lens != field.hologram.optics.lens:
+        raise InvalidInput(
+            "The field was rendered for another lens: render it with this one, or set that one again."
+        )
     before, after = field.hologram, replace(field.hologram, optics=optics)
     if all(getattr(before.optics, name) == getattr(optics, name) for name in COLORS):
         return replace(field, hologram=after)

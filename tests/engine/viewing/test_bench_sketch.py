@@ -32,8 +32,16 @@ HOLOGRAMS = {
         1920, 1080, (80e-3, 85e-3), 4.5e-6, carrier=(0.3, -0.5), stop=engine.Stop("rectangle", (0.4, 0.8))
     ),
     "picture": hologram(carrier="auto", stop=engine.Stop("measured", measured=np.tri(8, dtype=bool).T)),
+    "behind a lens": hologram(ends=(None, None), lens=engine.Lens(0.1)),
+    "image": hologram(512, 512, (None, None), lens=engine.Lens(0.1, 0.05, 0.15)),
+    "oblong": hologram(320, 256, pitch=(6.4e-6, 8e-6)),
     "tiny": hologram(16, 16, (1e-4, 2e-4)),
 }  # fmt: skip
+
+EYEPIECE = engine.Hologram(
+    256, 192, PITCH, (520e-9,), None, None, "eyepiece", optics=engine.Optics(lens=engine.Lens(0.05, 0.02))
+)
+HOLOGRAMS["eyepiece"] = EYEPIECE
 
 
 def role(thing, name):
@@ -59,7 +67,9 @@ def test_to_scale(name):
     """SLM and volume have their size and place, and the bars and words say by which scales."""
     which = HOLOGRAMS[name]
     bench, drawn = axial_view(which), drawing(which)
-    side = 1e3 * (which.height if bench.upright else which.width) * which.pitch
+    side = 1e3 * (which.height * which.pitch_y if bench.upright else which.width * which.pitch_x)
+    if which.in_air is not which:
+        return
     (slm,) = role(drawn, "slm")
     volume = role(drawn, "volume")[0]
     across = abs(slm[1, 1] - slm[0, 1]) / side
@@ -132,6 +142,33 @@ def test_the_fourier_plane(name):
     np.testing.assert_allclose(middle, (columns.mean() / 400, rows.mean() / 400), atol=0.01)
     words = [text.text for text in drawn.texts]
     assert ["Fourier plane", "zero order", "picture", "twin"] == words[-4:] and "stop" in words
+
+
+def test_behind_a_lens():
+    """The volume stands where the lens images it, and is as large as its pixels there; rays meet in its focus."""
+    which = HOLOGRAMS["image"]
+    bench, image, z = axial_view(which), which.in_air, np.array([which.depth_far, which.depth_near])
+    (lens,), volume = role(bench, "lens"), role(bench, "volume")[0]
+    assert lens[0, 0] == lens[1, 0] == pytest.approx(50)
+    # an object at distance p before the lens is imaged at p f / (p - f): with B = L + s - L s / f, D = 1 - L / f
+    reach, d = 0.05 + 0.15 - 0.05 * 0.15 / 0.1, 1 - 0.05 / 0.1
+    np.testing.assert_allclose(volume[:2, 0], 1e3 * (0.2 + z / (1 - z * d / reach)))
+    assert volume[2, 1] - volume[1, 1] == pytest.approx(1e3 * image.width * image.pitch)
+    rays = [points for points in role(bench, "beam") if len(points) == 3]
+    assert len(rays) == 2
+    for points in rays:
+        np.testing.assert_allclose(points[-1], (150.0, 0.0), atol=1e-9)
+
+
+def test_light_from_the_focal_plane_of_an_eyepiece_is_parallel():
+    bench = axial_view(EYEPIECE)
+    middle = 0.5e3 * (EYEPIECE.depth_far + EYEPIECE.depth_near)
+    for points in role(bench, "light"):
+        (x, y), (u, v), (s, t) = points
+        assert (x, u) == pytest.approx((middle, 20.0))
+        slope = (v - y) / (u - x)
+        assert (t - v) / (s - u) == pytest.approx(slope - v / 50)
+        assert abs((t - v) / (s - u)) < 0.1 * abs(slope)  # parallel but for how far it is from that plane
 
 
 def test_without_a_stop_there_is_none():
