@@ -207,9 +207,9 @@ def test_light_of_a_scene_that_moves_is_decided_as_of_none(blend, tmp_path, monk
         baked.append(render.camera)
         bake(render, store, progress)
 
-    def plan(scene, camera, hologram, settings, store):
+    def plan(scene, camera, hologram, settings, store, progress):
         looked.append(store.files())
-        return planned(scene, camera, hologram, settings, store)
+        return planned(scene, camera, hologram, settings, store, progress)
 
     monkeypatch.setattr(job_light.PlannedRender, "bake", counted)
     monkeypatch.setattr(job_light.planner, "plan", plan)
