@@ -135,7 +135,9 @@ class VirtualDriver:
         phases = self._truth.seen(level, wavelength, shape, self._modulator.shown)
         light = np.float32(self._hologram.gains[k]) * self._bare.light(phases)
         camera, near = self._hologram.camera, self._hologram.near
-        if hologram.optics.colors_apart:  # pictures of all colors have one grid, which all decide
+        if (
+            hologram.optics.colors_apart or hologram.in_air is not hologram
+        ):  # pictures of all colors have one grid, which all decide
             whole = np.zeros((1, len(hologram.wavelengths), *shape), np.complex64)
             whole[0, k] = light
             return Refocuser(WaveField(whole, hologram, camera, near, modulated=True))([self.focus])[
