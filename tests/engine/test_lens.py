@@ -223,6 +223,17 @@ def test_phases_behind_a_lens(slanted, camera, method):
     )  # without a lens 0.22 of dpac
 
 
+def test_pixels_beside_the_square_send_their_light_elsewhere(slanted, camera):
+    """A checkerboard's first order lies at half a cycle a pixel both ways, in the corners of what pixels reach."""
+    hologram = Hologram(48, 32, PITCH, (GREEN,), optics=FOURIER)
+    field = engine.render(slanted, camera, hologram, replace(SETTINGS, frames=1))
+    phases = engine.encode(field, "sgd", max_steps=5).data[0, 0]
+    beside = np.exp(1j * phases[:, :8])
+    power = np.abs(np.fft.fft2(beside)) ** 2
+    assert power[16, 4] == pytest.approx(power.sum())
+    assert len(np.unique(phases[:, 8:-8])) > 500
+
+
 def test_fewer_frames_begin_with_a_random_picture(slanted, camera):
     """Smooth phases in the picture leave the SLM dark but for its middle, which phases alone cannot."""
     field = engine.render(slanted, camera, panel(48), engine.Settings(frames=2, method="full"))

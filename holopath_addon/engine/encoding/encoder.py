@@ -648,7 +648,16 @@ class _Work:
         return math.sqrt(wanted / shown) if shown else 0.0
 
     def round(self):
-        """Bring phases to the display's levels."""
+        """Bring phases to the display's levels.
+
+        Behind a lens pixels beside the picture's square get a checkerboard, whose light passes beside the picture.
+        """
+        for colour, way in enumerate(self._ways):
+            if way is not None:
+                board = math.pi * (np.indices(self.phases.shape[-2:]).sum(0) % 2)
+                beside = np.ones(board.shape, bool)
+                beside[way.used] = False
+                self.phases[:, colour, beside] = board[beside]
         for colour, levels in enumerate(self._levels):
             if levels is not None:
                 for frame in self.phases[:, colour]:

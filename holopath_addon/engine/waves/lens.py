@@ -72,6 +72,11 @@ class Collins:
         """How it is computed: a ``Fourier`` transform where pixels are as fine as that of one, else ``chirp-z``."""
         return "Fourier" if all(axis.whole for axis in self._axes) else "chirp-z"
 
+    @property
+    def used(self) -> tuple[slice, ...]:
+        """Rows and columns of the first plane whose light counts."""
+        return tuple(axis.used for axis in self._axes)
+
     def there(self, fields: np.ndarray) -> np.ndarray:
         """Fields on the other plane.
 
@@ -112,7 +117,7 @@ class _Axis:
         self._n, self._count = n, count
         used = min(n, count)
         start = (n - used) // 2
-        self._used = slice(start, start + used)
+        self.used = slice(start, start + used)
         self.whole = used == count and abs(abs(step) * count - 1) < WHOLE
         j, k = np.arange(used), np.arange(count)
         middle, middle_there = (n - 1) / 2 - start, (count - 1) / 2
@@ -130,7 +135,7 @@ class _Axis:
         self._ends = [_phasor(turns).astype(np.complex64) for turns in (first, last)]
 
     def there(self, fields, place):
-        fields = np.moveaxis(fields, place, -1)[..., self._used]
+        fields = np.moveaxis(fields, place, -1)[..., self.used]
         first, last = self._ends
         if self._mirrored:
             fields = self._along(fields.conj(), first, last, self._count).conj()
@@ -140,14 +145,14 @@ class _Axis:
 
     def back(self, fields, place):
         fields, (first, last) = np.moveaxis(fields, place, -1), self._ends
-        used = self._used.stop - self._used.start
+        used = self.used.stop - self.used.start
         # what lies between the two chirps is symmetric, so its adjoint is its conjugate
         if self._mirrored:
             fields = self._along(fields, last, first, used)
         else:
             fields = self._along(fields.conj(), last, first, used).conj()
         if used < self._n:
-            dark = [(0, 0)] * (fields.ndim - 1) + [(self._used.start, self._n - self._used.stop)]
+            dark = [(0, 0)] * (fields.ndim - 1) + [(self.used.start, self._n - self.used.stop)]
             fields = np.pad(fields, dark)
         return np.moveaxis(fields, -1, place)
 
