@@ -109,7 +109,11 @@ def drawn(*sidebars):
     """Labels of the panels in these sidebars."""
     found = {}
     for name in sidebars:
-        found |= labels.of_panels(scene(), labels.panels(name), is_open)
+        names = []
+        for panel in labels.panels(name):
+            inner = panel != name and is_open(panel)
+            names += [panel, *(labels.within(panel) if inner else [])]
+        found |= labels.of_panels(scene(), names, is_open)
     return found
 
 
@@ -210,6 +214,17 @@ def overlay():
     look(space.region_3d, scene().camera, 1.2)
     yield 0.5
     return ["VIEW_3D"], {"overlay": labels.of_overlay(module("ui.overlay"), scene())}
+
+
+def optics():
+    """A bench with a Gaussian beam and a round stop beside the zero order: its section, and its sketch."""
+    yield from sidebar("display", "display_optics")
+    yield from suzanne()
+    props = scene().holopath
+    props.optics.beam, props.optics.middle_mm = "gaussian", (0.2, 0.0)
+    props.optics.carrier, props.show_bench = "auto", True
+    yield 0.5
+    return ["VIEW_3D"], drawn(VIEW)
 
 
 def look(view, camera, distance):

@@ -57,13 +57,19 @@ def of_overlay(overlay, scene):
 
 
 def panels(sidebar):
-    """Names of a sidebar's main panel and of those directly below it, from top to bottom: no picture shows others."""
+    """Names of a sidebar's main panel and of those directly below it, from top to bottom."""
     classes = [cls for cls in bpy.types.Panel.__subclasses__() if cls.is_registered]
     return [
         cls.__name__
         for cls in classes
         if cls.__name__ == sidebar or getattr(cls, "bl_parent_id", None) == sidebar
     ]
+
+
+def within(panel):
+    """Names of the panels that lie in another one than the main panel, and are seen while that is open."""
+    classes = [cls for cls in bpy.types.Panel.__subclasses__() if cls.is_registered]
+    return [cls.__name__ for cls in classes if getattr(cls, "bl_parent_id", None) == panel]
 
 
 def words(text):

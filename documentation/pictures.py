@@ -24,6 +24,7 @@ SIZES = {
     "phase": (1500, 1060),
     "hologram": (1500, 1060),
     "overlay": (1060, 860),
+    "optics": (1500, 1060),
     "viewport": (1060, 860),
     "baked-light": (1500, 860),
     "device": (1500, 1060),

@@ -72,6 +72,14 @@ def overlay(scene):
 
 
 @state
+def optics(scene):
+    as_a_demo(scene)
+    scene.holopath.optics.beam = "gaussian"
+    scene.holopath.optics.carrier, scene.holopath.show_bench = "auto", True
+    yield
+
+
+@state
 def viewport(scene):
     yield
 

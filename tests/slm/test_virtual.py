@@ -113,8 +113,15 @@ def test_sees_what_the_engine_reconstructs(packing, order, bits, hologram):
     assert decibels(found[0, ..., ::-1], ideal[0]) < 30
 
 
-def test_colors_that_lie_apart(hologram):
-    optics = engine.Optics(color_scale=(1.02, 0.99), color_distance=(0.1e-3, 0.0))
+@pytest.mark.parametrize(
+    "optics",
+    [
+        engine.Optics(color_scale=(1.02, 0.99), color_distance=(0.1e-3, 0.0)),
+        engine.Optics(lens=engine.Lens(0.1)),
+    ],
+    ids=["apart", "lens"],
+)
+def test_colors_on_one_grid(hologram, optics):
     apart = replace(hologram, hologram=replace(hologram.hologram, optics=optics))
     bench = shown(apart, Calibration())
     assert seen(bench).shape == ideal_of(apart).shape

@@ -139,7 +139,9 @@ class VirtualDriver:
         if illumination is not None:
             light *= illumination
         camera, near = self._hologram.camera, self._hologram.near
-        if hologram.optics.colors_apart:  # pictures of all colors have one grid, which all decide
+        if (
+            hologram.optics.colors_apart or hologram.in_air is not hologram
+        ):  # pictures of all colors have one grid, which all decide
             whole = np.zeros((1, len(hologram.wavelengths), *shape), np.complex64)
             whole[0, k] = light
             return Refocuser(WaveField(whole, hologram, camera, near, modulated=True))([self.focus])[
