@@ -95,7 +95,8 @@ def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
     page, table = (rendered / f"report.{kind}" for kind in ("html", "csv"))
     text = page.read_text()
     assert "http" not in text and text.isascii() and "<h2>Phases (joint)</h2>" in text
-    assert text.count("<img") == 4 and text.count("<polyline") == 9
+    curves, sketch = text.split("<h2>Bench</h2>")
+    assert curves.count("<img") == 4 and curves.count("<polyline") == 9 and "<svg" in sketch
     rows = [line.rsplit(",", 1) for line in table.read_text().splitlines()]
     assert rows[0] == ["what,where", "value"] and len(rows) > 9 * 13 + 13 + 2 + 1
     (rendered / "wavefield").rename(tmp_path / "aside")

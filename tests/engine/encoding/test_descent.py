@@ -15,7 +15,7 @@ from holopath_addon.engine.encoding import views as views_module
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
 from holopath_addon.engine.encoding.views import Views
-from holopath_addon.engine.pixels import Line
+from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
@@ -144,7 +144,7 @@ def test_gradient_against_finite_differences(kind, threads):
     elif kind in ("views", "views elsewhere"):
         pitch, places = PITCH, None
         if kind == "views elsewhere":
-            pitch, places = (0.8 * PITCH, PITCH), (Line(-0.4, 1.02, 27), Line(0.3, 1.25, 32))
+            pitch, places = (0.8 * PITCH, PITCH), (EvenSteps(-0.4, 1.02, 27), EvenSteps(0.3, 1.25, 32))
         views = Views(fields.shape[-2:], pitch, GREEN, -1e-3, 2e-3, 3, 0, places=places)
         chosen = [
             (numbers[-1], share) for (_, numbers), share in zip(views.kinds, (0.5, 0.3, 0.2), strict=True)
