@@ -159,19 +159,6 @@ def test_colors_are_as_bright_as_each_other(build, camera):
     np.testing.assert_allclose(picture.mean((0, 1)), 0.5, rtol=0.02)
 
 
-@pytest.mark.parametrize("count", [2])
-def test_parts_join_to_the_same_field(slanted, camera, tmp_path, count):
-    from holopath_addon.engine.rendering.division import DividedRender
-
-    what = slanted, camera, panel(32, RGB[:2]), replace(SETTINGS, frames=2, seed=3)
-    whole = engine.render(*what)
-    divided = DividedRender(*what, tmp_path, count)
-    for step in divided.steps:
-        divided.make(step, lambda done, message: None)
-    joined = divided.joined(lambda done, message: None)
-    assert np.linalg.norm(joined.data - whole.data) < 1e-4 * np.linalg.norm(whole.data)
-
-
 def test_the_plan_says_how_light_comes_there(slanted, camera):
     plan = engine.plan(slanted, camera, panel(32, RGB), SETTINGS)
     said = {decision.name: decision for decision in plan.decisions}

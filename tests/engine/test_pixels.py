@@ -179,21 +179,6 @@ def test_pictures_are_those_of_square_pixels(slanted, camera):
     np.testing.assert_allclose(found[PITCH][:, 1], 100, atol=2)
 
 
-def test_parts_join_to_the_same_field(slanted, camera, tmp_path):
-    """With colors that lie apart, too."""
-    from holopath_addon.engine.rendering.division import DividedRender
-
-    optics = engine.Optics(color_scale=(1.0, 1.02), color_distance=(0.0, 0.2e-3))
-    hologram = Hologram(40, 32, PITCH, (640e-9, GREEN), **ENDS, optics=optics)
-    settings = engine.Settings(frames=2, phase_field="designed", method="full", seed=3)
-    whole = engine.render(slanted, camera, hologram, settings)
-    divided = DividedRender(slanted, camera, hologram, settings, tmp_path, 2)
-    for step in divided.steps:
-        divided.make(step, lambda done, message: None)
-    joined = divided.joined(lambda done, message: None)
-    assert np.linalg.norm(joined.data - whole.data) < 1e-4 * np.linalg.norm(whole.data)
-
-
 @pytest.mark.parametrize("method", ["rgbd", "stereogram"])
 def test_other_methods_show_the_same(slanted, camera, method):
     pictures = []

@@ -16,6 +16,9 @@ BINS = 1000
 # Of a beam's largest amplitude: no pixel makes up for less. Of 0.05 to 1 the least light of double phase goes astray,
 # and what is within the field's own band is nearest to it (a waist of 0.9 times half the panel).
 FAINT = 0.2
+# Of a descent's start, radians: pixels show half of the largest intensity then, and can become brighter or darker. With
+# one frame of demo:suzanne 0.5 to 1.1 end within 0.4 dB, and an even start 4.5 dB below.
+SPREAD = math.pi / 4
 
 
 def transmission(waves: np.ndarray, beam: np.ndarray | None) -> np.ndarray:
@@ -54,9 +57,32 @@ def clipping_level(waves: Iterable[np.ndarray], beam: np.ndarray | None = None) 
 
 def double_phase(wave: np.ndarray) -> np.ndarray:
     """Phases, float32 in [0, 2 pi), of complex amplitudes of magnitude 1 at most, shape (y, x)."""
-    spread = np.arccos(np.minimum(np.abs(wave), 1))
-    rows, columns = np.indices(wave.shape, sparse=True)
-    spread[(rows + columns) % 2 == 1] *= -1
+    spread = np.arccos(np.minimum(np.abs(wave), 1)) * _checkerboard(wave.shape)
     turn = np.float32(2 * math.pi)
     phase = np.mod(np.angle(wave) + spread, turn).astype(np.float32)
     return np.where(phase < turn, phase, 0)  # the largest float below a turn is rounded to it
+
+
+def even_double_phase(shape: Sequence[int]) -> np.ndarray:
+    """Double phase of an even wave of half of the largest intensity: `SPREAD`, in turn positive and negative.
+
+    A descent that begins with phases alike has light at each pixel as bright as at all others. With these it can send
+    as much of it as it needs past the stop, to the corners of the Fourier plane.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns.
+
+    Returns
+    -------
+    numpy.ndarray, float32, shape (y, x)
+        Radians.
+    """
+    return np.float32(SPREAD) * _checkerboard(shape)
+
+
+def _checkerboard(shape):
+    """1 and -1 in turn."""
+    rows, columns = np.indices(shape, sparse=True)
+    return (1 - 2 * ((rows + columns) % 2)).astype(np.float32)

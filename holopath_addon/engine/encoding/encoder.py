@@ -21,7 +21,7 @@ from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
-from .double_phase import clipping_level, double_phase, half_band, transmission
+from .double_phase import clipping_level, double_phase, even_double_phase, half_band, transmission
 from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
 from .shown_light import ShownLight
@@ -454,6 +454,8 @@ class _Work:
                 begun = begun if way is None else way.back(begun)
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
+                if way is None:  # behind a lens corners of the Fourier plane are corners of the picture
+                    self.phases[:, colour] += even_double_phase(data.shape[-2:])
             elif display is not None:
                 for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
                     phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)

@@ -12,6 +12,7 @@ from holopath_addon import engine, pipeline
 from holopath_addon.engine.baselines.frame_mean import FrameMean, carried
 from holopath_addon.engine.encoding import descent, encoder
 from holopath_addon.engine.encoding import views as views_module
+from holopath_addon.engine.encoding.double_phase import SPREAD, even_double_phase
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
 from holopath_addon.engine.encoding.views import Views
@@ -529,6 +530,13 @@ def test_one_frame_that_is_hardly_random_shows_more():
     assert decibels(randomness=1.0) < smooth - 2.4
 
 
+def test_the_start_shows_half_of_the_largest_intensity():
+    """Straight on; the other half goes to the corner of the Fourier plane, where no stop lets it through."""
+    light = np.fft.fft2(np.exp(1j * even_double_phase((8, 10)))) / 80
+    assert abs(light[0, 0]) ** 2 == pytest.approx(0.5) and abs(light[4, 5]) ** 2 == pytest.approx(0.5)
+    assert abs(even_double_phase((3, 5))).min() == np.float32(SPREAD)
+
+
 def test_phases_begin_as_random_as_they_should():
     """And each frame for itself is left out; frames have maps of their own."""
 
@@ -549,7 +557,7 @@ def test_phases_begin_as_random_as_they_should():
             )
         kept = stop.value.kept
         assert [stage["stage"] for stage in kept.report["stages"]] == ["many frames", "refine"]
-        turned = np.abs(kept.data - math.pi)
+        turned = np.abs(np.angle(np.exp(1j * (kept.data - math.pi - even_double_phase((32, 32))))))
         # one step that warms up is shorter than 0.02
         assert turned.max() < randomness * math.pi + 0.02 and turned.max() >= 0.95 * randomness * math.pi
         assert (np.abs(kept.data[0] - kept.data[1]).max() > 0.1) == (randomness > 0)
