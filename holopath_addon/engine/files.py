@@ -6,7 +6,9 @@ import errno
 import os
 import re
 import shutil
+import signal
 import tempfile
+import threading
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -67,7 +69,8 @@ def whole_folder(folder: Path | str, check: Callable[[Path], None]) -> Iterator[
         check(folder)
         _put_in_place(part, folder)
     except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
+        with _uninterrupted():
+            shutil.rmtree(part, ignore_errors=True)
         raise
 
 
@@ -136,9 +139,23 @@ def whole_file(file: Path, owner: Path | None = None) -> Iterator[Path]:
         os.chmod(part, 0o644)
         os.replace(part, file)
     except BaseException:
-        with suppress(OSError):
+        with _uninterrupted(), suppress(OSError):
             part.unlink()
         raise
+
+
+@contextmanager
+def _uninterrupted():
+    """Ignore Ctrl-C in the main thread while the block runs: a second one would leave half of what is cleared away."""
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is None or threading.current_thread() is not threading.main_thread():  # None: not of Python
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 def unfinished(folder: Path) -> set[str]:

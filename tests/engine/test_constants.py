@@ -82,7 +82,7 @@ def test_what_a_recording_keeps(build, level, hologram):
     plane, other = recording.plan.planes
     assert plane.slab.bounded and other.slab.bounded
     radiance = recording.radiance(lambda done: None)
-    part = recording._part(plane, radiance, 0)
+    part = recording._part(plane, radiance, 0, 0.0)
     owners = recording.tracer, radiance, part.rays, part.estimator
     assert literals(*owners) == []
 

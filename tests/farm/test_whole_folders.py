@@ -1,6 +1,8 @@
 """Folders that several processes replace at once: always whole, and always one writer's."""
 
 import os
+import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -59,3 +61,21 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="full"), files.whole_file(file) as part:
         part.write_text("after")
     assert file.read_text() == "before" and os.listdir(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize("kind", ["folder", "file"])
+def test_a_second_interrupt_leaves_nothing_either(tmp_path, monkeypatch, kind):
+    """It comes while what the first one left is cleared away."""
+    remove, unlink = shutil.rmtree, Path.unlink
+    monkeypatch.setattr(
+        shutil, "rmtree", lambda *a, **k: (signal.raise_signal(signal.SIGINT), remove(*a, **k))
+    )
+    monkeypatch.setattr(Path, "unlink", lambda *a: (signal.raise_signal(signal.SIGINT), unlink(*a)))
+    out = tmp_path / "out"
+    whole = files.whole_folder(out, lambda _: None) if kind == "folder" else files.whole_file(out)
+    with pytest.raises(KeyboardInterrupt), whole as part:
+        (part / "a" if kind == "folder" else part).write_text("half")
+        raise KeyboardInterrupt
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

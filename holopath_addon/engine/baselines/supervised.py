@@ -5,9 +5,9 @@ al., ACM TOG 39(6), 185 (2020); Choi et al., ACM TOG 40(6), 240 (2021), and with
 another SIGGRAPH 2022, 32). The light sent in is as bright as makes all pictures together as bright as they should be.
 
 Many frames begin with random phases. Few ones cannot average the speckle of these: they begin with phases that are
-hardly random, see `randomness_for`, around those of `even_double_phase`, and pictures are compared by their amplitudes,
-as Peng et al. do. At 256 x 256 focal stacks of the chart's suzanne then show 23.9 dB with one frame instead of 10.3, and
-24.2 with three instead of 20.1; by their intensities, and from an even start, 13.2 with one.
+hardly random, see `randomness_for`, around those of `even_double_phase`, and pictures are compared by their
+amplitudes, as Peng et al. do. At 256 x 256 focal stacks of the chart's suzanne then show 23.9 dB with one frame instead
+of 10.3, and 24.2 with three instead of 20.1; by their intensities, and from an even start, 13.2 with one.
 """
 
 from __future__ import annotations
