@@ -359,7 +359,8 @@ def desk(backend, tmp_path_factory):
         assert cli.main([*words, *SMALL]) == 0
     field = np.load(folder / "out/scene/wavefield/field.npy")
     save_file({"u": np.ascontiguousarray(field[0, 0])}, folder / "u.safetensors")
-    (folder / "room.xml").write_text(ROOM)
+    for scene in ("room.xml", "scene.xml"):
+        (folder / scene).write_text(ROOM)
     brought(folder)
     response = '{"wavelength_nm": 516.5, "range": 0.94}'
     (folder / "my-slm.json").write_text(
@@ -385,7 +386,8 @@ def small(words):
     if "--display" in words:
         del words[words.index("--display") : words.index("--display") + 2]
     if words[0] in ("render", "plan"):
-        words += SMALL[2 if "--resolution" in words else 0 :]
+        colors = "--color-scale" in words or "--wavelengths" in words  # has them already, or is of three
+        words += SMALL[2 if "--resolution" in words else 0 : -2 if colors else None]
         words += ["--frames", "1"] if "--frames" not in words else []
     return words
 
