@@ -106,12 +106,11 @@ def encode(
         Of the optimisation: one of `STARTS`, the field's own phases or double phase; or an earlier hologram, such as
         that of the frame before in an animation.
     randomness : float, optional
-        Of all frames together: the descent begins with phases `randomness` times those of a random map, at the SLM or
-        on the picture behind a lens,
-        rather than with those of the field, and each frame for itself is left out. Behind a lens few frames begin so,
-        with 1. With 0 all pixels are in phase, and
-        with 1 phases are random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo et al.,
-        Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
+        Of all frames together: the descent begins with phases `randomness` times those of a random map, rather than
+        with those of the field, and each frame for itself is left out. At the SLM they lie around those of
+        `even_double_phase`; behind a lens they are those of the picture, of 1 by default with few frames. With 0 the
+        map is even, and with 1 random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo
+        et al., Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
     eyebox : float, optional
         Of all frames together: weight of what parts of the pupil see besides the whole, from 0, none, to 1. Default:
         `eyebox_for` the frames.
@@ -140,8 +139,8 @@ def encode(
         If there is no such method, options do not fit, or the field is not finite.
     Cancelled
     """
-    looked = eyebox_for(len(field.data)) if eyebox is None else eyebox
-    free, few = randomness is None and start == "arg", randomness_for(len(field.data), looked)
+    eyebox = eyebox_for(len(field.data)) if eyebox is None else eyebox
+    free, few = randomness is None and start == "arg", randomness_for(len(field.data), eyebox)
     if method == "auto":
         method = "joint" if len(field.data) > 1 else "sgd"
         if method == "joint" and free:
@@ -167,7 +166,7 @@ def encode(
         aperture,
         start,
         randomness,
-        looked,
+        eyebox,
         many,
         seconds,
         effort,

@@ -237,11 +237,7 @@ class Refocuser:
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
-                transfers = [self._transfer(k, padded, z) for z in distances[some]]
-                if mask is not None:
-                    transfers = [transfer * mask for transfer in transfers]
-                if bins is not None:
-                    transfers = [transfer[bins] * np.float32(1 / apart**2) for transfer in transfers]
+                transfers = [self._transfer(k, padded, z, mask, bins, apart) for z in distances[some]]
                 sums = np.zeros((len(transfers), *size), np.float32)
                 for m in range(frames):
                     waves = self._spectrum(k, m, padded)
@@ -284,14 +280,17 @@ class Refocuser:
         grid = self._grid
         return grid.picture.raster().lines_on(grid.raster(grid.wavelengths[k]))
 
-    def _transfer(self, k, padded, distance):
-        """The transfer function to a distance, of which a wavelength's last one is kept."""
+    def _transfer(self, k, padded, distance, mask, bins, apart):
+        """The transfer function to a distance, behind a mask and in bins; a wavelength's last one is kept without."""
         key, grid = (padded, distance), self._grid
         if self._transfers.get(k, (None,))[0] != key:
             wavelength = grid.wavelengths[k]
             away = distance - grid.distance_at(wavelength)
             self._transfers[k] = key, transfer_function(padded, grid.pitch_at(wavelength), wavelength, away)
-        return self._transfers[k][1]
+        transfer = self._transfers[k][1]
+        if mask is not None:
+            transfer = transfer * mask
+        return transfer if bins is None else transfer[bins] * np.float32(1 / apart**2)
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
