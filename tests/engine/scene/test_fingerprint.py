@@ -399,11 +399,21 @@ def test_another_process_finds_the_same(digest, backend):
         "from test_fingerprint import boxes, gallery, loaded\n"
         "print(scene_digest(loaded(gallery() | boxes())))"
     )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])}
+    paths = [str(ROOT), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     there = subprocess.run(
         [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
     )
     assert there.stdout.split()[-1] == digest(loaded(gallery() | boxes()))
+
+
+def test_a_processor_that_rounds_otherwise_finds_the_same(monkeypatch, digest):
+    from holopath_addon.engine.scene import fingerprint
+
+    expected = digest(loaded(gallery()))
+    scattered = fingerprint._scattered
+    monkeypatch.setattr(fingerprint, "_scattered", lambda bsdf: scattered(bsdf).astype(np.float16))
+    assert digest(loaded(gallery())) == expected
 
 
 def test_names_order_cameras_and_renders_do_not_matter(mi, digest):
