@@ -12,7 +12,7 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.scenes import FOV, GREEN, Scenes
-from holopath_addon import engine
+from holopath_addon import engine, pipeline
 from holopath_addon.engine.encoding import descent
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves import propagation
@@ -278,6 +278,28 @@ def frames_designed(frames):
     """Two planes: the more frames, the nearer to the truth; on one recording plane for both."""
     settings = replace(SETTINGS, frames=frames, planes=1, phase_field="designed")
     field = engine.render(planes(), camera(), display(), settings)
+    return _seen(field)
+
+
+def frames_encoded(frames):
+    """What phases of the two planes show by the default encoding, of a field by default."""
+    settings = engine.Settings(frames=frames, planes=1)
+    scene, view, hologram = planes(), camera(), display()
+    plan = engine.plan(scene, view, hologram, settings)
+    field = engine.render(scene, view, hologram, settings, plan)
+    phases = pipeline.encode(field, "auto", lambda done, message: None, scene, settings)
+    return _seen(phases.field())
+
+
+def smoothness(randomness):
+    """The same with one frame of smooth phases, as random as given, and its double phase."""
+    settings = engine.Settings(frames=1, planes=1, phase_field="smooth", randomness=randomness)
+    field = engine.render(planes(), camera(), display(), settings)
+    shown = _seen(engine.encode(field, "dpac").field())
+    return _seen(field) | {f"{name} of phases": figure for name, figure in shown.items()}
+
+
+def _seen(field):
     pictures, edge = engine.reconstruct(field, FOCUS), border(display(), 6e-3)
     psnr = [engine.psnr(p, t, edge) for p, t in zip(pictures, frames_truth(), strict=True)]
     inner = slice(edge, -edge)

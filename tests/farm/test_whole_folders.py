@@ -63,8 +63,16 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     assert file.read_text() == "before" and os.listdir(tmp_path) == ["file"]
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C is heard, also where a shell started the tests in the background and has them ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("kind", ["folder", "file"])
-def test_a_second_interrupt_leaves_nothing_either(tmp_path, monkeypatch, kind):
+def test_a_second_interrupt_leaves_nothing_either(tmp_path, monkeypatch, kind, interruptible):
     """It comes while what the first one left is cleared away."""
     remove, unlink = shutil.rmtree, Path.unlink
     monkeypatch.setattr(
