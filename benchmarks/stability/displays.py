@@ -730,6 +730,28 @@ SWEEPS = [
         rises=("psnr",),
     ),
     Sweep(
+        "frames, phases",
+        "From one frame to a set of 24, the default encoding of a field by default",
+        "frames",
+        (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24),
+        frames_encoded,
+        "From five frames to six phases begin with those of a designed field and count parts of the pupil, too: the "
+        "whole pupil loses 1.1 dB, and the worst of its parts gains 3 dB and more.",
+        quick=(1, 3),
+        log=True,
+        limits={"psnr": 1.5, "brightness": LIMITS["brightness"]},
+    ),
+    Sweep(
+        "randomness",
+        "One frame from smooth phases to random ones",
+        "of smooth fields",
+        (0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1),
+        smoothness,
+        "Nowhere in brightness; speckle takes 13 dB, most of them up to a randomness of 0.3.",
+        quick=(0, 0.5, 1),
+        limits=EVEN,
+    ),
+    Sweep(
         "rays",
         "A lattice from one ray to as fine as the depth range needs, and beyond",
         "rays a pixel",

@@ -503,7 +503,7 @@ EYEBOX = Declaration(
     "Eyebox",
     "How much parts of the pupil count besides the whole in the phases of all frames: with 1 the picture holds as the "
     "eye moves, with 0 it is best for an eye in the middle. Few frames cannot show both",
-    advice="automatic: 0 with fewer than six frames, 1 with more",
+    advice="automatic: 0 with up to five frames, 1 from eight on",
     section="hologram",
     bounds=(0.0, 1.0),
     soft=(0.0, 1.0),

@@ -204,7 +204,7 @@ def eyebox_for(frames: int) -> float:
 
     With three frames parts of the pupil gain nothing from any weight, and the whole loses 2 dB (docs/theory.md).
     """
-    return 0.0 if frames < FEW_FRAMES else 1.0
+    return float(np.clip((frames - FEW_FRAMES + 1) / 3, 0, 1)) ** 2
 
 
 @dataclass(frozen=True)

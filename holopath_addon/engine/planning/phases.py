@@ -6,13 +6,15 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..encoding.encoder import FIRST, LATEST, TRACED, eyebox_for
 from ..encoding.encoder import LEAST_STEPS as WORTH
 from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
-from ..waves.phase_fields import SETS, randomness_for
+from ..waves.phase_fields import FEW_FRAMES, SETS, randomness_for
 from .planner import resolved
 
 if TYPE_CHECKING:
@@ -197,11 +199,16 @@ def _chosen(plan, settings, method, seconds, along):
         return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
     few = _randomness(settings) is not None
-    frames, steps = ALL if most else FEW_ENOUGH if few else ENOUGH
-    frames = max(frames, along)
+    more, steps = ALL if most else FEW_ENOUGH if few else (ENOUGH[0], _steps(frames))
+    frames = max(more, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most or few else _upwards(costs.better(*ALL))
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
+
+
+def _steps(frames):
+    """Of a field's own start: with the first numbers of frames more, so that no frame more shows less."""
+    return int(np.interp(frames, (FEW_FRAMES, LEAST), (FEW_ENOUGH[1], ENOUGH[1])))
 
 
 def _randomness(settings, eyebox=0.0):
