@@ -1,0 +1,1 @@
+"""Meshes of a scene: those that nothing tells apart are joined."""
