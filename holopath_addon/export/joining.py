@@ -1,8 +1,7 @@
 """Small objects that nothing tells apart, as one mesh.
 
-Each time that rays are launched, Dr.Jit goes through all shapes that there are, also those of scenes that were before:
-0.2 ms for each on a slow core, however few the rays are. Objects of one material differ in nothing else that a
-hologram shows: what Cycles knows of an object alone is noted, not carried.
+Objects of one material differ in nothing else that a hologram shows: what Cycles knows of an object alone is noted,
+not carried. Materials that read the object are baked, and then are its own.
 """
 
 from dataclasses import dataclass
@@ -10,15 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.scene.meshes.joining import MAX_TRIANGLES, groups, joined_name
 from .geometry import Surface, joined
-
-# Meshes of a scene up to which each stays one: together they cost 10 ms a launch.
-MANY_MESHES = 64
-# Triangles of a joined mesh: baked light has charts on meshes of no more (`engine.light.unwrapping`).
-MAX_TRIANGLES = 20_000
-# Of a mesh that is joined, relative to the scene's: where texels cannot show a part of a mesh, such as a plain that
-# reaches the horizon, all of the mesh's light is traced.
-MAX_EXTENT = 0.25
 
 
 @dataclass(eq=False)
@@ -32,6 +24,7 @@ class Piece:
     look : ExportedMaterial
     name : str
         The object's.
+    triangles : int
     bounds : numpy.ndarray, shape (2, 3)
         Lower and upper corner of the box around it, meters.
     mesh : mitsuba.Mesh or None
@@ -41,14 +34,15 @@ class Piece:
     surface: Surface | None
     look: Any
     name: str
+    triangles: int
     bounds: np.ndarray
     mesh: Any = None
 
     @classmethod
     def of(cls, surface, look, name):
         """A piece; what has too many triangles becomes a mesh at once."""
-        piece = cls(surface, look, name, np.array(surface.bounds()))
-        if len(surface.faces) > MAX_TRIANGLES:
+        piece = cls(surface, look, name, len(surface.faces), np.array(surface.bounds()))
+        if piece.triangles > MAX_TRIANGLES:
             piece.mesh, piece.surface = piece.alone(), None
         return piece
 
@@ -58,15 +52,12 @@ class Piece:
 
     @property
     def kind(self):
-        """Pieces of one kind may become one mesh."""
-        return id(self.look), self.surface.normals is None, self.surface.uv is None
+        """Pieces of one kind may become one mesh; None where it stays one."""
+        return self.surface and (id(self.look), self.surface.normals is None, self.surface.uv is None)
 
 
 def assembled(parts, before):
     """A scene's parts with a mesh in place of each piece, or of those that are joined.
-
-    Which pieces are joined follows from their order, their triangles and their size: where things move in an
-    animation, a mesh keeps its triangles, and baked light its charts.
 
     Parameters
     ----------
@@ -82,10 +73,12 @@ def assembled(parts, before):
     dict
         Joined meshes by their pieces.
     """
-    meshes = {}
-    group_of = {group[0]: group for group in _groups([part for part in parts if isinstance(part, Piece)])}
+    pieces = [part for part in parts if isinstance(part, Piece)]
+    bounds = np.array([piece.bounds for piece in pieces])
+    together = groups([piece.kind for piece in pieces], [piece.triangles for piece in pieces], bounds)
+    group_of = {group[0]: group for group in (tuple(pieces[n] for n in numbers) for numbers in together)}
     members = {piece for group in group_of.values() for piece in group}
-    shapes = []
+    shapes, meshes = [], {}
     for part in parts:
         if not isinstance(part, Piece):
             shapes.append(part)
@@ -99,28 +92,9 @@ def assembled(parts, before):
     return shapes, meshes
 
 
-def _groups(pieces):
-    """Pieces that are joined, in tuples."""
-    if len(pieces) <= MANY_MESHES:
-        return []
-    lower, upper = np.moveaxis([piece.bounds for piece in pieces], 1, 0)
-    largest = MAX_EXTENT * np.linalg.norm(upper.max(0) - lower.min(0))
-    small = np.linalg.norm(upper - lower, axis=1) <= largest
-    groups, latest, triangles = [], {}, {}
-    for piece in (piece for piece, is_small in zip(pieces, small, strict=True) if is_small and piece.surface):
-        kind, count = piece.kind, len(piece.surface.faces)
-        if kind not in latest or triangles[kind] + count > MAX_TRIANGLES:
-            latest[kind], triangles[kind] = [], 0
-            groups.append(latest[kind])
-        latest[kind].append(piece)
-        triangles[kind] += count
-    return [tuple(group) for group in groups if len(group) > 1]
-
-
 def _mesh(group):
     """One mesh of some pieces; theirs go, for as long as they are there they cost as much."""
     for piece in group:
         piece.mesh = None
-    first = group[0]
-    name = f"{first.name} and {len(group) - 1} more"
-    return joined([piece.surface for piece in group]).to_mitsuba(name, first.look.bsdf)
+    name = joined_name([piece.name for piece in group])
+    return joined([piece.surface for piece in group]).to_mitsuba(name, group[0].look.bsdf)

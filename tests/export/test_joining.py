@@ -6,7 +6,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from holopath_addon.engine.light.unwrapping import CHARTED_TRIANGLES  # noqa: E402
-from holopath_addon.export import ExportCache, contents, joining  # noqa: E402
+from holopath_addon.engine.scene.meshes import joining  # noqa: E402
+from holopath_addon.export import ExportCache, contents  # noqa: E402
 from tests.export.test_cache import assert_same, exported  # noqa: E402
 
 

@@ -1,1 +1,1 @@
-"""Meshes of a scene: those that nothing tells apart are joined."""
+"""Meshes of a scene: which of them become one."""
