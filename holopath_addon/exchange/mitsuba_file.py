@@ -18,6 +18,7 @@ import numpy as np
 
 from ..engine import Camera, InvalidInput
 from ..engine.scene import variants
+from . import mitsuba_parts
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -143,6 +144,8 @@ class MitsubaFile:
         film = Film() if props is None else self._film(props)
         notes = self._notes(props, film, size)
         state, config = self._parsed(), self._config()
+        if _kind(state.nodes[0]) != "Scene":
+            raise InvalidInput(f"{self.path} is no scene: its outermost element must be <scene>.")
         for node in state.nodes:
             self._replace(node)
         others = set(_sensors_of(state)) - {_sensors_of(state)[number]} if self.sensors else ()
@@ -151,11 +154,9 @@ class MitsubaFile:
         try:
             with _beside(self.path):
                 mi.parser.transform_all(config, state)
-                scene = mi.parser.instantiate(config, state)
+                scene = mitsuba_parts.built(config, state)
         except Exception as error:
             raise self._refused(error) from error
-        if not isinstance(scene, mi.Scene):
-            raise InvalidInput(f"{self.path} is no scene: its outermost element must be <scene>.")
         if props is None or number >= len(scene.sensors()):
             raise InvalidInput(f"{self.path} has no sensor: add a perspective one.")
         viewer = camera_of(scene.sensors()[number], size, _axis(props))
@@ -178,6 +179,7 @@ class MitsubaFile:
 
         config = mi.parser.ParserConfig(self._variant)
         config.parallel = False  # as `variants.made`
+        config.merge_meshes = False  # as `mitsuba_parts`
         config.unused_parameters = mi.LogLevel.Debug  # `_check_definitions` has words of its own
         return config
 
