@@ -18,7 +18,6 @@ import numpy as np
 
 from ..engine import Camera, InvalidInput
 from ..engine.scene import variants
-from . import mitsuba_parts
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -107,7 +106,7 @@ class MitsubaFile:
 
     def __init__(self, path: Path, definitions: dict | None = None, strict: bool = True) -> None:
         self.path, self._definitions, self._strict = path, dict(definitions or {}), strict
-        self._variant = variants.activate()
+        variants.activate()
         self._state = self._parsed()
 
     @cached_property
@@ -140,6 +139,8 @@ class MitsubaFile:
         """
         import mitsuba as mi
 
+        from ..engine.scene.meshes import building
+
         number, props = self._sensor(camera)
         film = Film() if props is None else self._film(props)
         notes = self._notes(props, film, size)
@@ -154,7 +155,7 @@ class MitsubaFile:
         try:
             with _beside(self.path):
                 mi.parser.transform_all(config, state)
-                scene = mitsuba_parts.built(config, state)
+                scene = building.built(config, state)
         except Exception as error:
             raise self._refused(error) from error
         if props is None or number >= len(scene.sensors()):
@@ -177,9 +178,9 @@ class MitsubaFile:
     def _config(self):
         import mitsuba as mi
 
-        config = mi.parser.ParserConfig(self._variant)
-        config.parallel = False  # as `variants.made`
-        config.merge_meshes = False  # as `mitsuba_parts`
+        from ..engine.scene.meshes import building
+
+        config = building.configuration()
         config.unused_parameters = mi.LogLevel.Debug  # `_check_definitions` has words of its own
         return config
 

@@ -43,12 +43,15 @@ class Piece:
         """A piece; what has too many triangles becomes a mesh at once."""
         piece = cls(surface, look, name, len(surface.faces), np.array(surface.bounds()))
         if piece.triangles > MAX_TRIANGLES:
-            piece.mesh, piece.surface = piece.alone(), None
+            piece.alone()
+            piece.surface = None
         return piece
 
     def alone(self):
         """The mesh of this piece."""
-        return self.mesh or self.surface.to_mitsuba(self.name, self.look.bsdf)
+        if self.mesh is None and self.surface is not None:
+            self.mesh = self.surface.to_mitsuba(self.name, self.look.bsdf)
+        return self.mesh
 
     @property
     def kind(self):
@@ -87,8 +90,7 @@ def assembled(parts, before):
             meshes[group] = before.get(group) or _mesh(group)
             shapes.append(meshes[group])
         elif part not in members:
-            part.mesh = part.alone()
-            shapes.append(part.mesh)
+            shapes.append(part.alone())
     return shapes, meshes
 
 

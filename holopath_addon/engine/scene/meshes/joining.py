@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
 
-# Meshes of a scene up to which each stays one: together they cost 10 ms a launch.
+# Meshes that might be joined, up to which each stays one: together they cost 10 ms a launch.
 MANY_MESHES = 64
 # Triangles of a joined mesh: baked light has charts on meshes of no more (`light.unwrapping`).
 MAX_TRIANGLES = 20_000
@@ -44,7 +44,7 @@ def groups(
     list of tuple of int
         Numbers of the meshes that become one, at least two, ascending.
     """
-    if len(kinds) <= MANY_MESHES:
+    if sum(kind is not None for kind in kinds) <= MANY_MESHES:
         return []
     lower, upper = bounds[:, 0], bounds[:, 1]
     largest = MAX_EXTENT * np.linalg.norm(upper.max(0) - lower.min(0))
