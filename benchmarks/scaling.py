@@ -107,7 +107,7 @@ def _crowds(objects, pixels):
         apart, report = seconds(crowd(objects), (GREEN,), 24, repeats=2, pixels=pixels)
     finally:
         joining.MANY_MESHES = many
-    few = min(objects, 200)
+    few = min(objects, 100)
     copies, _ = seconds(crowd(few), (GREEN,), 24, repeats=2, pixels=pixels)
     instances, _ = seconds(crowd(few, shared=True), (GREEN,), 24, repeats=2, pixels=pixels)
     return [
