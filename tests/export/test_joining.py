@@ -134,6 +134,11 @@ def test_a_kept_export_joins_anew_what_changed(crowd):
         for number in range(40):
             bpy.data.objects[f"box {number}"].hide_render = False
         assert_same(cache)
+        # a mesh beside the joined one would cost as much as before, though no scene shows it
+        shapes = [shape for kept in cache._meshes.values() for shape in kept.shapes.values()]
+        pieces = [piece for _, done in shapes for slot in done.values() for piece in slot]
+        assert [piece.name for piece in pieces if piece.mesh is not None] == ["floor"]
+        assert len(pieces) == 81
     finally:
         cache.close()
 
