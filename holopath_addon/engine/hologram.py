@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .optics import ON_AXIS, Lens, Optics
-from .pixels import Pitch, Raster, axes, coarsest
+from .pixels import EvenSteps, Pitch, Raster, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
@@ -335,16 +335,17 @@ class AerialImage(Hologram):
     lens that stands its focal length behind the SLM there is nothing to be made; elsewhere what is z behind the plane
     stands at z / (1 - z D / B), with B and D = 1 - L / f of the ray matrix, and is as much larger.
 
-    It is the image of the square in the panel's middle. All wavelengths share its grid, on which the shortest fills the
-    band. The aperture, the circle in that square, sends all of them through the same cone, so that of longer ones the
-    band is less: these reach farther than the grid, and resolve less.
+    It is the image of the square in the panel's middle. Each wavelength has as many pixels there as the square, which
+    are as wide as its light resolves: the aperture, the circle in that square, sends all of them through the same cone.
+    Its light is rendered and compared on these (`raster`). Pictures have the pixels of the shortest one, on which those
+    of longer ones, which reach farther, are averaged.
 
     Parameters
     ----------
     panel : Hologram
         The hologram whose image it is.
     shortest : float
-        Wavelength that fills the band, meters.
+        Wavelength whose pixels those of pictures are, meters.
     """
 
     # pyrefly: ignore[bad-assignment]  # always given
@@ -372,12 +373,18 @@ class AerialImage(Hologram):
 
     def raster(self, wavelength: float | None = None) -> Raster:
         shape = self.height, self.width
-        if wavelength is None or wavelength <= self.shortest:
-            return Raster(shape, self.pitch)
-        return Raster(shape, (self.pitch, self.pitch, self.pitch * wavelength / self.shortest))
+        times = 1.0 if wavelength is None else wavelength / self.shortest
+        return Raster(shape, self.pitch if times == 1 else self.pitch * times)
+
+    def met(self, wavelength: float) -> list[EvenSteps]:
+        """Rows and columns of a wavelength's own pixels that meet the picture."""
+        lines = self.raster().lines_on(self.raster(wavelength))
+        beside = [math.floor(line.first + 0.5 - line.step / 2 + LITTLE) for line in lines]
+        counts = self.height, self.width
+        return [EvenSteps(n, 1.0, count - 2 * n) for n, count in zip(beside, counts, strict=True)]
 
     def max_slope(self, wavelength: float) -> float:
-        return math.tan(math.asin(wavelength / (2 * coarsest(self.pitch_at(wavelength)))))
+        return math.tan(math.asin(wavelength / (2 * self.pitch_at(wavelength))))
 
 
 def _aerial_pitch(hologram):

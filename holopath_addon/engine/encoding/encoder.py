@@ -12,6 +12,7 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
+from ..hologram import AerialImage
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
@@ -545,7 +546,10 @@ class _Work:
         wavelength = hologram.wavelengths[colour]
         grid, places = self._grid, None
         space = self._shape, grid.pitch_at(wavelength), wavelength, *volume
-        if not grid.plain:
+        if isinstance(grid, AerialImage):
+            # what lies beside the picture is free
+            places = None if grid.raster(wavelength) == grid.raster() else grid.met(wavelength)
+        elif not grid.plain:
             lines = grid.picture.raster().lines_on(grid.raster(wavelength))
             places = [line._replace(first=line.first + self._margin) for line in lines]
         return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places, self._heard)

@@ -166,12 +166,12 @@ class _Axis:
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
-    """The way from the SLM to the grid of the `AerialImage` behind its lens; None where there is none."""
+    """The way from the SLM to a wavelength's pixels of the `AerialImage` behind its lens; None where there is none."""
     image = hologram.in_air
     if not isinstance(image, AerialImage):
         return None
     panel, lens = image.panel, image.lens
-    there = (image.height, image.width), image.pitch
+    there = (image.height, image.width), image.pitch_at(wavelength)
     return Collins((panel.height, panel.width), panel.pitch, wavelength, lens.curvature, lens.reach, *there)
 
 

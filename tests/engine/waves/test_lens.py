@@ -179,5 +179,11 @@ def test_the_way_of_a_hologram():
     way = behind_lens(hologram, GREEN)
     assert way.there(np.ones((32, 48), np.complex64)).shape == (32, 32)
     assert way.back(np.ones((32, 32), np.complex64)).shape == (32, 48)
-    assert (way.kind, behind_lens(hologram, 640e-9).kind) == ("Fourier", "chirp-z")
+    # each color has pixels of its own, of which those beside the picture see what the others have not
+    assert (way.kind, behind_lens(hologram, 640e-9).kind) == ("Fourier", "Fourier")
+    assert image.pitch_at(640e-9) == pytest.approx(640e-9 * 0.1 / (32 * PITCH))
+    rows, columns = image.met(640e-9)
+    assert rows == columns == (3, 1.0, 26)
+    broken = engine.Hologram(80, 64, (6.5e-6, PITCH), (GREEN,), optics=engine.Optics(lens=engine.Lens(0.1)))
+    assert behind_lens(broken, GREEN).kind == "chirp-z"
     assert behind_lens(engine.Hologram(48, 32, PITCH), GREEN) is None
