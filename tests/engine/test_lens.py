@@ -251,18 +251,15 @@ def test_pixels_beside_the_square_send_their_light_elsewhere(slanted, camera):
     assert len(np.unique(phases[:, 8:-8])) > 500
 
 
-def test_fewer_frames_begin_with_a_random_picture(slanted, camera):
-    """Smooth phases in the picture leave the SLM dark but for its middle, which phases alone cannot."""
-    field = engine.render(slanted, camera, panel(48), engine.Settings(frames=2, method="full"))
-    pictures = {}
-    for randomness in (None, 0.0):
-        phases = engine.encode(
-            field, "auto" if randomness is None else "joint", max_steps=30, randomness=randomness
-        )
-        pictures[randomness] = engine.reconstruct(phases.field(), [1.0])[0, 4:-4, 4:-4]
-    wanted = engine.reconstruct(field, [1.0])[0, 4:-4, 4:-4]
-    errors = {key: np.linalg.norm(each - wanted) for key, each in pictures.items()}
-    assert errors[None] < 0.8 * errors[0.0]
+def test_few_frames_begin_with_light_from_all_of_the_aperture(slanted, camera):
+    """Each place of the picture from a place of its own: less speckle than random phases begin with."""
+    field = engine.render(slanted, camera, panel(48), engine.Settings(frames=1, method="full"))
+    wanted, errors = engine.reconstruct(field, [1.0])[0, 4:-4, 4:-4], {}
+    for randomness in (None, 1.0):
+        phases = engine.encode(field, "joint", max_steps=40, randomness=randomness)
+        picture = engine.reconstruct(phases.field(), [1.0])[0, 4:-4, 4:-4]
+        errors[randomness] = np.linalg.norm(picture - wanted)
+    assert errors[None] < 0.8 * errors[1.0]
 
 
 def test_the_zero_order_is_in_the_middle():

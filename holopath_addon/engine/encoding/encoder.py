@@ -16,7 +16,7 @@ from ..hologram import AerialImage
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
-from ..waves.lens import behind_lens
+from ..waves.lens import behind_lens, spread_waves
 from ..waves.modulator import Levels, wrapped
 from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import filtered
@@ -146,14 +146,9 @@ def encode(
         method = "joint" if len(field.data) > 1 else "sgd"
         if method == "joint" and free:
             randomness = few
-    if (
-        field.hologram.in_air is not field.hologram
-        and method in ("joint", "refine")
-        and free
-        and few is not None
-    ):
+    elif method in ("joint", "refine") and free and field.hologram.in_air is not field.hologram:
         randomness = (
-            1.0  # phases of few frames are smooth: such a picture's light meets the middle of the SLM alone
+            few  # fields of few frames are smooth: such a picture's light meets the middle of the SLM alone
         )
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
@@ -451,7 +446,8 @@ class _Work:
             elif randomness is not None:
                 size, way = (len(data), self._grid.height, self._grid.width), self._ways[colour]
                 begun = random_phasors(*size, self._asked.effort.seed, randomness)
-                begun = begun if way is None else way.back(begun)
+                if way is not None:
+                    begun = way.back(begun * spread_waves(size[0], size[1:]))
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
                 if way is None:  # behind a lens corners of the Fourier plane are corners of the picture
