@@ -22,6 +22,7 @@ from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
+from .axis import on_axis
 from .double_phase import clipping_level, double_phase, even_double_phase, half_band, transmission
 from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
@@ -173,6 +174,8 @@ def encode(
         work = _Work(field, asked, progress or (lambda done, message: None), threads)
         if method == "dpac":
             work.double_phase()
+            advice = on_axis(method, bits, field.hologram)
+            work.report |= {"advice": f"{advice[0].upper()}{advice[1:]}."} if advice else {}
             return work.hologram()
         try:
             work.begin()
