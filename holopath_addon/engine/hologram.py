@@ -131,6 +131,11 @@ class Hologram:
                     f"{max(self.wavelengths) * 1e9:g} nm: choose a longer focal length."
                 )
             return
+        if lens.share != 1:
+            raise InvalidInput(
+                "With the depth mapping eyepiece somebody looks through the lens, and there is no picture behind it: "
+                "leave out the picture's share, or choose the depth mapping fit."
+            )
         if lens.picture is not None:
             raise InvalidInput(
                 "With the depth mapping eyepiece somebody looks through the lens, and there is no picture behind it: "
@@ -170,10 +175,11 @@ class Hologram:
         """
         if self.optics.lens is None or self.depth_mapping == "eyepiece":
             return self
-        side, pitch = self.shorter_side, _aerial_pitch(self)
+        pitch, (rows, columns) = _aerial_pitch(self), _cells(self)
+        share = self.optics.lens.share
         values = {each.name: getattr(self, each.name) for each in fields(self)} | {
-            "width": int(side / self.pitch_x + LITTLE),
-            "height": int(side / self.pitch_y + LITTLE),
+            "width": columns - 2 * round((1 - share) / 2 * columns),
+            "height": rows - 2 * round((1 - share) / 2 * rows),
             "pitch": pitch,
             "optics": ON_AXIS,
         }
@@ -338,7 +344,7 @@ class AerialImage(Hologram):
     It is the image of the square in the panel's middle. Each wavelength has as many pixels there as the square, which
     are as wide as its light resolves: the aperture, the circle in that square, sends all of them through the same cone.
     Its light is rendered and compared on these (`raster`). Pictures have the pixels of the shortest one, on which those
-    of longer ones, which reach farther, are averaged.
+    of longer ones, which reach farther, are averaged. They show the middle of what is reached, see `Lens.share`.
 
     Parameters
     ----------
@@ -371,20 +377,36 @@ class AerialImage(Hologram):
     def opening(self) -> str:
         return "what the SLM's pixels reach there"
 
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Rows and columns of a wavelength's own pixels: as many as those of the panel's square."""
+        return _cells(self.panel)
+
+    @property
+    def whole(self) -> AerialImage:
+        """The same as wide as the light of the shortest wavelength reaches, for its rays."""
+        rows, columns = self.cells
+        return self if (self.height, self.width) == self.cells else replace(self, width=columns, height=rows)
+
     def raster(self, wavelength: float | None = None) -> Raster:
-        shape = self.height, self.width
-        times = 1.0 if wavelength is None else wavelength / self.shortest
-        return Raster(shape, self.pitch if times == 1 else self.pitch * times)
+        if wavelength is None:
+            return Raster((self.height, self.width), self.pitch)
+        times = wavelength / self.shortest
+        return Raster(self.cells, self.pitch if times == 1 else self.pitch * times)
 
     def met(self, wavelength: float) -> list[EvenSteps]:
         """Rows and columns of a wavelength's own pixels that meet the picture."""
         lines = self.raster().lines_on(self.raster(wavelength))
         beside = [math.floor(line.first + 0.5 - line.step / 2 + LITTLE) for line in lines]
-        counts = self.height, self.width
-        return [EvenSteps(n, 1.0, count - 2 * n) for n, count in zip(beside, counts, strict=True)]
+        return [EvenSteps(n, 1.0, count - 2 * n) for n, count in zip(beside, self.cells, strict=True)]
 
     def max_slope(self, wavelength: float) -> float:
         return math.tan(math.asin(wavelength / (2 * self.pitch_at(wavelength))))
+
+
+def _cells(hologram):
+    """Rows and columns of the square in the panel's middle."""
+    return tuple(int(hologram.shorter_side / d + LITTLE) for d in axes(hologram.pitch))
 
 
 def _aerial_pitch(hologram):

@@ -122,6 +122,24 @@ def test_of_a_wide_panel_the_square_in_its_middle_counts():
     assert pair.picture.pitch == pytest.approx(panel().picture.pitch)
 
 
+@pytest.mark.parametrize("share", [0.7, 0.5])
+def test_a_share_of_the_picture_is_its_middle(share):
+    """The same light, of all colors: what is beside it is left out."""
+    rng, pictures = np.random.default_rng(0), []
+    data = np.exp(2j * math.pi * rng.random((1, 3, 48, 64))).astype(np.complex64)
+    camera = engine.Camera(np.eye(4), 0.4)
+    for part in (1.0, share):
+        lens = Lens(FOCAL, FOCAL, FOCAL, part)
+        hologram = Hologram(64, 48, PITCH, RGB, optics=Optics(lens=lens), depth_far=-0.05, depth_near=0.01)
+        mapping = engine.WaveField(data, hologram, camera, 1.0).mapping
+        focus = [float(mapping.z_to_depth(z)) for z in (0.0, 5e-3)]
+        pictures.append(engine.reconstruct(engine.WaveField(data, hologram, camera, 1.0), focus))
+    whole, part = pictures
+    beside = (48 - part.shape[1]) // 2
+    assert part.shape[1:3] == (48 - 2 * beside,) * 2 and beside == round((1 - share) / 2 * 48)
+    np.testing.assert_allclose(part, whole[:, beside:-beside, beside:-beside], rtol=1e-5, atol=1e-6)
+
+
 # Scenes
 
 
@@ -262,6 +280,33 @@ def test_few_frames_begin_with_light_from_all_of_the_aperture(slanted, camera):
     assert errors[None] < 0.8 * errors[1.0]
 
 
+def test_one_frame_needs_room_beside_the_picture(slanted, camera):
+    """By a thin lens: all light arrives in the picture otherwise, its errors too."""
+    found = []
+    for share in (1.0, 0.6):
+        hologram = panel(64, lens=Lens(FOCAL, FOCAL, FOCAL, share))
+        field = engine.render(slanted, camera, hologram, engine.Settings(frames=1, method="full"))
+        halves = engine.reference(slanted, camera, hologram, [1.0], spp=32, near=field.near, halves=True)[0]
+        phases = engine.encode(field, "joint", max_steps=40)
+        found.append(
+            [engine.psnr(engine.reconstruct(each, [1.0])[0], halves, 4) for each in (field, phases.field())]
+        )
+    (whole, of_whole), (part, of_part) = found
+    assert part - of_part < whole - of_whole - 2
+
+
+def test_the_scene_goes_on_beside_a_share_of_the_picture(build, camera):
+    """So that the picture's border is as bright as the rest out of focus, as a thin lens sees it."""
+    scene = build.scene(plane=build.plane(1.0, build.emissive(build.grey(0.5)), 2.0))
+    borders = []
+    for share in (0.6, 1.0):
+        lens, ends = Lens(FOCAL, FOCAL, FOCAL, share), {"depth_far": -0.06, "depth_near": 0.02}
+        field = engine.render(scene, camera, panel(64, lens=lens, **ends, near=0.4), SETTINGS)
+        picture = engine.reconstruct(field, [0.5])[0, :, :, 0]
+        borders.append(np.concatenate([picture[:3].ravel(), picture[-3:].ravel()]).mean())
+    assert borders[0] == pytest.approx(0.5, rel=0.05) and borders[1] < 0.47
+
+
 def test_the_zero_order_is_in_the_middle():
     hologram = panel(64)
     phases = engine.PhaseHologram(
@@ -357,6 +402,8 @@ def test_a_lens_is_kept(tmp_path):
         ((0.1, -0.01), "0 mm away or more, not -10 mm"),
         ((0.1, 0.1, 0.0), "over 0 mm away, not 0 mm"),
         ((0.1, 0.2, 0.2), "the SLM's own image"),
+        ((0.1, 0.1, 0.1, 1.2), "0.1 to 1 of the width that light reaches there, not 1.2"),
+        ((0.1, 0.1, 0.1, math.nan), "not nan"),
     ],
 )
 def test_lenses_that_cannot_be(numbers, says):
@@ -375,6 +422,10 @@ def test_lenses_that_cannot_be(numbers, says):
         (
             {"optics": Optics(lens=Lens(FOCAL, 0.1, 0.1)), "depth_mapping": "eyepiece"},
             "or choose the depth mapping fit",
+        ),
+        (
+            {"optics": Optics(lens=Lens(FOCAL, share=0.7)), "depth_mapping": "eyepiece"},
+            "leave out the picture's share",
         ),
         (
             {"optics": FOURIER, "depth_mapping": "eyepiece", "depth_far": 1e-3, "depth_near": 2e-3},

@@ -363,7 +363,7 @@ class _Work:
         self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
         self._grid = hologram.in_air
         if self._ways[0] is not None:
-            self._shape = self._grid.height, self._grid.width
+            self._shape = self._grid.raster(hologram.wavelengths[0]).shape
         self._passes = [
             hologram.optics.passes(self._shape, self._grid.pitch_at(w)) for w in hologram.wavelengths
         ]
@@ -447,10 +447,11 @@ class _Work:
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
             elif randomness is not None:
-                size, way = (len(data), self._grid.height, self._grid.width), self._ways[colour]
-                begun = random_phasors(*size, self._asked.effort.seed, randomness)
+                way, grid = self._ways[colour], self._grid.raster(self.field.hologram.wavelengths[colour])
+                rows, columns = grid.shape
+                begun = random_phasors(len(data), rows, columns, self._asked.effort.seed, randomness)
                 if way is not None:
-                    begun = way.back(begun * spread_waves(size[0], size[1:]))
+                    begun = way.back(begun * spread_waves(len(data), grid.shape))
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
                 if way is None:  # behind a lens corners of the Fourier plane are corners of the picture

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
 from ..hologram import AerialImage
-from ..mapping import DepthMapping, squared
+from ..mapping import DepthMapping, traced
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
 from ..progress import named
@@ -92,7 +92,7 @@ def plan(
     settings = settings or Settings()
     check_fixed(settings.fixed)
     settings = resolved(settings)
-    warnings, view = unmodelled(scene), squared(camera, hologram)
+    warnings, view = unmodelled(scene), traced(camera, hologram)
     refuse_method(scene, settings.method)
     if settings.method in BASELINES:
         if hologram.in_air is not hologram:

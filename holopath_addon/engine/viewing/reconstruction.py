@@ -221,14 +221,15 @@ class Refocuser:
     def _near(self, distances, pupil, progress, apart):
         """By angular spectra."""
         grid, (frames, colours) = self._grid, self.field.data.shape[:2]
-        shape = grid.height, grid.width
+        shape = grid.raster(grid.wavelengths[0]).shape
         aside = max(abs(grid.distance_at(wavelength)) for wavelength in grid.wavelengths)
         farthest = float(np.abs(distances).max()) + aside
         for wavelength in grid.wavelengths:
             needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
-        size = [-(-n // apart) for n in (shape if self._own else grid.picture.raster().shape)]
+        whole = shape if self._own and self._ways[0] is None else grid.picture.raster().shape
+        size = [-(-n // apart) for n in whole]
         images, done = np.empty((len(distances), *size, colours), np.float32), 0
         for k in range(colours):
             padded, places, lines = self._padded(k, farthest), self._places(k), self._lines(k)
@@ -268,7 +269,8 @@ class Refocuser:
 
     def _shape(self, k, distance):
         grid, places = self._grid, self._places(k)
-        shape, wavelength, guard = (grid.height, grid.width), grid.wavelengths[k], self._guard
+        wavelength, guard = grid.wavelengths[k], self._guard
+        shape = grid.raster(wavelength).shape
         if places is not None:
             guard = max(guard, beyond(places, shape))
         padded = padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)

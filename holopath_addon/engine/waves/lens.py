@@ -172,8 +172,16 @@ def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
     if not isinstance(image, AerialImage):
         return None
     panel, lens = image.panel, image.lens
-    there = (image.height, image.width), image.pitch_at(wavelength)
-    return Collins((panel.height, panel.width), panel.pitch, wavelength, lens.curvature, lens.reach, *there)
+    there = image.raster(wavelength)
+    return Collins(
+        (panel.height, panel.width),
+        panel.pitch,
+        wavelength,
+        lens.curvature,
+        lens.reach,
+        there.shape,
+        there.pitch,
+    )
 
 
 def spread_waves(frames: int, shape: Sequence[int]) -> np.ndarray:
