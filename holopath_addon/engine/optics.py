@@ -300,7 +300,7 @@ class Lens:
     Parameters
     ----------
     focal : float
-        Focal length f, meters, over 0.
+        Focal length f, meters; below 0 of a lens that diverges, which has no distance nor picture by default.
     distance : float, optional
         L, from the SLM to the lens, meters, 0 or more. Default: f.
     picture : float, optional
@@ -329,9 +329,17 @@ class Lens:
                 f"{self.share:g}: 1 is all of it."
             )
         object.__setattr__(self, "focal", float(self.focal))
+        if not (math.isfinite(self.focal) and self.focal):
+            raise InvalidInput(
+                f"The focal length of a lens is finite and not 0, not {self.focal * 1e3:g} mm."
+            )
+        if self.focal < 0 and None in (self.distance, self.picture):
+            raise InvalidInput(
+                f"A lens of {self.focal * 1e3:g} mm diverges, and its focal plane is before it: for a picture behind "
+                "it give its distance from the SLM and that of the picture from it, and to look through take one that "
+                "converges."
+            )
         object.__setattr__(self, "distance", float(self.focal if self.distance is None else self.distance))
-        if not (math.isfinite(self.focal) and self.focal > 0):
-            raise InvalidInput(f"The focal length of a lens is over 0, not {self.focal * 1e3:g} mm.")
         if not (math.isfinite(self.distance) and self.distance >= 0):
             raise InvalidInput(
                 f"A lens stands behind the SLM, 0 mm away or more, not {self.distance * 1e3:g} mm."

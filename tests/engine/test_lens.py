@@ -41,7 +41,9 @@ def places(n, pitch=PITCH):
 # Where light arrives
 
 
-@pytest.mark.parametrize("lens", [Lens(FOCAL), Lens(FOCAL, 0.04), Lens(FOCAL, 0.04, 0.12)])
+@pytest.mark.parametrize(
+    "lens", [Lens(FOCAL), Lens(FOCAL, 0.04), Lens(FOCAL, 0.04, 0.12), Lens(-FOCAL, 0.04, 0.12)]
+)
 def test_a_tilted_wave_is_a_spot_that_far_aside(lens):
     """x' = B sin(angle), to the right and up, by the ray matrix; of a hologram that has its focus on that plane."""
     hologram = panel(lens=lens)
@@ -396,9 +398,10 @@ def test_a_lens_is_kept(tmp_path):
 @pytest.mark.parametrize(
     ("numbers", "says"),
     [
-        ((0.0,), "over 0, not 0 mm"),
-        ((-0.1,), "over 0, not -100 mm"),
-        ((math.nan,), "over 0, not nan"),
+        ((0.0,), "finite and not 0, not 0 mm"),
+        ((-0.1,), "A lens of -100 mm diverges, and its focal plane is before it"),
+        ((-0.1, 0.04), "to look through take one that converges"),
+        ((math.nan,), "not 0, not nan"),
         ((0.1, -0.01), "0 mm away or more, not -10 mm"),
         ((0.1, 0.1, 0.0), "over 0 mm away, not 0 mm"),
         ((0.1, 0.2, 0.2), "the SLM's own image"),
@@ -421,6 +424,10 @@ def test_lenses_that_cannot_be(numbers, says):
         ),
         (
             {"optics": Optics(lens=Lens(FOCAL, 0.1, 0.1)), "depth_mapping": "eyepiece"},
+            "or choose the depth mapping fit",
+        ),
+        (
+            {"optics": Optics(lens=Lens(-FOCAL, 0.0, 0.1)), "depth_mapping": "eyepiece"},
             "or choose the depth mapping fit",
         ),
         (
