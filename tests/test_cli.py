@@ -662,7 +662,7 @@ def test_stopping_the_encoding_of_a_render(xml, tmp_path, capfd, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("method", "frames", "steps"), [("auto", 96, 100), pytest.param("full", 192, 400, marks=pytest.mark.slow)]
+    ("method", "frames", "steps"), [("auto", 96, 200), pytest.param("full", 192, 400, marks=pytest.mark.slow)]
 )
 def test_many_frames_where_the_scene_is_at_hand(xml, tmp_path, monkeypatch, method, frames, steps):
     """`auto`, and more of them with the method full; the first were traced with the hologram's own."""

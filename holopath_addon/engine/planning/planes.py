@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ..plan import Decided, Decision, middle_of
-from ..waves.phase_fields import speckle_contrast
+from ..waves.phase_fields import SETS, speckle_contrast
 from .layouts import CONE, Scenery, by_region
 
 if TYPE_CHECKING:
@@ -63,8 +63,10 @@ def chosen(layouts: list[Layout], survey: Survey) -> Layout:
         count = max(len(layout.parts) for layout in layouts)
         layouts = [layout for layout in layouts if len(layout.parts) == count]
     # out of focus smooth fields ring, about as much as designed ones speckle
-    kind = "designed" if settings.phase_field == "smooth" else settings.phase_field
-    noise = speckle_contrast(kind, settings.frames) ** 2
+    smooth = settings.phase_field == "smooth"
+    kind = "designed" if smooth else settings.phase_field
+    # phases of few frames are found towards the mean of many: shadows of one frame would stay in them
+    noise = speckle_contrast(kind, max(settings.frames, SETS[-1]) if smooth else settings.frames) ** 2
     moves = settings.frames * len(survey.hologram.wavelengths)
 
     def worth(layout):

@@ -25,7 +25,7 @@ GAIN = (0.57, 0.5, 0.36, 0.27)  # their squared error in textured pictures, over
 # From which on fields show more with designed maps than with all surfaces in phase, and phases where they begin with
 # those of a designed field.
 FEW_FRAMES = 6
-FITTING = (0.0, 0.2, 0.25, 0.3)  # randomness that phases begin with, by the number of frames from one on
+FITTING = (0.0, 0.1)  # randomness that phases begin with: of one frame, and of more, which must differ
 # Weight of parts of the pupil from which on a descent had best begin with random phases. With three frames of
 # demo:suzanne and less than that, smooth ones show more of the whole pupil and less of its parts.
 RANDOM_EYEBOX = 0.3
