@@ -1,0 +1,1 @@
+from tests.addon import addon, lit, scene  # noqa: F401 (fixtures)
