@@ -114,7 +114,9 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     randomness = [each.randomness for each in found.values()]
     assert randomness[0] == 0 and randomness[:4] == sorted(randomness[:4]) and randomness[4:] == [None] * 3
     eyebox = [each.eyebox for each in found.values()]
-    assert eyebox[:4] == [0] * 4 and 0 < eyebox[4] < eyebox[5] < eyebox[6] == 1  # no frame more shows much less
+    assert (
+        eyebox[:4] == [0] * 4 and 0 < eyebox[4] < eyebox[5] < eyebox[6] == 1
+    )  # no frame more shows much less
     steps = [each.steps for each in found.values()]
     assert steps[:5] == [400] * 5 and steps[4] > steps[5] > steps[6] == 100
     assert "randomness 0 " in found[1].reason and "as a whole" in found[1].reason
