@@ -12,7 +12,7 @@ def addon():
 
     attached = hasattr(bpy.types.Scene, "holopath")
     if attached:  # by the command line, which needs the settings alone
-        from holopath_addon import properties
+        from holopath_addon.blender import properties
 
         properties.detach()
         for cls in properties.CLASSES:

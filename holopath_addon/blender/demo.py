@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .engine import InvalidInput
+from ..engine import InvalidInput
 
 DEMOS = {
     "planes": "two textured, shining planes at 0.5 m and 2 m",
@@ -319,7 +319,7 @@ def _lamp(scene, name, power, location, target, size, colour):
 def _world(scene, colour):
     import bpy
 
-    from .export.shading.node_graph import tree_of
+    from ..export.shading.node_graph import tree_of
 
     world = bpy.data.worlds.new("World")
     scene.world = world
@@ -380,7 +380,7 @@ def _textured(name, pixels):
     """A material with an image of linear colours [y, x, 3], top row first, packed into the file."""
     import bpy
 
-    from .export.shading.node_graph import tree_of
+    from ..export.shading.node_graph import tree_of
 
     height, width = pixels.shape[:2]
     image = bpy.data.images.new(name, width, height)

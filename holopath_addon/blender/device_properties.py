@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from . import engine, slm
-from .engine.settings import Choice
-from .slm.drivers.controller import BAUD, SLOWEST
-from .slm.drivers.slmsuite_device import DEVICES, options_of
+from .. import engine, slm
+from ..engine.settings import Choice
+from ..slm.drivers.controller import BAUD, SLOWEST
+from ..slm.drivers.slmsuite_device import DEVICES, options_of
 
 # A .blend holds the numbers.
 _DRIVERS = [

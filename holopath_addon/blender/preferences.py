@@ -5,8 +5,8 @@ import os
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from .engine import BakeStore
-from .engine.scene import variants
+from ..engine import BakeStore
+from ..engine.scene import variants
 
 # In an extension the add-on is the package above that holds the manifest.
 _PACKAGE = __name__.rpartition(".")[0]

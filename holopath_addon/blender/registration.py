@@ -5,8 +5,9 @@ from functools import partial
 
 import bpy
 
-from . import operators, preferences, properties, render_engine, ui, viewport
-from .operators import background, devices, session
+from .. import operators, ui
+from ..operators import background, devices, session
+from . import preferences, properties, render_engine, viewport
 
 _CLASSES = (
     *properties.CLASSES,
@@ -63,7 +64,7 @@ def _stop_listening(callbacks, handler):
 
 
 def _run_command(argv):
-    from . import cli
+    from .. import cli
 
     preferences.wanted()  # the LLVM that they name
     return cli.main(argv, preferences.store())

@@ -6,12 +6,14 @@ import time
 import bpy
 import numpy as np
 
-from . import engine, output, properties, stills, viewport
-from .engine.progress import Compiling
-from .export import unit_scale
-from .operators import background, session
-from .operators.jobs import on_main_thread
-from .operators.rendering import output_size
+from .. import engine
+from ..engine.progress import Compiling
+from ..export import unit_scale
+from ..operators import background, session
+from ..operators.jobs import on_main_thread
+from ..operators.rendering import output_size
+from ..workflow import output, stills
+from . import properties, viewport
 
 NOTHING = 1e10  # depth where there is no surface, as Cycles writes it
 

@@ -18,16 +18,18 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.presets import draw_texture_2d
 
-from . import engine, failures, preferences, properties
-from .engine.scene import variants
-from .export import read_scene, unit_scale
-from .export.camera import about, export_camera, find_camera
-from .export.notes import Notes
-from .export.shading import baking
-from .export.world import sees_sky, world_of
-from .operators import session
-from .operators.jobs import Job
-from .operators.working import dragging
+from .. import engine
+from ..engine.scene import variants
+from ..export import read_scene, unit_scale
+from ..export.camera import about, export_camera, find_camera
+from ..export.notes import Notes
+from ..export.shading import baking
+from ..export.world import sees_sky, world_of
+from ..operators import session
+from ..operators.jobs import Job
+from ..operators.working import dragging
+from ..workflow import failures
+from . import preferences, properties
 
 TICK = 0.05  # seconds between two looks at what is to be done
 CALM = 0.2  # seconds without a change, before a scene that takes longer to read than QUICK is read again

@@ -9,8 +9,12 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from . import engine, failures, output
-from .command_line import (
+from .. import engine
+from ..engine.progress import stage
+from ..engine.viewing.reconstruction import far_from, picture_pitch
+from ..farm.processes import INTERRUPTS
+from ..workflow import failures, output
+from . import (
     cluster_command,
     encode_command,
     exchange_command,
@@ -21,11 +25,8 @@ from .command_line import (
     study_command,
     template_command,
 )
-from .command_line.console import Progress, alive, close_line
-from .command_line.options import add_optics, argument, numbers, on_bench
-from .engine.progress import stage
-from .engine.viewing.reconstruction import far_from, picture_pitch
-from .farm.processes import INTERRUPTS
+from .console import Progress, alive, close_line
+from .options import add_optics, argument, numbers, on_bench
 
 
 def main(argv=None, store=None):
@@ -308,7 +309,3 @@ def _cache(args):
     size = store.clear() if args.clear else store.size()
     print(f"{store.folder}: {count} file{'' if count == 1 else 's'}, {size / 1e6:.1f} MB", end="")
     print(" freed" if args.clear else "")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

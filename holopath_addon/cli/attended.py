@@ -16,7 +16,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .. import failures
+from ..workflow import failures
 from .console import Progress
 
 COPY = ".scene-"  # begins the name of a folder that holds a scene for such a command alone

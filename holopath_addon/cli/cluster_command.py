@@ -6,11 +6,12 @@ import threading
 import time
 from contextlib import contextmanager
 
-from .. import engine, failures
+from .. import engine
 from ..farm import worker
 from ..farm.cluster import FORMS, Cluster
 from ..farm.crew import Crew
 from ..farm.work import work_off
+from ..workflow import failures
 from .options import argument
 
 TOLD = 10.0  # seconds between two lines of progress in a file

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import engine, output, pipeline
+from .. import engine
 from ..engine import encoding, files
 from ..engine.progress import stage
 from ..engine.settings import BASELINES, ENCODINGS
 from ..farm.job import EncodingJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work
+from ..workflow import output, pipeline
 from . import options, render_command, sources
 from .cluster_command import add_option, animating, work_by
 from .console import Progress

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from .. import engine, exchange, output
+from .. import engine, exchange
 from ..engine.pixels import in_words
 from ..exchange import prints
 from ..exchange.conventions import ROWS, SIGNS
@@ -12,6 +12,7 @@ from ..exchange.holograms import PACKINGS, TRANSFERS, check_packing
 from ..exchange.optics import parse_carrier
 from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
+from ..workflow import output
 from .console import Progress
 from .options import add_optics, argument, numbers, optics_of, pitch
 

@@ -7,12 +7,13 @@ from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 
-from .. import engine, output, stills
+from .. import engine
 from ..engine.progress import stage
 from ..engine.rendering.job_light import DECIDED, JobLight
 from ..farm.units import Unit
 from ..farm.worker import wait_until
-from ..stills import Still
+from ..workflow import output, stills
+from ..workflow.stills import Still
 from .sources import BlenderSource
 
 LIGHT = "light"  # name of the unit, and of its folder

@@ -7,8 +7,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from .. import engine, lengths, output, stills
-from ..demo import DEMOS
+from .. import engine
+from ..blender.demo import DEMOS
 from ..engine import displays
 from ..engine.progress import stage
 from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX
@@ -18,6 +18,7 @@ from ..farm import ranges
 from ..farm.job import SharedJob, digests
 from ..farm.work import Work
 from ..slm.calibration import fitted_display, measured_levels, response_files
+from ..workflow import lengths, output, stills
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by

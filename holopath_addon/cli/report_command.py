@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import engine, output
+from .. import engine
 from ..engine.planning.planner import resolved
 from ..engine.progress import Stages, parts, stage, with_time_left
 from ..engine.viewing import assessment
 from ..engine.viewing.metrics import speckle_contrast
 from ..engine.viewing.reconstruction import Refocuser
+from ..workflow import output
 from . import options, render_command, sources
 from .console import Progress
 from .report_page import focus_curves, named, picture, svg_sketch, table, value_map, write

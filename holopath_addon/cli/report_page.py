@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from .. import output
 from ..engine.pixels import in_words
 from ..engine.viewing import assessment, bench_sketch
+from ..workflow import output
 
 STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import engine, failures, llvm_package, output, slm
+from .. import engine, llvm_package, slm
 from ..engine.progress import stage
 from ..engine.scene import variants
 from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
+from ..workflow import failures, output
 from .console import Progress
 from .options import argument, listed, numbers, pitch, renamed
 

@@ -13,13 +13,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import demo, engine, output
+from .. import engine
+from ..blender import demo
 from ..engine.scene import variants
 from ..engine.scene.captured.views import METHODS as VIEW_METHODS
 from ..exchange import captures
 from ..exchange.captures import CaptureOptions
 from ..exchange.mitsuba_file import MitsubaFile
 from ..farm.processes import uninterrupted
+from ..workflow import output
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -92,14 +94,14 @@ class BlenderSource:
 
     def hologram_from(self, camera=None):
         """`engine.Hologram` of the settings in the current frame, whatever the camera."""
-        from .. import properties
+        from ..blender import properties
 
         return properties.hologram_of(properties.of(self.scene))
 
     @property
     def settings(self):
         """`engine.Settings` in the current frame."""
-        from .. import properties
+        from ..blender import properties
 
         return properties.settings_of(properties.of(self.scene))
 
@@ -123,7 +125,7 @@ class BlenderSource:
         """
         import bpy
 
-        from .. import properties
+        from ..blender import properties
 
         blend = Path(bpy.data.filepath)
         if not bpy.data.filepath:
@@ -471,7 +473,7 @@ def _bpy(what):
             "or run the same words in `blender --command holopath`."
         ) from error
     if not hasattr(bpy.types.Scene, "holopath"):
-        from .. import properties
+        from ..blender import properties
 
         properties.register()
     return bpy

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from .. import engine, failures, stills
+from .. import engine
 from ..engine.progress import stage
 from ..exchange.captures import SUFFIXES
 from ..farm import study as studies
@@ -15,6 +15,7 @@ from ..farm.errors import FarmFailed
 from ..farm.job import SharedJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work
+from ..workflow import failures, stills
 from . import options, render_command, sources
 from .cluster_command import add_option, work_by
 from .console import Progress

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from .. import engine, output
+from .. import engine
+from ..workflow import output
 
 FILES = {"flamenco": "holopath.js", "slurm": "slurm.sh"}
 _FOLDER = Path(__file__).parents[1] / "farm" / "templates"

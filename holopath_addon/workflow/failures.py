@@ -1,9 +1,9 @@
 """What went wrong, in one sentence."""
 
-from .engine import BackendUnavailable, Cancelled, InvalidInput
-from .engine.errors import cancelled
-from .farm.errors import FarmFailed
-from .slm.errors import DeviceLost
+from ..engine import BackendUnavailable, Cancelled, InvalidInput
+from ..engine.errors import cancelled
+from ..farm.errors import FarmFailed
+from ..slm.errors import DeviceLost
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 

@@ -3,7 +3,7 @@
 import math
 import re
 
-from .engine import InvalidInput
+from ..engine import InvalidInput
 
 _UNITS = {"": 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
 _DIOPTRES = ("d", "dpt", "dioptre", "dioptres", "diopters")

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .engine import InvalidInput, PhaseHologram, Pupil, WaveField
-from .engine.files import BROWSED, whole_file, whole_folder
-from .engine.scene import variants
+from ..engine import InvalidInput, PhaseHologram, Pupil, WaveField
+from ..engine.files import BROWSED, whole_file, whole_folder
+from ..engine.scene import variants
 from .lengths import format_distance
 
 FORMAT = "HoloPath output"

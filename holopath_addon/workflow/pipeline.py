@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from . import engine
-from .engine.hologram import channel
-from .engine.mapping import DepthMapping, squared
-from .engine.planning.planner import resolved
-from .engine.progress import Clock, Compiling, stage
+from .. import engine
+from ..engine.hologram import channel
+from ..engine.mapping import DepthMapping, squared
+from ..engine.planning.planner import resolved
+from ..engine.progress import Clock, Compiling, stage
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
@@ -99,7 +99,7 @@ def centre_depth(scene, camera):
     float or None
         World depth in metres: the median over the middle tenth of the view; None where nothing is.
     """
-    from .engine.viewing.depth import depths_along
+    from ..engine.viewing.depth import depths_along
 
     tangent = math.tan(camera.fov_x / 2)
     offsets = np.linspace(-0.1, 0.1, 15) * tangent
@@ -125,7 +125,7 @@ def bake_notes(bake):
     """
     if bake is None:
         return []
-    from .engine.light.unwrapping import LACKING
+    from ..engine.light.unwrapping import LACKING
 
     notes = [note for note in (bake["note"], LACKING) if note]
     if bake["coarser"] > COARSER:
@@ -153,7 +153,7 @@ def _planned(field):
 
 def _check_view(plan, camera, hologram, focus, pupil):
     """Refuse what `engine.reconstruct` would, before the long work."""
-    from .engine.viewing.reconstruction import pupil_mask
+    from ..engine.viewing.reconstruction import pupil_mask
 
     mapping = DepthMapping.of(hologram, camera, plan.near)
     mapping.depth_to_z(list(focus))

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import engine, output, pipeline
-from .engine.mapping import squared
-from .engine.pixels import coarsest
-from .engine.planning.planner import resolved
-from .engine.progress import Clock, stage
-from .engine.settings import current
-from .engine.viewing import assessment
-from .engine.viewing.depth import image_depth_map
-from .engine.viewing.light_field import pinhole_pictures, pupil_points, pupil_row, quilt
+from .. import engine
+from ..engine.mapping import squared
+from ..engine.pixels import coarsest
+from ..engine.planning.planner import resolved
+from ..engine.progress import Clock, stage
+from ..engine.settings import current
+from ..engine.viewing import assessment
+from ..engine.viewing.depth import image_depth_map
+from ..engine.viewing.light_field import pinhole_pictures, pupil_points, pupil_row, quilt
+from . import output, pipeline
 from .lengths import format_distance
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ class Still:
     @cached_property
     def asked(self):
         """All that decides the result, as the report holds it."""
-        from .engine.scene.fingerprint import scene_digest
+        from ..engine.scene.fingerprint import scene_digest
 
         return {
             "scene_digest": scene_digest(self.scene),

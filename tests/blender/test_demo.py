@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from holopath_addon import demo  # noqa: E402
+from holopath_addon.blender import demo  # noqa: E402
 from holopath_addon.engine import InvalidInput  # noqa: E402
 from tests.patience import NEVER  # noqa: E402
 
@@ -65,7 +65,7 @@ def test_unknown_name():
 
 
 COMPILED = """
-from holopath_addon.command_line.sources import open_source
+from holopath_addon.cli.sources import open_source
 from holopath_addon import engine
 
 loaded = open_source("demo:suzanne").load(32, 32)

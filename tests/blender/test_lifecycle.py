@@ -64,7 +64,7 @@ INSTALL = """
 
     def install():
         bpy.ops.extensions.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=True)
-        return sys.modules[name + ".engine.scene.variants"], sys.modules[name + ".preferences"].store().folder
+        return sys.modules[name + ".engine.scene.variants"], sys.modules[name + ".blender.preferences"].store().folder
 
     variants, told["store"] = install()
     told["enabled"] = traces()

@@ -9,13 +9,14 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, exchange, properties
-from holopath_addon.command_line.sources import BlenderSource
+from holopath_addon import engine, exchange
+from holopath_addon.blender import properties
+from holopath_addon.cli.sources import BlenderSource
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.optics import BEAMS, STOPS
 from holopath_addon.operators import devices, session
 from holopath_addon.ui import bench_overlay, panels
-from tests.addon.layout import Context, Layout
+from tests.ui.layout import Context, Layout
 
 # Settings, and the words of the command line for the same.
 SAME = [

@@ -6,7 +6,8 @@ from pathlib import Path
 import bpy
 import pytest
 
-from holopath_addon import engine, properties
+from holopath_addon import engine
+from holopath_addon.blender import properties
 
 
 @pytest.fixture

@@ -114,7 +114,7 @@ def of_pass(channels, name, letters="RGB", layer="ViewLayer"):
 
 @pytest.mark.parametrize("colours", ["RGB", "MONO"])
 def test_passes(f12, multilayer, monkeypatch, colours):
-    from holopath_addon import properties
+    from holopath_addon.blender import properties
 
     f12.holopath.colours, f12.holopath.phase_field = colours, "designed"
     f12.holopath.focus = 0.7

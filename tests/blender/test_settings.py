@@ -6,10 +6,11 @@ from pathlib import Path
 import bpy
 import pytest
 
-from holopath_addon import cli, engine, properties
-from holopath_addon.command_line import options
+from holopath_addon import cli, engine
+from holopath_addon.blender import properties
+from holopath_addon.cli import options
 from holopath_addon.engine.settings import DECLARED, Settings, default_of
-from tests.addon.layout import Context, Layout
+from tests.ui.layout import Context, Layout
 
 PAGE = Path(__file__).parents[2] / "docs" / "settings.md"
 

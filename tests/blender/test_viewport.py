@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, viewport
+from holopath_addon import engine
+from holopath_addon.blender import viewport
 from holopath_addon.export import export_scene
 from holopath_addon.export.camera import export_camera
 from holopath_addon.export.notes import Notes

@@ -246,7 +246,7 @@ def test_frames_of_a_demo(tmp_path):
 
 def test_settings_may_be_animated(moving, tmp_path):
     if not hasattr(bpy.types.Scene, "holopath"):
-        from holopath_addon import properties
+        from holopath_addon.blender import properties
 
         properties.register()
     props = bpy.context.scene.holopath

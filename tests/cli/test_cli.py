@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, lengths, output, pipeline
-from holopath_addon.command_line import sources
+from holopath_addon import cli, engine
+from holopath_addon.cli import sources
+from holopath_addon.workflow import lengths, output, pipeline
 from tests.patience import NEVER, SOON
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SMALL = ["--resolution", "64x64", "--frames", "2", "--quality", "preview"]
 GREEN = ["--wavelengths", "516.5"]
 SCENE = """<scene version="3.0.0">
@@ -286,7 +287,7 @@ def test_interrupt(number, method, at, tmp_path):
 @pytest.mark.parametrize("over", [False, True])
 def test_input_that_ends_interrupts_only_work_that_is_under_way(over, tmp_path, monkeypatch):
     """Later it would meet Blender in the middle of its own end."""
-    from holopath_addon.command_line import attended
+    from holopath_addon.cli import attended
 
     ended, calls = threading.Event(), []
     monkeypatch.setattr(

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from holopath_addon import cli, output
-from holopath_addon.command_line import console, sources
+from holopath_addon import cli
+from holopath_addon.cli import console, sources
+from holopath_addon.workflow import output
 from tests.farm import flamenco
 
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line.report_page import svg_sketch
+from holopath_addon.cli.report_page import svg_sketch
 from holopath_addon.engine.viewing import bench_sketch
 
 SCENE = """<scene version="3.0.0">

@@ -11,14 +11,15 @@ from pathlib import Path
 import bpy
 import pytest
 
-from holopath_addon import engine, preferences
-from holopath_addon.command_line.attended import COPY
+from holopath_addon import engine
+from holopath_addon.blender import preferences
+from holopath_addon.cli.attended import COPY
 from holopath_addon.farm import processes
 from holopath_addon.operators import background
 from holopath_addon.ui import sections
-from tests.addon.layout import Context, Layout, draw
-from tests.addon.test_words import BRITISH
 from tests.patience import NEVER
+from tests.ui.layout import Context, Layout, draw
+from tests.ui.test_words import BRITISH
 
 MAIN = Path(background.__file__).parents[1] / "__main__.py"
 

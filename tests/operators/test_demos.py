@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import demo, properties
+from holopath_addon.blender import demo, properties
 
 
 def shapes(scene):

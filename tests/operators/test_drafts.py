@@ -4,8 +4,9 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, pipeline
+from holopath_addon import engine
 from holopath_addon.operators import session
+from holopath_addon.workflow import pipeline
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import math
 import bpy
 import pytest
 
-from holopath_addon import properties
+from holopath_addon.blender import properties
 from holopath_addon.operators import focus_list
 
 

@@ -4,10 +4,12 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, pipeline, preferences, slm
+from holopath_addon import engine, slm
+from holopath_addon.blender import preferences
 from holopath_addon.engine import rendering
 from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
+from holopath_addon.workflow import pipeline
 from tests.patience import NEVER, SOON
 
 

@@ -4,11 +4,12 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, output
+from holopath_addon import engine
 from holopath_addon.engine.scene import variants
 from holopath_addon.operators import session
 from holopath_addon.operators.pictures import HOLOPATH_OT_render_views, draw_options, draw_view_options
-from tests.addon.layout import Context, Layout
+from holopath_addon.workflow import output
+from tests.ui.layout import Context, Layout
 
 SIDE = 12
 

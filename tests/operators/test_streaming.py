@@ -7,8 +7,9 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, output
+from holopath_addon import engine
 from holopath_addon.operators import devices, session
+from holopath_addon.workflow import output
 from tests.slm.device import Board, Firmware
 
 SIZE = 64

@@ -14,7 +14,7 @@ import pytest
 from documentation import labels, pictures
 from holopath_addon import slm, ui
 from holopath_addon.operators import devices, session
-from tests.addon.test_panels import at_work
+from tests.ui.test_panels import at_work
 
 SHOWN = json.loads(pictures.LABELS.read_text("utf-8"))
 STATES = {}  # by picture

@@ -9,7 +9,8 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
-from holopath_addon import engine, properties
+from holopath_addon import engine
+from holopath_addon.blender import properties
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.export import view_of
 from holopath_addon.operators import session

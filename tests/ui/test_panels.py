@@ -10,13 +10,14 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from holopath_addon import engine, preferences, slm, ui
+from holopath_addon import engine, slm, ui
+from holopath_addon.blender import preferences
 from holopath_addon.operators import devices, session
 from holopath_addon.operators.jobs import Job
 from holopath_addon.ui import menus, sections
-from tests.addon.layout import Context, Layout, draw
-from tests.addon.test_words import BRITISH
 from tests.patience import NEVER
+from tests.ui.layout import Context, Layout, draw
+from tests.ui.test_words import BRITISH
 
 SHOWN = [
     cls

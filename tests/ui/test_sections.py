@@ -7,7 +7,7 @@ import pytest
 
 from holopath_addon.operators import session
 from holopath_addon.ui import sections
-from tests.addon.layout import Context, Layout
+from tests.ui.layout import Context, Layout
 
 
 def drawn(section, scene):

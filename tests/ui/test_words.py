@@ -4,7 +4,8 @@ import re
 
 import bpy
 
-from holopath_addon import engine, operators, properties, ui
+from holopath_addon import engine, operators, ui
+from holopath_addon.blender import properties
 
 BRITISH = re.compile(
     r"colour|metre|dioptre|neighbour|behaviour|cancell|centre|grey|licence|favour|modell|optimis|normalis|initialis",

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 WRITES = """
 import json, os, sys, time
 from pathlib import Path
-from holopath_addon import output
+from holopath_addon.workflow import output
 folder, me = Path(sys.argv[1]), sys.argv[2]
 end = time.monotonic() + 1
 while time.monotonic() < end:

@@ -16,9 +16,9 @@ from bpy.props import (
     StringProperty,
 )
 
-from .. import engine
+from ... import engine
+from ...engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
 from ..device_properties import HoloPathDevice, menu
-from ..engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
 from .decimals import tidy
 from .optics import RELATIVE, HoloPathOptics, optics_of
 

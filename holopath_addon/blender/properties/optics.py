@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
-from .. import engine
-from ..exchange.optics import measured_beam, measured_stop
+from ... import engine
+from ...exchange.optics import measured_beam, measured_stop
 from .decimals import tidy
 
 # A .blend holds the numbers.
