@@ -19,6 +19,10 @@ HOUSES = {
     "exchange": ("engine",),
     "workflow": ("engine", "slm.errors", "farm.errors"),  # whose sentences it tells
     "farm": ("engine", "workflow"),
+    "cli": (
+        *("engine", "slm", "exchange", "workflow", "farm", "export", "llvm_package"),
+        *("blender.demo", "blender.properties"),
+    ),
     "llvm_package": (),
 }
 # The engine's rooms from low to high: modules of one know those of lower ones, and of their own.

@@ -140,8 +140,9 @@ def complaint(picture, found):
 
 
 @pytest.fixture
-def small(lit):
-    """Numbers are left out of labels, but not whether a noun has a plural."""
+def small(lit, tmp_path, monkeypatch):
+    """Numbers are left out of labels, but not whether a noun has a plural. No test before has baked its light."""
+    monkeypatch.setenv("HOLOPATH_CACHE", str(tmp_path))
     lit.holopath.frames = 2
     return lit
 
