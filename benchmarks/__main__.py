@@ -46,7 +46,7 @@ ALL = {
     "accuracy": Benchmark("accuracy.run", ("pixels=32 frames=2",), takes_folder=True),
     "convergence": Benchmark("convergence.run", ("pixels=32",), takes_folder=True),
     "planes": Benchmark("convergence.planes_table", ("pixels=32 max_planes=2",)),
-    "scaling": Benchmark("scaling.run", ("pixels=32 max_triangles=1000",)),
+    "scaling": Benchmark("scaling.run", ("pixels=32 max_triangles=1000 objects=80",)),
     "optics": Benchmark("optics.run", ("pixels=32 scenes=1",)),
     "phase_fields": Benchmark("phase_fields.run", ("pixels=32 scenes=1",), takes_folder=True),
     "radiance_cache": Benchmark("radiance_cache.run", ("'closed box' pixels=32",)),

@@ -5,6 +5,7 @@ import time
 import numpy as np
 
 from holopath_addon import engine
+from holopath_addon.engine.scene.meshes import joining
 
 from .scenes import FOV, GREEN, Scenes
 
@@ -82,7 +83,41 @@ def tiles(triangles, side=8):
     return _under_sky(s, tile={"type": "shapegroup", "mesh": mesh}, **copies)
 
 
-def run(pixels=256, max_triangles=4_000_000):
+def crowd(objects, shared=False):
+    """Boxes of four materials under the sky, each with a mesh of its own or as instances."""
+    s = Scenes()
+    looks = [s.diffuse(s.grey(0.2 + 0.2 * n)) for n in range(4)]
+    side = round(objects ** (1 / 3))
+    parts = {}
+    for n in range(objects):
+        place = [0.3 * (k / side - 0.5) for k in (n % side, n // side % side)]
+        to_world = s.T().translate([*place, -0.7 - 0.4 * (n // side**2) / side]).scale(0.1 / side)
+        group = {"type": "ref", "id": f"box_{n % 4}"}
+        box = {"type": "instance", "group": group} if shared else {"type": "cube"} | looks[n % 4]
+        parts[f"place_{n}"] = box | {"to_world": to_world}
+    groups = {f"box_{n}": {"type": "shapegroup", "box": {"type": "cube"} | looks[n]} for n in range(4)}
+    return _under_sky(s, **(groups if shared else {}), **parts)
+
+
+def _crowds(objects, pixels):
+    """Lines on many small objects: joined, apart, and as instances."""
+    joined, _ = seconds(crowd(objects), (GREEN,), 24, repeats=2, pixels=pixels)
+    many, joining.MANY_MESHES = joining.MANY_MESHES, objects
+    try:
+        apart, report = seconds(crowd(objects), (GREEN,), 24, repeats=2, pixels=pixels)
+    finally:
+        joining.MANY_MESHES = many
+    few = min(objects, 100)
+    copies, _ = seconds(crowd(few), (GREEN,), 24, repeats=2, pixels=pixels)
+    instances, _ = seconds(crowd(few, shared=True), (GREEN,), 24, repeats=2, pixels=pixels)
+    return [
+        f"{objects} boxes of four materials under the sky: joined {joined:.2f} s, apart {apart:.2f} s, ratio "
+        f"{apart / joined:.2f} (apart: radiance {report['radiance']:.2f} s)",
+        f"{few} of them: joined {copies:.2f} s, instances {instances:.2f} s, ratio {instances / copies:.1f}",
+    ]
+
+
+def run(pixels=256, max_triangles=4_000_000, objects=1000):
     """Tables as text."""
     s = Scenes()
     lamp_lit, box = s.two_planes(s.diffuse), s.closed_box()
@@ -96,6 +131,7 @@ def run(pixels=256, max_triangles=4_000_000):
     lines.append(
         f"frames: closed box, a path a ray: M = 24 {many:.2f} s, M = 1 {few:.2f} s, ratio {many / few:.2f}"
     )
+    lines += _crowds(objects, pixels)
     lines.append("triangles under the sky, M = 24, one wavelength")
     for name, build in (
         ("hills, one mesh", subdivided),

@@ -207,17 +207,19 @@ def _plan(args):
     loaded, hologram, settings = render_command.load(args, source)
     render_command.check_encoding(args, settings, hologram)
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
-    encoding = None
+    encoding = axis = None
     if args.encode != "none":
         along = engine.frames_along(plan, settings, hologram, args.encode, seconds)
         eyebox = render_command.eyebox_of(args, args.encode)
         encoding = engine.plan_encoding(plan, settings, args.encode, seconds, along, eyebox)
+        axis = engine.axis_decision(encoding.method, args.bits, hologram)
     if args.json:
         print(
             json.dumps(
                 {
                     **plan.to_dict(),
                     "encoding": encoding and encoding.to_dict(),
+                    "axis": axis and axis.reason,
                     "hologram": hologram.to_dict(),
                     "settings": asdict(settings),
                     "export_notes": loaded.notes,
@@ -232,6 +234,8 @@ def _plan(args):
     print(plan)
     if encoding is not None:
         print(encoding.decision)
+        if axis is not None:
+            print(axis)
         if encoding.advice:
             print(f"note: {encoding.advice} See --encode-seconds.")
         for warning in encoding.warnings:

@@ -161,8 +161,9 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
         "--lens",
         metavar=LENS_WORDS,
         help="a lens behind the SLM: its focal length, its distance from the SLM (default: the focal length), and the "
-        "distance of the picture behind it (default: the focal length), all in millimeters. With --depth-mapping "
-        "eyepiece somebody looks through it, and no picture is behind it "
+        "distance of the picture behind it (default: the focal length), all in millimeters; and the share that the "
+        "picture has of the width that light reaches there (default: 1, all of it). With --depth-mapping eyepiece "
+        "somebody looks through it, and no picture is behind it "
         f"(default: {kept or 'none'})",
     )
     parser.add_argument(

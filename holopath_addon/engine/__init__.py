@@ -12,7 +12,7 @@ from .light.bake_store import BakeStore
 from .optics import Beam, Lens, Optics, Pupil, Stop
 from .plan import Decision, Plan
 from .planning.fixable import FIXABLE, parse_fixed
-from .planning.phases import EncodingPlan, frames_along, plan_encoding
+from .planning.phases import EncodingPlan, axis_decision, frames_along, plan_encoding
 from .planning.planner import plan
 from .rendering import render
 from .rendering.many import many_frames
@@ -58,6 +58,7 @@ __all__ = [
     "Stop",
     "WaveField",
     "at_panel",
+    "axis_decision",
     "depth_map",
     "diffracted",
     "encode",

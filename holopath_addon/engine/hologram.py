@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .optics import ON_AXIS, Lens, Optics
-from .pixels import Pitch, Raster, axes, coarsest
+from .pixels import EvenSteps, Pitch, Raster, axes, coarsest
 from .settings import DEPTH_MAPPINGS
 
 # Meters from the SLM, negative behind it, on a display whose shorter side is so long or longer, which is 512 pixels of
@@ -131,6 +131,11 @@ class Hologram:
                     f"{max(self.wavelengths) * 1e9:g} nm: choose a longer focal length."
                 )
             return
+        if lens.share != 1:
+            raise InvalidInput(
+                "With the depth mapping eyepiece somebody looks through the lens, and there is no picture behind it: "
+                "leave out the picture's share, or choose the depth mapping fit."
+            )
         if lens.picture is not None:
             raise InvalidInput(
                 "With the depth mapping eyepiece somebody looks through the lens, and there is no picture behind it: "
@@ -170,10 +175,11 @@ class Hologram:
         """
         if self.optics.lens is None or self.depth_mapping == "eyepiece":
             return self
-        side, pitch = self.shorter_side, _aerial_pitch(self)
+        pitch, (rows, columns) = _aerial_pitch(self), _cells(self)
+        share = self.optics.lens.share
         values = {each.name: getattr(self, each.name) for each in fields(self)} | {
-            "width": int(side / self.pitch_x + LITTLE),
-            "height": int(side / self.pitch_y + LITTLE),
+            "width": columns - 2 * round((1 - share) / 2 * columns),
+            "height": rows - 2 * round((1 - share) / 2 * rows),
             "pitch": pitch,
             "optics": ON_AXIS,
         }
@@ -335,16 +341,17 @@ class AerialImage(Hologram):
     lens that stands its focal length behind the SLM there is nothing to be made; elsewhere what is z behind the plane
     stands at z / (1 - z D / B), with B and D = 1 - L / f of the ray matrix, and is as much larger.
 
-    It is the image of the square in the panel's middle. All wavelengths share its grid, on which the shortest fills the
-    band. The aperture, the circle in that square, sends all of them through the same cone, so that of longer ones the
-    band is less: these reach farther than the grid, and resolve less.
+    It is the image of the square in the panel's middle. Each wavelength has as many pixels there as the square, which
+    are as wide as its light resolves: the aperture, the circle in that square, sends all of them through the same cone.
+    Its light is rendered and compared on these (`raster`). Pictures have the pixels of the shortest one, on which those
+    of longer ones, which reach farther, are averaged. They show the middle of what is reached, see `Lens.share`.
 
     Parameters
     ----------
     panel : Hologram
         The hologram whose image it is.
     shortest : float
-        Wavelength that fills the band, meters.
+        Wavelength whose pixels those of pictures are, meters.
     """
 
     # pyrefly: ignore[bad-assignment]  # always given
@@ -370,14 +377,36 @@ class AerialImage(Hologram):
     def opening(self) -> str:
         return "what the SLM's pixels reach there"
 
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Rows and columns of a wavelength's own pixels: as many as those of the panel's square."""
+        return _cells(self.panel)
+
+    @property
+    def whole(self) -> AerialImage:
+        """The same as wide as the light of the shortest wavelength reaches, for its rays."""
+        rows, columns = self.cells
+        return self if (self.height, self.width) == self.cells else replace(self, width=columns, height=rows)
+
     def raster(self, wavelength: float | None = None) -> Raster:
-        shape = self.height, self.width
-        if wavelength is None or wavelength <= self.shortest:
-            return Raster(shape, self.pitch)
-        return Raster(shape, (self.pitch, self.pitch, self.pitch * wavelength / self.shortest))
+        if wavelength is None:
+            return Raster((self.height, self.width), self.pitch)
+        times = wavelength / self.shortest
+        return Raster(self.cells, self.pitch if times == 1 else self.pitch * times)
+
+    def met(self, wavelength: float) -> list[EvenSteps]:
+        """Rows and columns of a wavelength's own pixels that meet the picture."""
+        lines = self.raster().lines_on(self.raster(wavelength))
+        beside = [math.floor(line.first + 0.5 - line.step / 2 + LITTLE) for line in lines]
+        return [EvenSteps(n, 1.0, count - 2 * n) for n, count in zip(beside, self.cells, strict=True)]
 
     def max_slope(self, wavelength: float) -> float:
-        return math.tan(math.asin(wavelength / (2 * coarsest(self.pitch_at(wavelength)))))
+        return math.tan(math.asin(wavelength / (2 * self.pitch_at(wavelength))))
+
+
+def _cells(hologram):
+    """Rows and columns of the square in the panel's middle."""
+    return tuple(int(hologram.shorter_side / d + LITTLE) for d in axes(hologram.pitch))
 
 
 def _aerial_pitch(hologram):

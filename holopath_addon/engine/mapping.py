@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import InvalidInput
+from .hologram import AerialImage
 
 if TYPE_CHECKING:
     from typing import Any
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .camera import Camera
-    from .hologram import AerialImage, Hologram
+    from .hologram import Hologram
 
 MAX_SHARE = 0.25  # of the picture's pixels: far from the SLM most of what more rays bring misses the aperture
 
@@ -114,6 +115,20 @@ def squared(camera: Camera, hologram: Hologram) -> tuple[Camera, Hologram]:
         return camera, hologram
     picture = hologram.picture
     return _seen_over(camera, picture.width * picture.pitch_x / (hologram.width * hologram.pitch_x)), picture
+
+
+def traced(camera: Camera, hologram: Hologram) -> tuple[Camera, Hologram]:
+    """Camera and grid of rays: those of pictures, and behind a lens all that its light reaches.
+
+    Parameters
+    ----------
+    camera : Camera
+    hologram : Hologram
+    """
+    camera, picture = squared(camera, hologram)
+    if not isinstance(picture, AerialImage) or picture.whole is picture:
+        return camera, picture
+    return _seen_over(camera, picture.whole.width / picture.width), picture.whole
 
 
 def pixels_beside(hologram: Hologram) -> int:

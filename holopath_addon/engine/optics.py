@@ -51,6 +51,7 @@ ZERO_ORDER = (
 IMAGE = (
     1e-3  # of the way from the SLM to the picture's plane: with a smaller reach that is the SLM's own image
 )
+MIN_SHARE = 0.1  # of what pixels reach behind a lens, along a side of the picture
 COLORS = ("color_scale", "color_distance", "color_shift")
 SCALES = 0.5, 2.0  # least and largest of a color
 GRID = 257  # points a side on which areas in the Fourier plane are taken
@@ -299,11 +300,14 @@ class Lens:
     Parameters
     ----------
     focal : float
-        Focal length f, meters, over 0.
+        Focal length f, meters; below 0 of a lens that diverges, which has no distance nor picture by default.
     distance : float, optional
         L, from the SLM to the lens, meters, 0 or more. Default: f.
     picture : float, optional
         s, from the lens to the plane that the picture stands around, meters, over 0. Default: f, the back focal plane.
+    share : float
+        Of the width that light of pixels reaches there, what the picture has, over 0 to 1. What lies beside it is free:
+        phases leave their errors there.
 
     Raises
     ------
@@ -315,12 +319,27 @@ class Lens:
     # pyrefly: ignore[bad-assignment]  # a number from `__post_init__` on
     distance: float = None
     picture: float | None = None
+    share: float = 1.0
 
     def __post_init__(self):
+        object.__setattr__(self, "share", float(self.share))
+        if not MIN_SHARE <= self.share <= 1:
+            raise InvalidInput(
+                f"A picture behind a lens has {MIN_SHARE:g} to 1 of the width that light reaches there, not "
+                f"{self.share:g}: 1 is all of it."
+            )
         object.__setattr__(self, "focal", float(self.focal))
+        if not (math.isfinite(self.focal) and self.focal):
+            raise InvalidInput(
+                f"The focal length of a lens is finite and not 0, not {self.focal * 1e3:g} mm."
+            )
+        if self.focal < 0 and None in (self.distance, self.picture):
+            raise InvalidInput(
+                f"A lens of {self.focal * 1e3:g} mm diverges, and its focal plane is before it: for a picture behind "
+                "it give its distance from the SLM and that of the picture from it, and to look through take one that "
+                "converges."
+            )
         object.__setattr__(self, "distance", float(self.focal if self.distance is None else self.distance))
-        if not (math.isfinite(self.focal) and self.focal > 0):
-            raise InvalidInput(f"The focal length of a lens is over 0, not {self.focal * 1e3:g} mm.")
         if not (math.isfinite(self.distance) and self.distance >= 0):
             raise InvalidInput(
                 f"A lens stands behind the SLM, 0 mm away or more, not {self.distance * 1e3:g} mm."

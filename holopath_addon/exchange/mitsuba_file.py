@@ -106,7 +106,7 @@ class MitsubaFile:
 
     def __init__(self, path: Path, definitions: dict | None = None, strict: bool = True) -> None:
         self.path, self._definitions, self._strict = path, dict(definitions or {}), strict
-        self._variant = variants.activate()
+        variants.activate()
         self._state = self._parsed()
 
     @cached_property
@@ -139,10 +139,14 @@ class MitsubaFile:
         """
         import mitsuba as mi
 
+        from ..engine.scene.meshes import building
+
         number, props = self._sensor(camera)
         film = Film() if props is None else self._film(props)
         notes = self._notes(props, film, size)
         state, config = self._parsed(), self._config()
+        if _kind(state.nodes[0]) != "Scene":
+            raise InvalidInput(f"{self.path} is no scene: its outermost element must be <scene>.")
         for node in state.nodes:
             self._replace(node)
         others = set(_sensors_of(state)) - {_sensors_of(state)[number]} if self.sensors else ()
@@ -151,11 +155,9 @@ class MitsubaFile:
         try:
             with _beside(self.path):
                 mi.parser.transform_all(config, state)
-                scene = mi.parser.instantiate(config, state)
+                scene = building.built(config, state)
         except Exception as error:
             raise self._refused(error) from error
-        if not isinstance(scene, mi.Scene):
-            raise InvalidInput(f"{self.path} is no scene: its outermost element must be <scene>.")
         if props is None or number >= len(scene.sensors()):
             raise InvalidInput(f"{self.path} has no sensor: add a perspective one.")
         viewer = camera_of(scene.sensors()[number], size, _axis(props))
@@ -176,8 +178,9 @@ class MitsubaFile:
     def _config(self):
         import mitsuba as mi
 
-        config = mi.parser.ParserConfig(self._variant)
-        config.parallel = False  # as `variants.made`
+        from ..engine.scene.meshes import building
+
+        config = building.configuration()
         config.unused_parameters = mi.LogLevel.Debug  # `_check_definitions` has words of its own
         return config
 

@@ -15,7 +15,7 @@ from .parts import AMPLITUDE, FIELD, INTENSITY, PHASE, role_of
 
 BEAM_WORDS = "flat|tilt:DX,DY|point:MM|gaussian:WAIST_MM[,X,Y]|FILE"
 STOP_WORDS = "circle[:R]|half[:DEGREES]|rectangle:W,H|FILE"
-LENS_WORDS = "MM[@MM[@MM]]|none"
+LENS_WORDS = "MM[@MM[@MM[@SHARE]]]|none"
 COLOR_WORDS = {
     "color_scale": ("scale of colors", "S[,S..], one for each wavelength"),
     "color_distance": ("distance of colors", "MM[,MM..], one for each wavelength"),
@@ -128,8 +128,8 @@ def measured_stop(path: Path) -> Stop:
 
 
 def parse_lens(text: str) -> Lens | None:
-    """The lens of words, all in millimeters: its focal length, how far behind the SLM it stands, and how far behind it
-    the picture does; None of ``none``.
+    """The lens of words: its focal length, how far behind the SLM it stands, and how far behind it the picture does, in
+    millimeters, and what share of the width there the picture has; None of ``none``.
 
     Raises
     ------
@@ -138,12 +138,12 @@ def parse_lens(text: str) -> Lens | None:
     if text == "none":
         return None
     try:
-        numbers = [1e-3 * float(part) for part in text.split("@")]
+        numbers = [float(part) for part in text.split("@")]
     except ValueError:
         numbers = []
-    if not 1 <= len(numbers) <= 3:
+    if not 1 <= len(numbers) <= 4:
         raise InvalidInput(f"'{text}' is no lens: give {LENS_WORDS}.")
-    return Lens(*numbers)
+    return Lens(*(1e-3 * number for number in numbers[:3]), *numbers[3:])
 
 
 def stop_files(text: str | None) -> dict[str, Path]:

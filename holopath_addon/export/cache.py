@@ -30,7 +30,8 @@ class ExportCache:
     another mode than Object Mode, images that were painted on but not saved, image sequences.
 
     Memory: the Mitsuba meshes (44 bytes a face corner with normals and UVs, 12 a triangle) and bitmaps of
-    the last exported scene, which that scene holds anyway; and the pixels of its images, 4 bytes each,
+    the last exported scene, which that scene holds anyway; the arrays of meshes that may be joined, half as much
+    again; and the pixels of its images, 4 bytes each,
     16 where they are floats. `clear` lets go of them, `close` also stops listening.
     """
 
@@ -72,13 +73,16 @@ class ExportCache:
         kept = self._meshes.get(key)
         return kept if kept is not None and sources <= kept.sources else KeptMesh()
 
-    def end(self, meshes):
+    def end(self, meshes, joined):
         """Keep these meshes, and no others.
 
         Parameters
         ----------
         meshes : dict of KeptMesh
+        joined : dict
+            Joined meshes by their pieces.
         """
+        self.joined = joined
         self._meshes = {key: mesh for key, mesh in meshes.items() if mesh.tracked}
         self.appearances.drop_unused()
 
@@ -93,7 +97,7 @@ class ExportCache:
 
     def clear(self):
         """Forget everything."""
-        self._meshes, self._context = {}, None
+        self._meshes, self.joined, self._context = {}, {}, None
         self.appearances = Appearances()
 
     def close(self):
@@ -146,7 +150,7 @@ class KeptMesh:
     lacking : set of str
         UV maps that were asked for in vain.
     shapes : dict
-        Finished Mitsuba shapes by all that they depend on.
+        Finished Mitsuba shapes, or pieces of some, by all that they depend on.
     bake : MeshBake or None
         Where its materials had to be baked.
     """

@@ -173,6 +173,10 @@ class Surface:
         a, b, c = np.moveaxis(self.vertices[self.faces].astype(np.float64), 1, 0)
         return np.cross(b - a, c - a)
 
+    def bounds(self):
+        """Lower and upper corner of the box around it; infinite and reversed where there are no points."""
+        return self.points.min(0, initial=np.inf), self.points.max(0, initial=-np.inf)
+
     def sides(self):
         """Front and back as two surfaces a hair apart, each facing outwards.
 
@@ -218,6 +222,30 @@ class Surface:
             buffers["vertex_texcoords"] = loaded(mi.Float, self.uv.ravel())
         fill(mesh, buffers)
         return mesh
+
+
+def joined(surfaces):
+    """Surfaces of the same attributes as one, their points and triangles in turn.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+        All or none of them have normals, and likewise UVs.
+
+    Returns
+    -------
+    Surface
+    """
+    first = surfaces[0]
+    counts = [len(surface.points if surface.welded is None else surface.welded) for surface in surfaces]
+    offsets = np.cumsum([0, *counts[:-1]])
+    return Surface(
+        np.concatenate([surface.vertices for surface in surfaces]),
+        None,
+        None if first.normals is None else np.concatenate([surface.normals for surface in surfaces]),
+        None if first.uv is None else np.concatenate([surface.uv for surface in surfaces]),
+        np.concatenate([s.faces + np.int32(offset) for s, offset in zip(surfaces, offsets, strict=True)]),
+    )
 
 
 def fill(mesh, buffers):

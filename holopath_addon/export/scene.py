@@ -246,7 +246,7 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
             parts[f"part_{number}"] = part
         world = appearances.world(world_of(depsgraph), scene.frame_current_final, export_world)
-        cache.end(contents.meshes)
+        cache.end(contents.meshes, contents.joined)
     except BaseException:
         cache.clear()
         raise

@@ -159,9 +159,8 @@ def _check_view(plan, camera, hologram, focus, pupil):
     mapping.depth_to_z(list(focus))
     if pupil is not None:
         for wavelength in hologram.wavelengths:
-            grid = hologram.in_air
-            size, pitch = (grid.height, grid.width), grid.pitch_at(wavelength)
-            pupil_mask(size, pitch, wavelength, mapping, pupil, hologram.optics)
+            grid = hologram.in_air.raster(wavelength)
+            pupil_mask(grid.shape, grid.pitch, wavelength, mapping, pupil, hologram.optics)
 
 
 def _begun(started, plan):

@@ -321,8 +321,8 @@ def _encode(still, field, progress, stoppable):
             if before.data.shape == field.data.shape:
                 options["start"] = before
         phase = pipeline.encode(*what, seconds=still.encode_seconds, eyebox=still.eyebox, **options)
-        advice = phase.report["plan"]["advice"]
-        return phase, [f"{advice} See --encode-seconds."] if advice else []
+        advice, own = phase.report["plan"]["advice"], phase.report.get("advice")
+        return phase, [f"{advice} See --encode-seconds."] * bool(advice) + [own] * bool(own)
     except engine.Cancelled as error:
         if error.kept is None or not stoppable:
             raise

@@ -832,7 +832,7 @@ def test_a_picture_behind_a_lens(xml, tmp_path, capfd):
     capfd.readouterr()
     for more, says in (
         (["encode", str(out), "--lens", "90"], "rendered for another lens"),
-        (["plan", str(xml), "--lens", "0"], "over 0, not 0 mm"),
+        (["plan", str(xml), "--lens", "0"], "finite and not 0, not 0 mm"),
         (["plan", str(xml), "--lens", "100@200@200"], "the SLM's own image"),
         (["plan", str(xml), "--lens", "near"], "'near' is no lens: give MM"),
         (

@@ -191,8 +191,10 @@ def test_words_of_a_lens():
     assert exchange.parse_lens("100") == lens(0.1) == lens(0.1, 0.1)
     assert exchange.parse_lens("100@50") == lens(0.1, 0.05)
     assert exchange.parse_lens("100@50@120") == lens(0.1, 0.05, 0.12)
+    assert exchange.parse_lens("-100@50@120") == lens(-0.1, 0.05, 0.12)
+    assert exchange.parse_lens("100@100@100@0.7") == lens(0.1, 0.1, 0.1, 0.7)
     assert exchange.parse_lens("none") is None
-    for words in ("", "100@", "@50", "1@2@3@4", "a@b"):
+    for words in ("", "100@", "@50", "1@2@3@1@4", "a@b"):
         with pytest.raises(engine.InvalidInput, match="is no lens: give MM"):
             exchange.parse_lens(words)
 

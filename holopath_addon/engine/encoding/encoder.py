@@ -12,15 +12,17 @@ import numpy as np
 import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
+from ..hologram import AerialImage
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
-from ..waves.lens import behind_lens
+from ..waves.lens import behind_lens, spread_waves
 from ..waves.modulator import Levels, wrapped
 from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
 from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
+from .axis import on_axis
 from .double_phase import clipping_level, double_phase, even_double_phase, half_band, transmission
 from .phase_hologram import PhaseHologram
 from .phases import FINE, WHOLE, Phases
@@ -145,14 +147,9 @@ def encode(
         method = "joint" if len(field.data) > 1 else "sgd"
         if method == "joint" and free:
             randomness = few
-    if (
-        field.hologram.in_air is not field.hologram
-        and method in ("joint", "refine")
-        and free
-        and few is not None
-    ):
+    elif method in ("joint", "refine") and free and field.hologram.in_air is not field.hologram:
         randomness = (
-            1.0  # phases of few frames are smooth: such a picture's light meets the middle of the SLM alone
+            few  # fields of few frames are smooth: such a picture's light meets the middle of the SLM alone
         )
     together = max_steps or (MOST_STEPS if seconds else STEPS.get(method, MOST_STEPS))
     effort = descent.Effort(tolerance, MOST_STEPS if max_steps is None else max_steps, seed)
@@ -177,6 +174,8 @@ def encode(
         work = _Work(field, asked, progress or (lambda done, message: None), threads)
         if method == "dpac":
             work.double_phase()
+            advice = on_axis(method, bits, field.hologram)
+            work.report |= {"advice": f"{advice[0].upper()}{advice[1:]}."} if advice else {}
             return work.hologram()
         try:
             work.begin()
@@ -364,7 +363,7 @@ class _Work:
         self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
         self._grid = hologram.in_air
         if self._ways[0] is not None:
-            self._shape = self._grid.height, self._grid.width
+            self._shape = self._grid.raster(hologram.wavelengths[0]).shape
         self._passes = [
             hologram.optics.passes(self._shape, self._grid.pitch_at(w)) for w in hologram.wavelengths
         ]
@@ -448,9 +447,11 @@ class _Work:
             if isinstance(start, PhaseHologram):
                 self.phases[:, colour] = start.data[:, colour]
             elif randomness is not None:
-                size, way = (len(data), self._grid.height, self._grid.width), self._ways[colour]
-                begun = random_phasors(*size, self._asked.effort.seed, randomness)
-                begun = begun if way is None else way.back(begun)
+                way, grid = self._ways[colour], self._grid.raster(self.field.hologram.wavelengths[colour])
+                rows, columns = grid.shape
+                begun = random_phasors(len(data), rows, columns, self._asked.effort.seed, randomness)
+                if way is not None:
+                    begun = way.back(begun * spread_waves(len(data), grid.shape))
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
                 if way is None:  # behind a lens corners of the Fourier plane are corners of the picture
@@ -545,7 +546,10 @@ class _Work:
         wavelength = hologram.wavelengths[colour]
         grid, places = self._grid, None
         space = self._shape, grid.pitch_at(wavelength), wavelength, *volume
-        if not grid.plain:
+        if isinstance(grid, AerialImage):
+            # what lies beside the picture is free
+            places = None if grid.raster(wavelength) == grid.raster() else grid.met(wavelength)
+        elif not grid.plain:
             lines = grid.picture.raster().lines_on(grid.raster(wavelength))
             places = [line._replace(first=line.first + self._margin) for line in lines]
         return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places, self._heard)

@@ -326,20 +326,61 @@ def _sheet(meshes, texel, corners, charted):
     """Lay some meshes out side by side, into `corners`; the sheet's size, and how many triangles got cells."""
     laid, dense = [], 0
     for mesh in meshes:
-        vertices = mesh.vertices / texel[mesh.parts][:, None].astype(np.float32)
-        areas, sheet = _areas(vertices, mesh.faces), None
-        if CHARTED_AREA * len(mesh.faces) <= areas.sum():
-            sheet = _shared_charts(vertices, mesh.faces, charted)
-        if sheet is None:
-            dense += len(mesh.faces)
-            room = LARGEST_SHEET / math.sqrt(max(1, len(mesh.faces) / 2))
-            sheet = cells(len(mesh.faces), int(min(math.sqrt(2 * areas.mean()) + 3, room)))
-        laid.append(sheet)
-    places, width, height = _shelves([size for _, size in laid])
-    for mesh, (triangles, _), place in zip(meshes, laid, places, strict=True):
+        part = mesh.parts[mesh.faces[:, 0]]
+        areas = _areas(mesh.vertices, mesh.faces) / texel[part] ** 2
+        for chosen in _alike(areas, part - part.min(initial=0)):
+            count, sheet = np.count_nonzero(chosen), None
+            if CHARTED_AREA * count <= areas[chosen].sum():
+                sheet = _shared_charts(*_scaled(mesh, chosen, texel), charted)
+            if sheet is None:
+                dense += count
+                room = LARGEST_SHEET / math.sqrt(max(1, count / 2))
+                sheet = cells(count, int(min(math.sqrt(2 * areas[chosen].mean()) + 3, room)))
+            laid.append((mesh.first + np.flatnonzero(chosen), *sheet))
+    places, width, height = _shelves([size for _, _, size in laid])
+    for (rows, triangles, _), place in zip(laid, places, strict=True):
         a, b, c = (triangles[:, k] + np.float32(place) for k in range(3))
-        corners[mesh.first : mesh.first + len(mesh.faces)] = np.concatenate([a, b - a, c - a], axis=1)
+        corners[rows] = np.concatenate([a, b - a, c - a], axis=1)
     return (width, height), dense
+
+
+def _alike(areas, part):
+    """Triangles of a mesh that are laid out together, given their areas in texels and their parts.
+
+    Where most triangles are small, parts of large ones are laid out by themselves.
+    """
+    everything = np.ones(len(areas), bool)
+    if CHARTED_AREA * len(areas) <= areas.sum():
+        return [everything]
+    large = (CHARTED_AREA * np.bincount(part) <= np.bincount(part, areas))[part]
+    return [large, ~large] if large.any() else [everything]
+
+
+def _scaled(mesh, chosen, texel):
+    """Vertices of some triangles of a mesh, in texels, and the triangles.
+
+    Parts that lie too far apart for a sheet are moved side by side.
+    """
+    vertices, parts, faces = mesh.vertices, mesh.parts, mesh.faces
+    if not chosen.all():
+        used, faces = np.unique(faces[chosen], return_inverse=True)
+        vertices, parts, faces = vertices[used], parts[used], faces.reshape(-1, 3).astype(np.uint32)
+    scale = texel[parts][:, None]
+    scaled = vertices / scale.astype(np.float32)
+    if not LARGEST_SHEET <= np.ptp(scaled, axis=0).max(initial=0) < np.inf:
+        return scaled, faces
+    _, part = np.unique(parts, return_inverse=True)
+    exact = vertices / scale
+    lower, upper = np.full((part.max() + 1, 3), np.inf), np.full((part.max() + 1, 3), -np.inf)
+    np.minimum.at(lower, part, exact)
+    np.maximum.at(upper, part, exact)
+    extent = upper - lower
+    if extent.max() >= LARGEST_SHEET:
+        return scaled, faces
+    places, *_ = _shelves((extent[:, :2] + 1).tolist())
+    moved = exact - lower[part]
+    moved[:, :2] += np.array(places)[part]
+    return moved.astype(np.float32), faces
 
 
 class Atlas:

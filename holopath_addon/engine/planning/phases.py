@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..encoding.axis import on_axis
 from ..encoding.encoder import FIRST, LATEST, TRACED, eyebox_for
 from ..encoding.encoder import LEAST_STEPS as WORTH
 from ..errors import InvalidInput
@@ -138,6 +139,21 @@ def plan_encoding(
         return chosen
     reason = f"{chosen.reason}; {_few(own.frames, randomness, chosen.eyebox)}"
     return replace(chosen, randomness=randomness, reason=reason)
+
+
+def axis_decision(method: str, bits: int | None, hologram: Hologram) -> Decision | None:
+    """Whether phases are on axis, where it was not said and makes a difference, and what that costs.
+
+    Parameters
+    ----------
+    method : str
+        Of an `EncodingPlan`.
+    bits : int or None
+        Of the panel; None for any phase.
+    hologram : Hologram
+    """
+    reason = on_axis(method, bits, hologram)
+    return Decision("axis", "on axis", reason) if reason else None
 
 
 def frames_along(

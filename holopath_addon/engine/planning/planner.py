@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
 from ..hologram import AerialImage
-from ..mapping import DepthMapping, squared
+from ..mapping import DepthMapping, traced
 from ..memory import available, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
 from ..progress import named
@@ -92,7 +92,7 @@ def plan(
     settings = settings or Settings()
     check_fixed(settings.fixed)
     settings = resolved(settings)
-    warnings, view = unmodelled(scene), squared(camera, hologram)
+    warnings, view = unmodelled(scene), traced(camera, hologram)
     refuse_method(scene, settings.method)
     if settings.method in BASELINES:
         if hologram.in_air is not hologram:
@@ -370,17 +370,19 @@ def _propagation(hologram: Hologram) -> Decided[None]:
     """How light comes from the image behind a lens to the SLM; nothing without one, where angular spectra do it all."""
     if not isinstance(hologram, AerialImage):
         return Decided(None)
-    panel, of_kind = hologram.panel, {}
-    for wavelength in panel.wavelengths:
-        way = behind_lens(panel, wavelength)
-        assert way is not None
-        of_kind.setdefault(way.kind, []).append(f"{wavelength * 1e9:.4g}")
-    value = ", ".join(f"{kind} transform at {' and '.join(some)} nm" for kind, some in of_kind.items())
+    way = behind_lens(hologram.panel, hologram.shortest)
+    assert way is not None
+    pixels = f"{hologram.pitch * 1e6:.3g} µm"
+    if len(hologram.wavelengths) > 1:
+        longest, shortest = max(hologram.wavelengths), hologram.shortest
+        pixels += (
+            f" at {shortest * 1e9:.4g} nm to {hologram.pitch_at(longest) * 1e6:.3g} at {longest * 1e9:.4g}"
+        )
     reason = (
-        f"a lens has the SLM's far field near its focal plane, in pixels of {hologram.pitch * 1e6:.3g} µm, as fine as "
-        "its aperture resolves in the shortest wavelength; angular spectra go on from there"
+        "a lens has the SLM's far field near its focal plane, in pixels that are as fine as its aperture resolves, "
+        f"{pixels}; angular spectra go on from there"
     )
-    return Decided(None, (Decision("propagation", value, reason),))
+    return Decided(None, (Decision("propagation", f"{way.kind} transform", reason),))
 
 
 def _padding(hologram: Hologram, planes: Sequence[RecordingPlane]) -> Decided[None]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import baselines
-from ..mapping import squared, widened
+from ..mapping import traced, widened
 from ..planning import planner
 from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
@@ -158,7 +158,7 @@ def baked_picture(
 
     settings = replace(settings, method="fast")
     planned = planner.plan(scene, camera, hologram, settings, store, progress and stage(progress, 0.0, 0.0))
-    camera, hologram = widened(*squared(camera, hologram), planned.beside)
+    camera, hologram = widened(*traced(camera, hologram), planned.beside)
     optics = optics_of(scene, camera, planned)
     cache, done = bake(
         scene, camera, hologram, planned, optics, settings, store=store, progress=progress, anew=anew

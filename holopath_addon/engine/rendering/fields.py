@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -128,21 +127,17 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
     if not behind_lens:
         return field
     with recording.clock("propagation"):
-        return _through_lens(field, hologram, display)
+        return _through_lens(field, hologram.wavelengths, display)
 
 
-def _through_lens(field, image, display):
-    """Fields on the plane of an `AerialImage`, whose pixels are those of its wavelengths, at the SLM of a display."""
+def _through_lens(field, wavelengths, display):
+    """Fields on the plane of an `AerialImage`, on the pixels of their wavelengths, at the SLM of its display."""
     out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
-    shared = display.in_air
-    # a pixel's light is spread over more of those that all wavelengths share
-    times = np.float32(image.pitch / shared.pitch)
-    image = replace(shared, pitch=image.pitch, shortest=image.shortest, wavelengths=image.wavelengths)
-    for k, wavelength in enumerate(image.wavelengths):
-        way = lens.behind_lens(image, wavelength)
+    for k, wavelength in enumerate(wavelengths):
+        way = lens.behind_lens(display, wavelength)
         assert way is not None
         for frame, wave in zip(out[:, k], field[:, k], strict=True):
-            frame[:] = times * way.back(wave)
+            frame[:] = way.back(wave)
     return out
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..hologram import AerialImage
-from ..mapping import filled, squared, widened
+from ..mapping import filled, traced, widened
 from ..planning import planner
 from ..scene import variants
 from ..waves.phase_fields import phasors_of, straight_share
@@ -63,7 +63,7 @@ class PlannedRender:
         plan: Plan,
         clock: Clock,
     ) -> None:
-        self.scene, view = scene, squared(camera, hologram)
+        self.scene, view = scene, traced(camera, hologram)
         self.camera, self.hologram = widened(*view, plan.beside)
         self.settings, self.plan, self.clock = settings, plan, clock
         self.cache: RadianceCache | None = None

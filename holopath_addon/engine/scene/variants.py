@@ -187,11 +187,15 @@ def made(parts: dict) -> Any:
     """A Mitsuba object, of what `mitsuba.load_dict` takes.
 
     In one thread, for objects to be numbered in the same order by each process: the numbers are in the programs that
-    Dr.Jit compiles and keeps on disk.
+    Dr.Jit compiles and keeps on disk. Scenes: `meshes.building.scene_of`.
     """
     import mitsuba as mi
 
+    from .meshes import building
+
     try:
+        if parts["type"] == "scene":
+            return building.scene_of(parts)
         return mi.load_dict(parts, parallel=False)
     except RuntimeError as error:
         if KeyboardInterrupt.__name__ in str(

@@ -231,7 +231,7 @@ def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:
     `progress` may raise `Cancelled`.
     """
     hologram, grid = phase.hologram, phase.hologram.in_air
-    shape = grid.height, grid.width
+    shape = grid.raster(hologram.wavelengths[0]).shape
     found, (frames, colours) = [], phase.data.shape[:2]
     for colour, wavelength in enumerate(hologram.wavelengths):
         inside = total = 0.0

@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..hologram import channel
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
-from ..pixels import Pitch, axes, beyond, coarsest
+from ..pixels import Pitch, averaged, axes, beyond, coarsest
 from ..progress import stage
 from ..waves.lens import Collins, behind_lens
 from ..waves.panels import at_panel
@@ -221,24 +221,26 @@ class Refocuser:
     def _near(self, distances, pupil, progress, apart):
         """By angular spectra."""
         grid, (frames, colours) = self._grid, self.field.data.shape[:2]
-        shape = grid.height, grid.width
+        shape = grid.raster(grid.wavelengths[0]).shape
         aside = max(abs(grid.distance_at(wavelength)) for wavelength in grid.wavelengths)
         farthest = float(np.abs(distances).max()) + aside
         for wavelength in grid.wavelengths:
             needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
-        size = [-(-n // apart) for n in (shape if self._own else grid.picture.raster().shape)]
+        whole = shape if self._own and self._ways[0] is None else grid.picture.raster().shape
+        size = [-(-n // apart) for n in whole]
         images, done = np.empty((len(distances), *size, colours), np.float32), 0
         for k in range(colours):
-            padded, places = self._padded(k, farthest), self._places(k)
+            padded, places, lines = self._padded(k, farthest), self._places(k), self._lines(k)
             mask = self._mask(k, padded, pupil)
-            bins = None if mask is None or apart == 1 or places is not None else _bins(mask, apart)
+            sparse = mask is not None and apart > 1 and places is None and lines is None
+            bins = _bins(mask, apart) if sparse else None
             together = max(1, MOST_BYTES // (8 * math.prod(padded)))  # whose transfer functions fit
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
                 transfers = [self._transfer(k, padded, z, mask, bins, apart) for z in distances[some]]
-                sums = np.zeros((len(transfers), *size), np.float32)
+                sums = np.zeros((len(transfers), *(size if lines is None else shape)), np.float32)
                 for m in range(frames):
                     waves = self._spectrum(k, m, padded)
                     if bins is not None:
@@ -249,11 +251,13 @@ class Refocuser:
                         else:
                             own = shape if bins is None else size
                             at_focus = field_of(waves * transfer, own, overwrite=True)
-                        if bins is None:
+                        if bins is None and lines is None:
                             at_focus = at_focus[::apart, ::apart]
                         total += at_focus.real**2 + at_focus.imag**2
                     done += len(transfers)
                     progress(done / (len(distances) * frames * colours), "Refocusing")
+                if lines is not None:
+                    sums = averaged(sums, lines)[:, ::apart, ::apart]
                 images[some, ..., k] = sums / frames
         return images
 
@@ -265,7 +269,8 @@ class Refocuser:
 
     def _shape(self, k, distance):
         grid, places = self._grid, self._places(k)
-        shape, wavelength, guard = (grid.height, grid.width), grid.wavelengths[k], self._guard
+        wavelength, guard = grid.wavelengths[k], self._guard
+        shape = grid.raster(wavelength).shape
         if places is not None:
             guard = max(guard, beyond(places, shape))
         padded = padded_shape(shape, grid.pitch_at(wavelength), wavelength, distance, guard)
@@ -279,6 +284,13 @@ class Refocuser:
             return None
         grid = self._grid
         return grid.picture.raster().lines_on(grid.raster(grid.wavelengths[k]))
+
+    def _lines(self, k):
+        """Where pixels of pictures lie between a wavelength's own behind a lens; None where they are these."""
+        if self._ways[k] is None:
+            return None
+        own, shared = self._grid.raster(self._grid.wavelengths[k]), self._grid.raster()
+        return None if own == shared else shared.lines_on(own)
 
     def _transfer(self, k, padded, distance, mask, bins, apart):
         """The transfer function to a distance, behind a mask and in bins; a wavelength's last one is kept without."""

@@ -10,6 +10,7 @@ import scipy.fft
 
 from ..hologram import channel
 from ..mapping import DepthMapping, squared
+from ..pixels import coarsest
 from ..scene import variants
 from .preview import CameraLens, number, path_tracer
 
@@ -273,7 +274,8 @@ def diffracted(
     f = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.fftfreq(columns))
     out = np.empty(pictures.shape, np.float32)
     for k, radius in enumerate(openings):
-        passes = grid.optics.passes((rows, columns), grid.pitch_at(grid.wavelengths[k]))
+        cone = coarsest(grid.pitch_at(grid.wavelengths[k]))  # behind a lens wider than a picture's pixel
+        passes = grid.optics.passes((rows, columns), (grid.pitch, grid.pitch, cone))
         kernel = np.abs(scipy.fft.ifft2((f <= radius) & passes)) ** 2
         transfer = scipy.fft.fft2(kernel / kernel.sum())
         out[..., k] = scipy.fft.ifft2(scipy.fft.fft2(pictures[..., k]) * transfer).real

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..pixels import Pitch
 
 WHOLE = 1e-9  # of a turn, by which steps may differ from those of a Fourier transform
+ROUND = (1 - math.sqrt(0.5)) / 2  # k of `spread_waves`: the picture's corners meet the disc's rim
 
 
 class Collins:
@@ -166,13 +167,46 @@ class _Axis:
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
-    """The way from the SLM to the grid of the `AerialImage` behind its lens; None where there is none."""
+    """The way from the SLM to a wavelength's pixels of the `AerialImage` behind its lens; None where there is none."""
     image = hologram.in_air
     if not isinstance(image, AerialImage):
         return None
     panel, lens = image.panel, image.lens
-    there = (image.height, image.width), image.pitch
-    return Collins((panel.height, panel.width), panel.pitch, wavelength, lens.curvature, lens.reach, *there)
+    there = image.raster(wavelength)
+    return Collins(
+        (panel.height, panel.width),
+        panel.pitch,
+        wavelength,
+        lens.curvature,
+        lens.reach,
+        there.shape,
+        there.pitch,
+    )
+
+
+def spread_waves(frames: int, shape: Sequence[int]) -> np.ndarray:
+    """Even waves on the plane of a picture behind a lens, whose light fills the aperture evenly.
+
+    An even plane wave comes from the middle of the SLM alone, and phases cannot leave the rest of it dark. Here each
+    place of the picture has its light from a place of its own: the local frequency is the gradient of
+    (X^2 + Y^2) / 2 - k X^2 Y^2, with X and Y from -1 to 1 over the picture, which maps its square to a disc but for
+    1 %. Out of focus such a picture grows or shrinks, in turn from frame to frame.
+
+    Parameters
+    ----------
+    frames : int
+    shape : (int, int)
+        Rows and columns of the picture's own pixels.
+
+    Returns
+    -------
+    numpy.ndarray, complex64, shape (frame, y, x), of unit modulus
+    """
+    rows, columns = shape
+    y, x = ((2 * np.arange(n) + 1) / n - 1 for n in shape)
+    along_y, along_x = y[:, None] ** 2, x[None, :] ** 2
+    bent = rows * along_y + columns * along_x - 2 * ROUND * math.sqrt(rows * columns) * along_y * along_x
+    return np.stack([_phasor(bent / 8 * (-1) ** frame) for frame in range(frames)]).astype(np.complex64)
 
 
 def _phasor(turns):

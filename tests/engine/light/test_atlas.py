@@ -228,3 +228,46 @@ def test_broken_triangles_do_no_harm(build):
     place, _ = atlas.place(texel, mi.Point2f(0.5))
     assert np.array(known).all()
     assert np.array(place.shape == surface.shape).all()
+
+
+def joined(build, texels, places):
+    """Triangles with a texel for each mesh: squares of 128 triangles at places along x, all of them one mesh."""
+    from holopath_addon.engine.light.atlas import Triangles
+
+    squares = [grid(build, 9, [x, 0.0, 0.0], 0.4).reshape(-1, 3) for x in places]
+    corner = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, 1, 10], corner[:, None] + [0, 10, 9]])
+    mesh = build.mi.Mesh("joined", 81 * len(places), 128 * len(places))
+    parameters = build.mi.traverse(mesh)
+    parameters["vertex_positions"] = np.concatenate(squares).astype(np.float32).ravel()
+    every = [faces + 81 * number for number in range(len(places))]
+    parameters["faces"] = np.concatenate(every).astype(np.uint32).ravel()
+    parameters.update()
+    triangles = Triangles(build.scene(joined=mesh), lambda shape: True)
+    assert triangles.parts == len(places)
+    return triangles, np.array(texels, float)
+
+
+def sheet_of(triangles, texel):
+    """Each triangle's area in texels, and the layout."""
+    from holopath_addon.engine.light.atlas import lay_out
+
+    layout = lay_out(triangles, texel, {(triangles.owners[0].number, 0)}, lambda done: None)
+    edges = layout.corners[:, 2:].reshape(-1, 2, 2)
+    return 0.5 * np.abs(np.linalg.det(edges)), layout
+
+
+def test_parts_far_apart_in_texels_have_charts(build):
+    """A small thing a kilometer away, as fine as a near one: no sheet spans what lies between them."""
+    triangles, texel = joined(build, [0.01, 0.01], [0.0, 1000.0])
+    areas, layout = sheet_of(triangles, texel)
+    assert layout.dense == 0
+    assert areas.sum() == pytest.approx(triangles.areas().sum() / 0.01**2, rel=0.02)
+
+
+def test_large_triangles_keep_their_charts_among_many_small_ones(build):
+    triangles, texel = joined(build, [0.01, *[0.5] * 99], 2.0 * np.arange(100))
+    areas, layout = sheet_of(triangles, texel)
+    assert layout.dense == 99 * 128
+    assert areas[:128].sum() == pytest.approx(triangles.areas()[0] / 0.01**2, rel=0.02)
+    assert not areas[128:].any()

@@ -179,3 +179,23 @@ def test_a_plan_of_another_version_is_none(build, camera, small):
     assert engine.Plan.from_dict(values) == plan
     with pytest.raises(KeyError):
         engine.Plan.from_dict({**values, "phases": {"sgd": 1.0, "set": 2.0}})
+
+
+@pytest.mark.parametrize(
+    ("method", "bits", "optics", "says"),
+    [
+        ("dpac", 8, {}, "up to 7 dB more, through a pupil half as wide"),
+        ("dpac", 1, {}, "up to 7 dB more"),
+        ("joint", 1, {}, "1 to 2.5 dB less, through a pupil half as wide"),
+        ("sgd", 1, {}, None),
+        ("joint", 2, {}, None),
+        ("joint", None, {}, None),
+        ("dpac", 1, {"carrier": "auto"}, None),
+        ("joint", 1, {"stop": engine.Stop("half")}, None),
+        ("dpac", 1, {"lens": engine.Lens(0.1)}, None),  # the picture is where a stop would be
+    ],
+)
+def test_on_axis_or_off(method, bits, optics, says):
+    hologram = engine.Hologram(16, 16, 8e-6, optics=engine.Optics(**optics))
+    decision = engine.axis_decision(method, bits, hologram)
+    assert decision is None if says is None else decision.value == "on axis" and says in decision.reason

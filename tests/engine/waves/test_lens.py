@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.engine.waves.lens import Collins, behind_lens
+from holopath_addon.engine.waves.lens import Collins, behind_lens, spread_waves
 from holopath_addon.engine.waves.propagation import propagate
 
 GREEN, PITCH = 520e-9, 8e-6
@@ -179,5 +179,32 @@ def test_the_way_of_a_hologram():
     way = behind_lens(hologram, GREEN)
     assert way.there(np.ones((32, 48), np.complex64)).shape == (32, 32)
     assert way.back(np.ones((32, 32), np.complex64)).shape == (32, 48)
-    assert (way.kind, behind_lens(hologram, 640e-9).kind) == ("Fourier", "chirp-z")
+    # each color has pixels of its own, of which those beside the picture see what the others have not
+    assert (way.kind, behind_lens(hologram, 640e-9).kind) == ("Fourier", "Fourier")
+    assert image.pitch_at(640e-9) == pytest.approx(640e-9 * 0.1 / (32 * PITCH))
+    rows, columns = image.met(640e-9)
+    assert rows == columns == (3, 1.0, 26)
+    broken = engine.Hologram(80, 64, (6.5e-6, PITCH), (GREEN,), optics=engine.Optics(lens=engine.Lens(0.1)))
+    assert behind_lens(broken, GREEN).kind == "chirp-z"
     assert behind_lens(engine.Hologram(48, 32, PITCH), GREEN) is None
+
+
+@pytest.mark.parametrize("shape", [(96, 96), (64, 80)])
+def test_even_waves_that_come_from_all_of_the_aperture(shape):
+    """By rays: a place's frequency is the phase's slope there, and a square becomes a disc; and by a transform."""
+    waves = spread_waves(2, shape)
+    np.testing.assert_allclose(np.abs(waves), 1, atol=1e-6)
+    np.testing.assert_allclose(waves[1], waves[0].conj(), atol=1e-6)
+    slopes = [
+        np.angle(np.take(waves[0], range(1, n), axis) / np.take(waves[0], range(n - 1), axis)) / math.pi
+        for axis, n in enumerate(shape)
+    ]
+    edge = np.hypot(slopes[0][:, -1], slopes[1][:-1, -1])
+    np.testing.assert_allclose(edge, 1, atol=0.05)
+    assert np.hypot(slopes[0][:, :-1], slopes[1][:-1]).max() < 1.03
+    power = np.abs(np.fft.fftshift(np.fft.fft2(waves[0], norm="ortho"))) ** 2
+    y, x = ((2 * np.arange(n) + 1) / n - 1 for n in shape)
+    radius = np.hypot(y[:, None], x)
+    assert power[radius < 1].sum() > 0.93 * power.sum()
+    rings = [power[(radius >= a) & (radius < a + 0.2)].mean() for a in (0.0, 0.2, 0.4, 0.6)]
+    np.testing.assert_allclose(rings, 4 / math.pi, rtol=0.3)

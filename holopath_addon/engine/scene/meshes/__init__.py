@@ -1,0 +1,1 @@
+"""Meshes of a scene: which of them become one."""
