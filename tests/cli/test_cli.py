@@ -18,7 +18,7 @@ import pytest
 
 from holopath_addon import cli, engine
 from holopath_addon.cli import sources
-from holopath_addon.workflow import lengths, output, pipeline
+from holopath_addon.workflow import output
 from tests.patience import NEVER, SOON
 
 ROOT = Path(__file__).parents[2]
@@ -68,28 +68,6 @@ def refused(status, error, expected_status, says):
 def left_over(folder):
     """Names in a folder, but those of inputs."""
     return sorted(p.name for p in folder.iterdir() if p.suffix not in (".xml", ".blend"))
-
-
-@pytest.mark.parametrize(
-    ("text", "metres"),
-    [
-        ("0.5m", 0.5),
-        ("50cm", 0.5),
-        ("500 mm", 0.5),
-        ("2D", 0.5),
-        ("0D", math.inf),
-        ("inf", math.inf),
-        ("3", 3.0),
-    ],
-)
-def test_distances(text, metres):
-    assert lengths.parse_distance(text) == pytest.approx(metres)
-
-
-@pytest.mark.parametrize("text", ["-1m", "0", "-2D", "nan", "1 parsec", "", "1m2"])
-def test_distances_that_are_none(text):
-    with pytest.raises(engine.InvalidInput):
-        lengths.parse_distance(text)
 
 
 @pytest.mark.parametrize(
@@ -1024,12 +1002,3 @@ def test_baked_light_is_kept(tmp_path, capfd):
     assert "MB freed" in capfd.readouterr().out and not list(folder.glob("*holobake*"))
     assert cli.main(["cache", "--cache", str(folder)]) == 0
     assert capfd.readouterr().out == f"{folder}: 0 files, 0.0 MB\n"
-
-
-def test_what_to_know_of_baked_light():
-    bake = {"note": "", "coarser": 1.2, "traced": ()}
-    assert pipeline.bake_notes(None) == pipeline.bake_notes(bake) == []
-    bake = {"note": "It was torn.", "coarser": 2.04, "traced": tuple("abcdefghij")}
-    torn, coarse, traced = pipeline.bake_notes(bake)
-    assert torn == "It was torn." and "2.0 times larger" in coarse
-    assert traced.startswith("10 shapes'") and traced.endswith("h, ....")
