@@ -260,7 +260,7 @@ def _opened(scene, view_layer):
 
 def _copied(folder, name):
     """The file as it is now, in a hidden folder with its baked simulations, which Blender looks for beside it."""
-    from ..cli.attended import COPY
+    from ..cli.attended import COPY  # with all commands: not before one is wanted
 
     folder.mkdir(parents=True, exist_ok=True)
     own = Path(tempfile.mkdtemp(prefix=COPY, dir=folder))
