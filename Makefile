@@ -27,7 +27,7 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check
 PYTEST_PARALLEL := $(PY) -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
 # Those that compare what is computed with formulas, with Mitsuba's thin lens, with Cycles, and with LLVM.
-CUDA_TESTS := tests/engine tests/export tests/baselines tests/stability tests/test_mitsuba_plugins.py tests/test_cuda.py
+CUDA_TESTS := tests/engine tests/export tests/stability tests/blender/test_demo.py tests/test_mitsuba_plugins.py tests/test_cuda.py
 
 .PHONY: env demo test test-slow test-all test-cuda bench-cuda lint bench chart chart-quick extension repository docs guide clean
 

@@ -13,7 +13,7 @@ from unittest import mock
 import numpy as np
 import scipy.fft
 
-from holopath_addon import engine, pipeline
+from holopath_addon import engine
 from holopath_addon.engine.encoding import descent
 from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import ComplexTarget
@@ -22,6 +22,7 @@ from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
 from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.workflow import pipeline
 
 from .convergence import border
 from .parts import drawn, joined
@@ -84,7 +85,7 @@ def planes(scene, side=SIDE):
 
 def suzanne(side=SIDE):
     """The demo scene from Blender."""
-    from holopath_addon.command_line.sources import open_source
+    from holopath_addon.cli.sources import open_source
 
     loaded = open_source("demo:suzanne").load(side, side, None)
     hologram = engine.Hologram(side, side, PITCH, (GREEN,))

@@ -17,8 +17,8 @@ import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from holopath_addon import stills
 from holopath_addon.engine import files
+from holopath_addon.workflow import stills
 
 from .farm_operations import Operations, rules
 from .farm_simulation import Dask, Folder, Rules, Step, simulate

@@ -19,7 +19,7 @@ DEMOS = ("demo:suzanne", "demo:box", "demo:planes")
 
 def exported(name, pixels):
     """Blender's own default scene, or a demo, by the exporter; needs bpy."""
-    from holopath_addon.command_line.sources import open_source
+    from holopath_addon.cli.sources import open_source
 
     if name == "cube":
         import bpy

@@ -6,7 +6,8 @@ import bpy
 import drjit as dr
 import mitsuba as mi
 
-from holopath_addon import demo, engine
+from holopath_addon import engine
+from holopath_addon.blender import demo
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.scene.rays import Rays
 from holopath_addon.engine.tracing.kernel_table import Lattice

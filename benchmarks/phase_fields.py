@@ -165,7 +165,7 @@ def pictures(pixels, count, frames=(8, 24)):
 
 def demo(pixels, frames=8):
     """The demo scene in colour, as ``make demo`` renders it."""
-    from holopath_addon.command_line import sources
+    from holopath_addon.cli import sources
 
     source = sources.open_source("demo:suzanne")
     loaded = source.load(pixels, pixels, None)

@@ -7,10 +7,11 @@ from unittest import mock
 import numpy as np
 import scipy.fft
 
-from holopath_addon import engine, pipeline
+from holopath_addon import engine
 from holopath_addon.engine.encoding import views
 from holopath_addon.engine.waves.phase_fields import randomness_for
 from holopath_addon.engine.waves.propagation import FreeSpace
+from holopath_addon.workflow import pipeline
 
 from .chart import looks
 from .parts import joined

@@ -242,7 +242,7 @@ def viewport():
     yield from suzanne()
     space = editor("VIEW_3D").spaces.active
     space.shading.type, space.region_3d.view_camera_zoom = "RENDERED", 7
-    views = module("viewport")._viewports
+    views = module("blender.viewport")._viewports
     yield from until(lambda: views, "nothing is traced")
     yield 3.0
     yield from until(lambda: not any(view.unfinished for view in views.values()), "still refining")
@@ -274,7 +274,7 @@ def device():
     yield from encoded("sgd")
     props, devices = scene().holopath.device, module("operators.devices")
     press(api.ops.holopath.find_devices)
-    yield from until(lambda: "monitors" in module("device_properties").found, "no devices are found")
+    yield from until(lambda: "monitors" in module("blender.device_properties").found, "no devices are found")
     props.driver, props.rate = "display", 10.0  # which the slowest machine keeps
     press(api.ops.holopath.stream)
     yield from until(lambda: devices.current.counts and devices.current.counts.shown > 50, "nothing is shown")

@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from tests.addon.layout import Context, draw
+from tests.ui.layout import Context, draw
 
 # Numbers vary with the machine and with defaults, and so does the unit of a time.
 _NUMBER = re.compile(r"\d[\d.,]*(?: (?:s|min|h)\b)?")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line import options
+from holopath_addon.cli import options
 from holopath_addon.engine.settings import DECLARED
 
 from . import mitsuba_census

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from holopath_addon import engine
-from holopath_addon.command_line.report_page import svg_sketch
+from holopath_addon.cli.report_page import svg_sketch
 
 from .pages import DOCS
 

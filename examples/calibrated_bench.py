@@ -5,7 +5,8 @@ import numpy as np
 from pictures import asked, save_rows, shown
 from PIL import Image
 
-from holopath_addon import demo, engine, slm
+from holopath_addon import engine, slm
+from holopath_addon.blender import demo
 from holopath_addon.engine.scene import variants
 from holopath_addon.export import export_scene
 

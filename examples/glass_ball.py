@@ -3,7 +3,8 @@
 import bpy
 from pictures import asked, save_rows, shown
 
-from holopath_addon import demo, engine
+from holopath_addon import engine
+from holopath_addon.blender import demo
 from holopath_addon.engine.scene import variants
 from holopath_addon.export import export_scene
 

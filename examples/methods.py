@@ -5,10 +5,12 @@ import time
 import bpy
 from pictures import asked, save_rows, shown
 
-from holopath_addon import demo, engine, pipeline
+from holopath_addon import engine
+from holopath_addon.blender import demo
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.viewing import assessment
 from holopath_addon.export import export_scene
+from holopath_addon.workflow import pipeline
 
 METHODS = ("auto", "focal-stack", "light-field", "rgbd", "point", "polygon", "gaussian", "stereogram")
 

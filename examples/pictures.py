@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from holopath_addon import output
+from holopath_addon.workflow import output
 
 
 def asked(example, pixels=256):

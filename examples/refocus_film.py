@@ -4,7 +4,8 @@ import bpy
 import numpy as np
 from pictures import asked, save_loop, shown
 
-from holopath_addon import demo, engine
+from holopath_addon import engine
+from holopath_addon.blender import demo
 from holopath_addon.engine.scene import variants
 from holopath_addon.export import export_scene
 

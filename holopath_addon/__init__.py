@@ -10,13 +10,13 @@ llvm_package.name()  # before anybody imports Mitsuba
 
 def register():
     """Register everything with Blender; if one part fails, none stays."""
-    from . import registration
+    from .blender import registration
 
     registration.register()
 
 
 def unregister():
     """Undo `register`."""
-    from . import registration
+    from .blender import registration
 
     registration.unregister()

@@ -142,8 +142,8 @@ def one_thread():
     Its other one waits busily for 5 ms after each launch: of the exporter's tests, with short programs, a sixth.
     Mitsuba would wait for it in vain where it reads or writes OpenEXR files: not for tests that do.
     """
-    from holopath_addon import output
     from holopath_addon.engine.scene import variants
+    from holopath_addon.workflow import output
 
     limit = variants._limit_threads
 

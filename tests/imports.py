@@ -11,13 +11,19 @@ from collections import Counter
 from pathlib import Path
 
 PACKAGE = "holopath_addon"
-# Houses, and what they may know beside themselves.
+# Houses, and what they may know beside themselves: other houses, or modules of them.
 HOUSES = {
     "engine": (),
     "slm": ("engine",),
     "export": ("engine",),
     "exchange": ("engine",),
-    "farm": ("engine", "stills", "output", "failures"),
+    "workflow": ("engine", "slm.errors", "farm.errors"),  # whose sentences it tells
+    "farm": ("engine", "workflow"),
+    "cli": (
+        *("engine", "slm", "exchange", "workflow", "farm", "export", "llvm_package"),
+        *("blender.demo", "blender.properties"),
+    ),
+    "llvm_package": (),
 }
 # The engine's rooms from low to high: modules of one know those of lower ones, and of their own.
 ROOMS = ("scene", "waves", "light", "tracing", "encoding", "planning", "viewing", "baselines")
@@ -90,8 +96,9 @@ def upward(graph: dict[str, set[str]]) -> list[str]:
     """Arrows that go up within the engine, or out of a house to where it may not."""
 
     def astray(name, other):
-        house, its = (f"{each}.".split(".")[1] for each in (name, other))
-        leaves = house in HOUSES and its not in (house, *HOUSES[house])
+        house = f"{name}.".split(".")[1]
+        known = tuple(f"{PACKAGE}.{each}." for each in (house, *HOUSES.get(house, ())))
+        leaves = house in HOUSES and not f"{other}.".startswith(known)
         return leaves or level(other) > level(name) >= 0
 
     return sorted(f"{name} imports {other}" for name in graph for other in graph[name] if astray(name, other))

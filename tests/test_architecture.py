@@ -51,8 +51,11 @@ def test_what_it_would_find(tmp_path):
         "engine/errors.py": "from .. import cli",
         "export/__init__.py": "from .. import engine",
         "slm/__init__.py": "from ..export import scene",
+        "workflow/__init__.py": "from ..slm import errors\nfrom ..slm import sequence",
+        "slm/errors.py": "",
+        "slm/sequence.py": "",
         "export/scene.py": "from ..engine.scene import rays",
-        "cli.py": "",
+        "cli/__init__.py": "",
     }
     for name, text in files.items():
         path = tmp_path / imports.PACKAGE / name
@@ -64,5 +67,6 @@ def test_what_it_would_find(tmp_path):
         f"{engine}.errors imports {imports.PACKAGE}.cli",
         f"{engine}.scene.rays imports {engine}.planning.planner",
         f"{imports.PACKAGE}.slm imports {imports.PACKAGE}.export.scene",
+        f"{imports.PACKAGE}.workflow imports {imports.PACKAGE}.slm.sequence",
     ]
     assert imports.sizes(tmp_path)[f"{imports.PACKAGE}/engine/planning"] == 2

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
-from holopath_addon.command_line import sources
+from holopath_addon.cli import sources
 
 ROOT = Path(__file__).parents[1]
 GREEN = 516.5e-9

@@ -255,7 +255,7 @@ def test_the_site_is_made_without_a_warning_and_needs_no_network(tmp_path):
 def test_the_first_hologram_in_python(backend, tmp_path, monkeypatch, capsys):
     """All code of the page, one after the other, with a .blend of the name that it opens."""
     bpy = pytest.importorskip("bpy")
-    from holopath_addon import demo
+    from holopath_addon.blender import demo
 
     monkeypatch.chdir(tmp_path)
     demo.build("planes")
@@ -338,7 +338,7 @@ def desk(backend, tmp_path_factory):
     bpy = pytest.importorskip("bpy")
     from safetensors.numpy import save_file
 
-    from holopath_addon import demo
+    from holopath_addon.blender import demo
 
     folder = tmp_path_factory.mktemp("desk")
     demo.build("planes")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line import sources
+from holopath_addon.cli import sources
 from tests import mitsuba_plugins as table
 
 GREEN = 516.5e-9

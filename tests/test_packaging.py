@@ -1,4 +1,4 @@
-"""The two houses stay apart, and what is installed is complete and valid."""
+"""Rooms that need no Blender know none, and what is installed is complete and valid."""
 
 import ast
 import base64
@@ -15,12 +15,13 @@ from pathlib import Path
 import pytest
 
 from distribution import cpp_library, extension, llvm, repository, wheels
-from holopath_addon import output
+from holopath_addon.workflow import output
 from tests.patience import NEVER
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "holopath_addon"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
+WITHOUT_BLENDER = ("engine", "slm", "exchange", "workflow", "farm")
 SHAPELESS = {"utils", "util", "helpers", "helper", "common", "misc"}
 
 BLOCK_BPY = """
@@ -63,7 +64,7 @@ def test_the_import_blocker_blocks():
 def test_every_module_imports_without_blender():
     names = [
         module_name(path)
-        for house in ("engine", "slm")
+        for house in WITHOUT_BLENDER
         for path in SOURCES
         if path.is_relative_to(PACKAGE / house)
     ]
@@ -92,7 +93,7 @@ def test_import_is_light():
     assert result.stdout.strip() == ""
 
 
-@pytest.mark.parametrize("house", ["engine", "slm"])
+@pytest.mark.parametrize("house", WITHOUT_BLENDER)
 def test_no_blender_in_the_source_of(house):
     blender = {"bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "bl_ui"}
     found = [
@@ -144,7 +145,8 @@ def test_without_xatlas_meshes_are_unwrapped_triangle_by_triangle():
 import sys
 sys.modules["xatlas"] = sys.modules["serial"] = None
 import numpy as np
-from holopath_addon import cli, pipeline
+from holopath_addon import cli
+from holopath_addon.workflow import pipeline
 from holopath_addon.engine.light.unwrapping import unwrap
 uv, _ = unwrap(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]]), 64)
 a, b, c = uv[0]

@@ -20,9 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from holopath_addon import engine, pipeline
+from holopath_addon import engine
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.viewing.metrics import display_values
+from holopath_addon.workflow import pipeline
 
 from ..parts import sentence_of
 from . import looks, peers
@@ -36,7 +37,7 @@ SHOWN = ("front", "back", "view-right")  # pictures that are kept for the close-
 ROOT = Path(__file__).parents[2]
 ENGINE = ROOT / "holopath_addon" / "engine"
 OWN = Path(__file__).parent
-SCENE_CODE = (OWN / "scenes.py", OWN.parent / "scenes.py", ROOT / "holopath_addon" / "demo.py")
+SCENE_CODE = (OWN / "scenes.py", OWN.parent / "scenes.py", ROOT / "holopath_addon" / "blender" / "demo.py")
 FIGURES_CODE = (OWN / "figures.py", OWN / "measure.py")
 TRUTH_CODE = (
     OWN / "looks.py",

@@ -60,7 +60,7 @@ def _colour(red, green, blue):
 def suzanne(s, pixels):
     """The demo scene, by the exporter; needs bpy."""
     os.environ.setdefault("BLENDER_USER_RESOURCES", tempfile.mkdtemp(prefix="holopath-chart-"))
-    from holopath_addon.command_line.sources import open_source
+    from holopath_addon.cli.sources import open_source
 
     loaded = open_source("demo:suzanne").load(pixels, pixels)
     return loaded.scene, loaded.camera

@@ -12,10 +12,11 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.scenes import FOV, GREEN, Scenes
-from holopath_addon import engine, pipeline
+from holopath_addon import engine
 from holopath_addon.engine.encoding import descent
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves import propagation
+from holopath_addon.workflow import pipeline
 
 from .sweep import LIMITS, Sweep
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from .. import failures
 from ..engine import BackendUnavailable, InvalidInput
 from ..engine.scene import variants
+from ..workflow import failures
 from .errors import FarmFailed
 
 FORMS = "ADDRESS|local:N|slurm[:FILE]"

@@ -23,9 +23,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from .. import failures
 from ..engine import InvalidInput
 from ..engine.progress import Progress
+from ..workflow import failures
 from .claims import FOLDER, Claims
 from .errors import FarmFailed, WorkerDied
 from .units import Unit, counted
@@ -196,7 +196,7 @@ class Crew:
         progress: Progress,
         say: Callable[[str], None],
         show: Callable[[list[str]], None],
-        module: str = failures.__name__.rpartition(".")[0],
+        module: str = __name__.rsplit(".", 2)[0],
     ) -> None:
         self._client, self._private, self._words, self._module = client, private, words, module
         self._progress, self._say, self._show = progress, say, show

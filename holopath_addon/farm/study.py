@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import output
 from ..engine import InvalidInput
 from ..engine.settings import DECLARED
+from ..workflow import output
 from . import ranges
 
 # What a run may be asked, by the names of `holopath render`.

@@ -21,9 +21,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from .. import failures
 from ..engine import Cancelled, InvalidInput
 from ..engine.progress import Progress
+from ..workflow import failures
 from .errors import WorkerDied
 
 Make = Callable[[str, Progress], None]  # ``make(name, progress)`` of a unit of a job

@@ -19,10 +19,11 @@ from pathlib import Path
 
 import bpy
 
-from .. import engine, failures, preferences, properties
-from ..command_line.attended import COPY
+from .. import engine
+from ..blender import preferences, properties
+from ..blender.properties.optics import files_of, optics_of
 from ..farm.job import job_of
-from ..properties.optics import files_of, optics_of
+from ..workflow import failures
 from . import session
 from .hologram import ENOUGH_BITS
 from .working import push_undo
@@ -133,7 +134,7 @@ class Background:
             self.ended = True
 
     def _hear(self, line):
-        """A line of `command_line.attended`, the sentence of a failure, or what Blender prints."""
+        """A line of `cli.attended`, the sentence of a failure, or what Blender prints."""
         if line.startswith("holopath: "):
             if not self.canceled:
                 self.error = line.removeprefix("holopath: ")
@@ -259,6 +260,8 @@ def _opened(scene, view_layer):
 
 def _copied(folder, name):
     """The file as it is now, in a hidden folder with its baked simulations, which Blender looks for beside it."""
+    from ..cli.attended import COPY  # with all commands: not before one is wanted
+
     folder.mkdir(parents=True, exist_ok=True)
     own = Path(tempfile.mkdtemp(prefix=COPY, dir=folder))
     copy = own / name

@@ -3,7 +3,7 @@
 import bpy
 from bpy.props import BoolProperty
 
-from .. import preferences
+from ..blender import preferences
 from . import session
 from .working import Working, export, free, present, ready
 

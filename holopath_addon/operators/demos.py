@@ -3,7 +3,7 @@
 import bpy
 from bpy.props import EnumProperty
 
-from .. import demo, properties
+from ..blender import demo, properties
 from . import focus_list
 from .working import ready
 

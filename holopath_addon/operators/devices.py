@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import bpy
 
-from .. import engine, failures, slm
+from .. import engine, slm
+from ..workflow import failures
 from . import session
 from .jobs import Job
 

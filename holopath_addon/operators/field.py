@@ -5,7 +5,7 @@ import time
 
 import bpy
 
-from .. import properties
+from ..blender import properties
 from ..export import depth_of, unit_scale
 from . import session
 from .working import Saving, free, ready, refused, rendered

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import properties
+from ..blender import properties
 from ..export import depth_of, unit_scale
 from . import session
 from .working import ready, refused

@@ -2,10 +2,12 @@
 
 import bpy
 
-from .. import engine, pipeline, preferences, properties
-from ..device_properties import calibration_of
+from .. import engine
+from ..blender import preferences, properties
+from ..blender.device_properties import calibration_of
+from ..blender.properties.optics import optics_of
 from ..engine.scene import variants
-from ..properties.optics import optics_of
+from ..workflow import pipeline
 from . import session
 from .working import Saving, Working, encoded, rendered
 

@@ -9,7 +9,8 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 from mathutils import Matrix
 
-from .. import engine, failures, preferences, properties
+from .. import engine
+from ..blender import preferences, properties
 from ..engine.scene import variants
 from ..engine.scene.captured.picture import PictureMesh, picture_mesh
 from ..engine.scene.captured.views import METHODS
@@ -18,6 +19,7 @@ from ..export import Exported, unit_scale
 from ..export.camera import find_camera, view_of
 from ..export.notes import Note
 from ..export.shading.node_graph import tree_of
+from ..workflow import failures
 from . import session
 from .working import Working, push_undo, ready, refused
 

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import preferences, properties
+from ..blender import preferences, properties
 from . import session
 from .working import Working, export, push_undo
 

@@ -12,11 +12,13 @@ from typing import Protocol
 import bpy
 import numpy as np
 
-from .. import engine, failures, pipeline, preferences, properties, stills
+from .. import engine
+from ..blender import preferences, properties
+from ..blender.properties.optics import bench_changed
 from ..engine import rendering
 from ..engine.scene import variants
 from ..export import ExportCache, Exported, read_scene
-from ..properties.optics import bench_changed
+from ..workflow import failures, pipeline, stills
 from .jobs import Job
 
 IMAGE = "HoloPath Reconstruction"

@@ -7,7 +7,9 @@ from pathlib import Path
 import bpy
 from bpy.props import StringProperty
 
-from .. import device_properties, engine, failures, properties, slm
+from .. import engine, slm
+from ..blender import device_properties, properties
+from ..workflow import failures
 from . import devices, session
 from .working import Working, encoded, ready, refused
 

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.props import StringProperty
 
-from .. import engine, failures, preferences, properties
+from .. import engine
+from ..blender import preferences, properties
 from ..engine.scene import variants
+from ..workflow import failures
 from . import session
 from .jobs import Job
 

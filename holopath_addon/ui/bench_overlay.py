@@ -10,7 +10,8 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from .. import engine, properties
+from .. import engine
+from ..blender import properties
 from ..engine.viewing import bench_sketch
 from .plates import draw_plate, tab_open
 

@@ -2,8 +2,8 @@
 
 from bpy.types import Context, UILayout
 
-from .. import properties
-from ..device_properties import BIT_LAYOUT, HoloPathDevice, has_order
+from ..blender import properties
+from ..blender.device_properties import BIT_LAYOUT, HoloPathDevice, has_order
 from ..operators import devices
 from .text import alert, wrapped
 

@@ -4,7 +4,7 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from ..properties.optics import HoloPathOptics
+from ..blender.properties.optics import HoloPathOptics
 
 
 class HOLOPATH_OT_display_preset_add(AddPresetBase, bpy.types.Operator):

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import properties
+from ..blender import properties
 from .text import split_layout_of
 
 

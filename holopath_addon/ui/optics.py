@@ -2,9 +2,10 @@
 
 from bpy.types import Context, UILayout
 
-from .. import engine, properties
+from .. import engine
+from ..blender import properties
+from ..blender.properties.optics import HoloPathOptics
 from ..operators import session
-from ..properties.optics import HoloPathOptics
 from .text import alert, wrapped
 
 _RIGHT_UP = ("Right", "Up")

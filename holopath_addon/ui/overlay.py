@@ -11,13 +11,14 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
 
-from .. import engine, properties
+from .. import engine
+from ..blender import properties
+from ..blender.properties import focus_list_of, focus_of, hologram_of, pitch_of, pupil_or_none
 from ..engine.hologram import channel
 from ..engine.mapping import DepthMapping
 from ..engine.pixels import axes
 from ..export import find_camera, unit_scale, view_of
 from ..operators import session
-from ..properties import focus_list_of, focus_of, hologram_of, pitch_of, pupil_or_none
 from .bench_overlay import draw_bench
 from .plates import draw_plate, tab_open
 

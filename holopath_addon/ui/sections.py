@@ -6,13 +6,15 @@ from typing import Any
 import bpy
 from bpy.types import Context, UILayout
 
-from .. import engine, pipeline, preferences, properties
+from .. import engine
+from ..blender import preferences, properties
+from ..blender.properties import HoloPathSettings, display_of, pitch_of, property_of
 from ..engine.pixels import axes, in_words
 from ..engine.progress import duration
 from ..engine.settings import BASELINES, DECLARED, ENCODE_SECONDS, ENCODINGS, EYEBOX
 from ..operators import background, session
 from ..operators.rendering import output_size, own_size
-from ..properties import HoloPathSettings, display_of, pitch_of, property_of
+from ..workflow import pipeline
 from .focus_list import HOLOPATH_UL_focus
 from .text import alert, count, wrapped
 

@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, output
-from holopath_addon.command_line import sources
+from holopath_addon import cli, engine
+from holopath_addon.cli import sources
 from holopath_addon.engine.scene import variants
 from holopath_addon.exchange.captures import CaptureOptions, capture, read_depth, read_picture, read_points
+from holopath_addon.workflow import output
 
 SIDE = 32
 DEPTH = np.where(np.arange(SIDE)[:, None] + np.arange(SIDE) < SIDE, 0.5, 2.0)  # a near half and a far one

@@ -7,9 +7,10 @@ import signal
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, exchange, output
+from holopath_addon import cli, engine, exchange
 from holopath_addon.engine.viewing import assessment
 from holopath_addon.exchange import containers
+from holopath_addon.workflow import output
 from tests.exchange import fields, foreign
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line import sources
+from holopath_addon.cli import sources
 from holopath_addon.exchange import mitsuba_file
 
 SCENE = """<scene version="{version}">{head}

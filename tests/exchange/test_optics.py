@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, exchange, output
+from holopath_addon import cli, engine, exchange
+from holopath_addon.workflow import output
 
 SHAPE = (48, 64)
 

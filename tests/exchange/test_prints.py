@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, exchange, output
+from holopath_addon import cli, engine, exchange
 from holopath_addon.exchange import prints
+from holopath_addon.workflow import output
 from tests.exchange.fields import field, phases
 
 PIL = pytest.importorskip("PIL.Image")

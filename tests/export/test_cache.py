@@ -382,7 +382,7 @@ def test_materials_that_share_a_group_and_images(stage, cache):
 
 def test_own_settings_of_a_material(stage, cache):
     """HoloPath's Abbe number."""
-    from holopath_addon import properties
+    from holopath_addon.blender import properties
 
     registered = hasattr(bpy.types.Scene, "holopath")
     if not registered:

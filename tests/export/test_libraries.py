@@ -36,7 +36,7 @@ def linked(folder, *, plane):
 
 
 def notes_of(main):
-    from holopath_addon.command_line import sources
+    from holopath_addon.cli import sources
 
     notes = sources.open_source(str(main)).load(16, 16).notes
     return [

@@ -433,7 +433,7 @@ def test_nothing_but_transparent(stage):
 @pytest.fixture
 def abbe():
     """The properties, registered if they are not."""
-    from holopath_addon import properties
+    from holopath_addon.blender import properties
 
     if not hasattr(bpy.types.Material, "holopath"):
         properties.register()

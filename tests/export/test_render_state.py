@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from holopath_addon import engine  # noqa: E402
-from holopath_addon.command_line import sources  # noqa: E402
+from holopath_addon.cli import sources  # noqa: E402
 from holopath_addon.export import find_camera, show_as_rendered  # noqa: E402
 from holopath_addon.export.contents import AS_IN_VIEWPORT, LEFT_OUT  # noqa: E402
 from holopath_addon.export.render_state import differences  # noqa: E402

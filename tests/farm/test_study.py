@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from holopath_addon import cli, engine
-from holopath_addon.command_line import render_command, sources, study_command
+from holopath_addon.cli import render_command, sources, study_command
 from holopath_addon.farm import study as studies
 
 ROOT = Path(__file__).parents[2]

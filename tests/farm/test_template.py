@@ -9,7 +9,7 @@ import pytest
 
 from distribution import extension
 from holopath_addon import cli
-from holopath_addon.command_line.template_command import FILES
+from holopath_addon.cli.template_command import FILES
 
 ROOT = Path(__file__).parents[2]
 

@@ -354,14 +354,14 @@ def unavailable():
     """The preferences choose a graphics card where there is none."""
     preferences = bpy.context.preferences.addons[ADDON].preferences
     preferences.backend = "cuda_ad_rgb"
-    assert module("preferences").missing(), "this machine has a graphics card: name none to this test"
+    assert module("blender.preferences").missing(), "this machine has a graphics card: name none to this test"
     yield from all_drawn("Mitsuba unavailable")
     preferences.backend = "AUTO"
 
 
 def drafting(scene):
     """A draft first, however little it saves: it can be refocused, stays after Esc, and gives way to the hologram."""
-    pipeline, session = module("pipeline"), module("operators.session")
+    pipeline, session = module("workflow.pipeline"), module("operators.session")
     usual, pipeline.SOON, pipeline.SEVERAL = (pipeline.SOON, pipeline.SEVERAL), 0.0, 0.0
     gate.close("Draft")
     press(bpy.ops.holopath.render_hologram)

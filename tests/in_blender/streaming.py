@@ -64,7 +64,7 @@ def steps():
     session.keep_phase(hologram)
     device = bpy.context.scene.holopath.device
     press(bpy.ops.holopath.find_devices)
-    found = module("device_properties").found
+    found = module("blender.device_properties").found
     yield from until(lambda: "monitors" in found, 20, "no devices found")
     result["monitors"] = found.pop("monitors")
     module("operators.streaming").SHOWN = 0.5

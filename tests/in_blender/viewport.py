@@ -76,7 +76,7 @@ def threads():
 
 def picture():
     """What the only view shows, array [y, x, rgb], top row first, and whether anything is still to be done."""
-    views = list(module("viewport")._viewports.values())
+    views = list(module("blender.viewport")._viewports.values())
     if len(views) != 1 or views[0]._texture is None:
         return None, True
     (view,) = views
@@ -116,7 +116,7 @@ def cube(colour):
 
 def text():
     """What is told in the view."""
-    (view,) = module("viewport")._viewports.values()
+    (view,) = module("blender.viewport")._viewports.values()
     return view._complaint or view._error
 
 
@@ -127,7 +127,7 @@ def steps():
     scene = bpy.context.scene
     scene.render.engine = "HOLOPATH"
     call(bpy.ops.ed.undo_push, message="Engine")
-    viewport = module("viewport")
+    viewport = module("blender.viewport")
     viewport.SAMPLES = 16
     read = viewport.Viewport.read
     viewport.Viewport.read = lambda self: (exports.append(time.monotonic()), read(self))

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holopath_addon import engine, failures, slm
+from holopath_addon import engine, slm
 from holopath_addon.slm.drivers.slmsuite_device import SlmsuiteDriver
+from holopath_addon.workflow import failures
 from tests.patience import NEVER, SOON
 
 ROOT = Path(__file__).parents[2]
@@ -21,7 +22,8 @@ ROOT = Path(__file__).parents[2]
 SCRIPT = r"""
 import json, math, sys, time, warnings
 import numpy as np
-from holopath_addon import engine, failures, slm
+from holopath_addon import engine, slm
+from holopath_addon.workflow import failures
 
 warnings.simplefilter("ignore")
 found = {}

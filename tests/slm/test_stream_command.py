@@ -16,7 +16,7 @@ import pytest
 
 pytest.importorskip("termios", reason="There are ptys on Unix alone.")
 
-from holopath_addon import cli, engine, output
+from holopath_addon import cli, engine
 from holopath_addon.engine.scene import variants
 from holopath_addon.slm import (
     Calibration,
@@ -29,6 +29,7 @@ from holopath_addon.slm import (
     streaming,
 )
 from holopath_addon.slm.drivers import link as link_module
+from holopath_addon.workflow import output
 from tests.patience import SOON
 from tests.slm.device import Board, Firmware
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holopath_addon import engine, pipeline
+from holopath_addon import engine
 from holopath_addon.engine.baselines.frame_mean import FrameMean, carried
 from holopath_addon.engine.encoding import descent, encoder
 from holopath_addon.engine.encoding import views as views_module
@@ -20,6 +20,7 @@ from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
+from holopath_addon.workflow import pipeline
 
 GREEN, PITCH = 516.5e-9, 8e-6
 BORDER = 25

@@ -272,7 +272,9 @@ def test_scenes_of_other_variants(variant, backend):
 )
 def test_pictures_that_are_written_first_do_not_choose_an_llvm(saved, tmp_path):
     """They bring Dr.Jit, which loads whichever it finds: an old one crashes what is computed later."""
-    before = "import numpy as np\nfrom holopath_addon import engine, output\n"
+    before = (
+        "import numpy as np\nfrom holopath_addon import engine\nfrom holopath_addon.workflow import output\n"
+    )
     told = run(
         f"{before}{saved.replace('{folder}', str(tmp_path / 'hologram'))}\nimport os, sys\n"
         "from holopath_addon.engine.scene import variants\n"

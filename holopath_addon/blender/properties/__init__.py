@@ -1,0 +1,798 @@
+"""Scene settings of HoloPath (`Scene.holopath`) and what they mean to the engine."""
+
+import math
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ... import engine
+from ...engine.settings import DECLARED, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX, default_of
+from ..device_properties import HoloPathDevice, menu
+from .decimals import tidy
+from .optics import RELATIVE, HoloPathOptics, optics_of
+
+CUSTOM = "CUSTOM"
+LARGEST_FOCUS = 1e5  # metres; what lies farther is at infinity
+_VALUES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}  # types of properties that hold one
+
+
+def _display_items():
+    items = [(CUSTOM, "Custom", "Resolution, pixel pitch and bit depth as set below", 0)]
+    for display in engine.DISPLAYS.values():
+        size = f"{display.width} × {display.height} pixels of {display.pitch * 1e6:g} µm, {display.bits} bits"
+        size += f", {display.frames} {'frame' if display.frames == 1 else 'frames'} a color"
+        items.append((display.name, display.label, size, display.number))
+    return items
+
+
+def _declared_properties():
+    """Blender's properties of the settings that the engine declares, each after its switch if it has one."""
+    made = {}
+    for name, declared in DECLARED.items():
+        made |= _properties_of(property_of(name), declared, default_of(name))
+    of_phases = {"encode_seconds": ENCODE_SECONDS, "eyebox": EYEBOX}
+    return made | {
+        k: v for name, each in of_phases.items() for k, v in _properties_of(name, each, None).items()
+    }
+
+
+def _properties_of(name, declared, default):
+    """The property of a declared value, after its switch if it has one."""
+    made, switch = {}, declared.switch
+    if switch is not None:
+        made[switch.name] = BoolProperty(
+            name=switch.label, description=switch.help, default=not switch.by_hand
+        )
+        default = declared.initial
+    told: dict[str, Any] = {"name": declared.label, "description": declared.help, "default": default}
+    if declared.chosen:
+        made[name] = EnumProperty(**told, items=menu(declared.chosen))
+    elif name == "fixed":
+        told |= {"description": f"{declared.help}. There are {', '.join(engine.FIXABLE)}", "default": ""}
+        made[name] = StringProperty(**told)
+    else:
+        least, most = declared.bounds
+        low, high = declared.soft or declared.bounds
+        ends = {"min": least, "max": most, "soft_min": low, "soft_max": high}
+        told |= {key: end for key, end in ends.items() if math.isfinite(end)}
+        if declared.unit:
+            told |= {"name": f"{declared.label} ({declared.unit})", "step": 10, "precision": 2}
+        elif declared.bounds[1] == 1.0:
+            told |= {"subtype": "FACTOR", "precision": 2}
+        kind = FloatProperty if declared.kind is float else IntProperty
+        made[name] = kind(**told)
+    return made
+
+
+def property_of(name: str) -> str:
+    """Name of the property that holds a declared setting."""
+    unit = DECLARED[name].unit
+    return f"{name}_{unit}" if unit else name
+
+
+def _display_changed(props, context):
+    display = display_of(props)
+    if display is None:
+        return
+    props.bits = display.bits
+    props.resolution_x, props.resolution_y, props.pitch_um, props.square_pixels = (
+        display.width,
+        display.height,
+        display.pitch * 1e6,
+        True,
+    )
+    props.frames = display.frames
+    props.depth_far_mm, props.depth_near_mm = (end * 1e3 for end in display.depth_range)
+
+
+def _depth_set(props, context):
+    props.depth_auto = False
+
+
+def _ends_set(props):
+    return props.is_property_set("depth_far_mm") or props.is_property_set("depth_near_mm")
+
+
+def _depth_auto_changed(props, context):
+    """By hand it begins with what it was automatically."""
+    if not props.depth_auto and not _ends_set(props):
+        whole = engine.Hologram(props.resolution_x, props.resolution_y, pitch_of(props))
+        props.depth_far_mm, props.depth_near_mm = whole.depth_far * 1e3, whole.depth_near * 1e3
+
+
+# Called with the settings when focus or pupil change, and when another frame of the phases is chosen: callables.
+looking_elsewhere, frame_chosen = [], []
+_noting = []  # not empty while focus or index are written, but nothing is to be refocused
+
+
+def _distance_changed(props, context):
+    if not _noting:
+        props.focus_auto = False
+        _focus_changed(props, context)
+
+
+def _focus_changed(props, context):
+    for call in looking_elsewhere:
+        call(props)
+
+
+def _get_infinity(props):
+    return props.focus >= LARGEST_FOCUS
+
+
+def _set_infinity(props, value):
+    if value != _get_infinity(props):
+        props.focus = LARGEST_FOCUS if value else 1.0
+
+
+def _get_dioptres(props):
+    return 0.0 if _get_infinity(props) else 1 / props.focus
+
+
+def _set_dioptres(props, value):
+    props.focus = min(1 / max(value, 1e-9), LARGEST_FOCUS)
+
+
+def _phase_frame_changed(props, context):
+    for call in frame_chosen:
+        call(props)
+
+
+def _focus_chosen(props, context):
+    """A distance of the list is clicked: look there."""
+    if not _noting and props.focus_index < len(props.focus_list):
+        focus = props.focus_list[props.focus_index].focus
+        if focus != props.focus:
+            props.focus = focus
+
+
+class _Focus:
+    """Other ways to write the property `focus` of a class."""
+
+    focus_infinity: BoolProperty(
+        name="Infinity", description="Focus at infinity", get=_get_infinity, set=_set_infinity
+    )
+    focus_dioptres: FloatProperty(
+        name="Focus (D)",
+        description="The same distance in diopters, one over meters; 0 is infinity",
+        get=_get_dioptres,
+        set=_set_dioptres,
+        min=0.0,
+        max=1e3,
+        soft_max=5.0,
+        step=5,
+        precision=2,
+    )
+
+
+class HoloPathFocus(_Focus, bpy.types.PropertyGroup):
+    """A distance of the focus list."""
+
+    focus: FloatProperty(
+        name="Focus (m)",
+        description="Distance from the camera, in meters",
+        default=1.0,
+        min=1e-3,
+        max=LARGEST_FOCUS,
+        soft_min=0.05,
+        soft_max=100.0,
+        step=5,
+        precision=3,
+    )
+
+
+_Declared = type("_Declared", (), {"__annotations__": _declared_properties()})
+
+
+class HoloPathSettings(_Declared, _Focus, bpy.types.PropertyGroup):
+    """What `Scene.holopath` holds."""
+
+    if TYPE_CHECKING:  # of the settings that are declared
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    display: EnumProperty(
+        name="Display",
+        description="Spatial light modulator (SLM) to show the hologram on; sets resolution, pitch, bits and depths",
+        items=_display_items(),
+        update=_display_changed,
+    )
+    resolution_x: IntProperty(
+        name="Width",
+        description="Hologram width, in pixels",
+        default=512,
+        min=1,
+        max=1 << 16,
+        subtype="PIXEL",
+    )
+    resolution_y: IntProperty(
+        name="Height",
+        description="Hologram height, in pixels",
+        default=512,
+        min=1,
+        max=1 << 16,
+        subtype="PIXEL",
+    )
+    pitch_um: FloatProperty(
+        name="Pixel Pitch (µm)",
+        description="Distance between neighboring pixels, in micrometers; a smaller pitch spreads light wider",
+        default=8.0,
+        min=0.1,
+        max=1000.0,
+        soft_min=1.0,
+        soft_max=40.0,
+        step=10,
+        precision=2,
+    )
+    square_pixels: BoolProperty(
+        name="Square Pixels",
+        description="Whether the pitch is the same in x and y; otherwise light spreads as the larger pitch has it",
+        default=True,
+    )
+    pitch_y_um: FloatProperty(
+        name="Pixel Pitch Y (µm)",
+        description="Distance between neighboring rows of pixels, in micrometers",
+        default=8.0,
+        min=0.1,
+        max=1000.0,
+        soft_min=1.0,
+        soft_max=40.0,
+        step=10,
+        precision=2,
+    )
+    bits: IntProperty(
+        name="Bit Depth",
+        description="Bits of phase that a pixel of the SLM takes: two to that power are the levels it shows",
+        default=8,
+        min=1,
+        max=16,
+        update=_focus_changed,
+    )
+    colours: EnumProperty(
+        name="Colors",
+        description="Wavelengths to compute: red, green and blue take three times as long as a single one",
+        items=[
+            ("RGB", "RGB", "Three wavelengths: red, green and blue", 0),
+            ("MONO", "Single", "One wavelength", 1),
+        ],
+    )
+    wavelengths_nm: FloatVectorProperty(
+        name="Wavelengths (nm)",
+        description="Vacuum wavelengths of the red, green and blue light, in nanometers",
+        size=3,
+        default=(640.0, 516.5, 455.4),
+        min=100.0,
+        max=10000.0,
+        soft_min=380.0,
+        soft_max=780.0,
+        precision=1,
+    )
+    wavelength_nm: FloatProperty(
+        name="Wavelength (nm)",
+        description="Vacuum wavelength, in nanometers; it shows the scene's red, green or blue light",
+        default=516.5,
+        min=100.0,
+        max=10000.0,
+        soft_min=380.0,
+        soft_max=780.0,
+        precision=1,
+    )
+    depth_mapping: EnumProperty(
+        name="Depth Mapping",
+        description="How the scene's depth fills the depth range of the hologram",
+        items=menu(DEPTH_MAPPINGS),
+    )
+    depth_auto: BoolProperty(
+        name="Near the SLM",
+        description=(
+            "Let the depth range lie as near to the SLM as it keeps its depth: no light passes beside the aperture, "
+            "and borders stay bright"
+        ),
+        default=True,
+        update=_depth_auto_changed,
+    )
+    depth_far_mm: FloatProperty(
+        name="Far End (mm)",
+        description="Distance from the SLM at which infinity appears, in millimeters",
+        default=10.0,
+        soft_min=-200.0,
+        soft_max=500.0,
+        step=10,
+        precision=2,
+        update=_depth_set,
+    )
+    depth_near_mm: FloatProperty(
+        name="Near End (mm)",
+        description="Distance from the SLM at which the near end appears, in millimeters; larger than the far end",
+        default=15.0,
+        soft_min=-200.0,
+        soft_max=500.0,
+        step=10,
+        precision=2,
+        update=_depth_set,
+    )
+    near_auto: BoolProperty(
+        name="Nearest Surface",
+        description="Let the near end of the depth range be the nearest surface in view",
+        default=True,
+    )
+    near: FloatProperty(
+        name="Near (m)",
+        description="Distance from the camera that appears at the near end of the depth range, in meters",
+        default=0.5,
+        min=1e-4,
+        soft_min=0.05,
+        soft_max=10.0,
+        precision=3,
+        step=5,
+    )
+    keep_fields: BoolProperty(
+        name="Keep Wave Fields",
+        description=(
+            "Animation renders write each frame's wave field and pictures into a folder of its own, and take frames "
+            "from there that were made of the same scene with the same settings"
+        ),
+        default=False,
+        options=set(),
+    )
+    animation_folder: StringProperty(
+        name="Wave Fields",
+        description="Folder in which an animation render makes frame_0001 and so on",
+        default="//holopath",
+        subtype="DIR_PATH",
+        options=RELATIVE,
+    )
+    animation_encodes: BoolProperty(
+        name="Encode",
+        description="Also find the phases of each frame, as the section Hologram says and for the device's calibration",
+        default=False,
+    )
+    animation_in_turn: BoolProperty(
+        name="From the Frame Before",
+        description="Begin a frame's phases with those of the frame before, which flickers less where frames per color "
+        "are few. Frames are then made in turn, also by several processes",
+        default=False,
+    )
+    focus_auto: BoolProperty(
+        name="Auto",
+        description="Focus on the middle of the view at every render; off once a focus is chosen",
+        default=True,
+    )
+    focus: FloatProperty(
+        name="Focus (m)",
+        description="Distance at which the picture is sharp, in meters; refocuses without rendering again",
+        default=1.0,
+        min=1e-3,
+        max=LARGEST_FOCUS,
+        soft_min=0.05,
+        soft_max=100.0,
+        step=5,
+        precision=3,
+        update=_distance_changed,
+    )
+    focus_list: CollectionProperty(
+        type=HoloPathFocus,
+        name="Focus List",
+        description="Distances that focal stacks are made of; empty: the focus distance alone",
+    )
+    focus_index: IntProperty(
+        name="Chosen Distance",
+        description="Distance of the focus list that is looked at",
+        update=_focus_chosen,
+    )
+    show_overlay: BoolProperty(
+        name="Show in Viewport",
+        description=(
+            "Draw the focus distances, the near end and the pupil at the camera, while the sidebar's HoloPath tab is "
+            "open or HoloPath is the render engine"
+        ),
+        default=True,
+    )
+    show_bench: BoolProperty(
+        name="Sketch in Viewport",
+        description=(
+            "Draw beam, SLM, volume, lens, stop and eye to scale in the 3D View, while the sidebar's HoloPath tab is "
+            "open or HoloPath is the render engine"
+        ),
+        default=False,
+    )
+    use_pupil: BoolProperty(
+        name="Partial Pupil",
+        description="Look through a part of the pupil only: less light, more depth of field; off: all of the light",
+        default=False,
+        update=_focus_changed,
+    )
+    pupil_offset_mm: FloatVectorProperty(
+        name="Offset (mm)",
+        description="Pupil's center to the right of and above the camera's axis, in world millimeters",
+        size=2,
+        default=(0.0, 0.0),
+        soft_min=-50.0,
+        soft_max=50.0,
+        step=10,
+        precision=2,
+        update=_focus_changed,
+    )
+    pupil_diameter_mm: FloatProperty(
+        name="Diameter (mm)",
+        description="Pupil's diameter, in world millimeters",
+        default=4.0,
+        min=1e-3,
+        soft_max=100.0,
+        step=10,
+        precision=2,
+        update=_focus_changed,
+    )
+    encoding: EnumProperty(
+        name="Encoding",
+        description="How complex amplitudes become the phases that an SLM shows",
+        items=menu(ENCODINGS),
+        default="auto",
+    )
+    refocused: EnumProperty(
+        name="Shown",
+        description="What the reconstruction in the Image Editor shows",
+        items=[
+            ("FIELD", "Wave Field", "The complex field that was rendered", 0),
+            (
+                "PHASE",
+                "Hologram",
+                "The phases that an SLM shows, once they are encoded, with the display's limits",
+                1,
+            ),
+        ],
+        update=_focus_changed,
+    )
+    pixel_shape: BoolProperty(
+        name="Pixel Shape",
+        description="Show how the square shape of the pixels dims steep light. Otherwise they are points",
+        update=_focus_changed,
+    )
+    fill_factor: FloatProperty(
+        name="Fill Factor",
+        description="Fraction of a pixel's area that modulates light; the rest is dark. 1 is a whole square pixel",
+        default=1.0,
+        min=0.01,
+        max=1.0,
+        update=_focus_changed,
+    )
+    unmodulated: FloatProperty(
+        name="Zeroth Order",
+        description="Share of the light that leaves the SLM unmodulated, from 0 to 1",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+        update=_focus_changed,
+    )
+    crosstalk: FloatProperty(
+        name="Crosstalk (px)",
+        description="How far a pixel's field reaches into its neighbors: standard deviation of a Gaussian, in pixels",
+        default=0.0,
+        min=0.0,
+        max=9.0,
+        soft_max=2.0,
+        step=1,
+        update=_focus_changed,
+    )
+    phase_frame: IntProperty(
+        name="Frame",
+        description="Which of the hologram's frames the picture of its phases shows, from 0",
+        default=0,
+        min=0,
+        max=255,
+        update=_phase_frame_changed,
+    )
+    optics: PointerProperty(type=HoloPathOptics, name="Optics", description="The bench around the SLM")
+    device: PointerProperty(type=HoloPathDevice, name="Device", description="What shows the hologram")
+
+
+class HoloPathMaterial(bpy.types.PropertyGroup):
+    """What `Material.holopath` holds."""
+
+    abbe_number: FloatProperty(
+        name="Abbe Number",
+        description=(
+            "How little clear glass of this material spreads colors: 59 is crown glass, 36 flint glass, and "
+            "0 means that it spreads none. The node's IOR is that of yellow light, 587.6 nm"
+        ),
+        default=0.0,
+        min=0.0,
+        soft_min=20.0,
+        soft_max=90.0,
+        step=100,
+        precision=1,
+    )
+
+
+class HoloPathViewLayer(bpy.types.PropertyGroup):
+    """What `ViewLayer.holopath` holds: the passes of F12."""
+
+    use_pass_focus: BoolProperty(
+        name="Focus",
+        description="Deliver a picture for each distance of the focus list, if it is empty for the focus distance",
+        default=False,
+    )
+    use_pass_phase: BoolProperty(
+        name="Phase",
+        description="Deliver the phase of the wave field at the SLM in radians from 0 to 2π, of the first frame shown",
+        default=False,
+    )
+    use_pass_amplitude: BoolProperty(
+        name="Amplitude",
+        description="Deliver the amplitude of the wave field at the SLM, of the first frame shown",
+        default=False,
+    )
+    use_pass_depth: BoolProperty(
+        name="Depth",
+        description="Deliver the distance of the first surface along the camera's axis, in scene units",
+        default=False,
+    )
+
+
+# Where Blender's own things hold them: as `holopath`, of which only Blender knows when it runs.
+_NAME = "holopath"
+_GROUPS = {
+    bpy.types.Scene: HoloPathSettings,
+    bpy.types.Material: HoloPathMaterial,
+    bpy.types.ViewLayer: HoloPathViewLayer,
+}
+
+
+def of(scene: bpy.types.Scene | None) -> HoloPathSettings:
+    """`Scene.holopath`; Blender's contexts may lack a scene, but not where anything of ours is asked for."""
+    return getattr(scene, _NAME)
+
+
+def of_material(material: bpy.types.Material | None) -> HoloPathMaterial:
+    """`Material.holopath`, see `of`."""
+    return getattr(material, _NAME)
+
+
+def of_layer(layer: bpy.types.ViewLayer | None) -> HoloPathViewLayer:
+    """`ViewLayer.holopath`, see `of`."""
+    return getattr(layer, _NAME)
+
+
+def hologram_of(props, resolution=None):
+    """Engine's hologram of the settings.
+
+    Parameters
+    ----------
+    props : HoloPathSettings
+    resolution : tuple of int, optional
+        Width and height in pixels in place of the settings' own.
+
+    Returns
+    -------
+    engine.Hologram
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+    """
+    width, height = resolution or (props.resolution_x, props.resolution_y)
+    wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
+    ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
+    ends = {} if depth_is_auto(props) else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
+    return engine.Hologram(
+        width,
+        height,
+        pitch_of(props),
+        tuple(tidy(w * 1e-9) for w in wavelengths),
+        depth_mapping=props.depth_mapping,
+        near=None if props.near_auto else tidy(props.near),
+        optics=optics_of(props),
+        **ends,
+    )
+
+
+def pitch_of(props):
+    """The display's pixel pitch, meters; a pair where pixels are not square."""
+    across, down = (tidy(um * 1e-6) for um in (props.pitch_um, props.pitch_y_um))
+    return across if props.square_pixels else (across, down)
+
+
+def depth_is_auto(props):
+    """Whether nobody set the depth range; in scenes of earlier versions, which know no switch, the ends tell."""
+    return props.depth_auto and (props.is_property_set("depth_auto") or not _ends_set(props))
+
+
+def display_of(props):
+    """The `engine.Display` chosen; None where it is custom."""
+    return engine.DISPLAYS.get(props.display)
+
+
+def settings_of(props):
+    """Engine's settings, see `hologram_of`."""
+    values = {name: _value(props, name, declared) for name, declared in DECLARED.items()}
+    if not may_be_smooth(props):
+        values["randomness"] = None
+    return engine.Settings(**values)
+
+
+def may_be_smooth(props):
+    """Whether phase fields have a randomness."""
+    return props.phase_field in ("auto", "smooth")
+
+
+def _value(props, name, declared) -> Any:
+    switch = declared.switch
+    if switch is not None and getattr(props, switch.name) != switch.by_hand:
+        return default_of(name)
+    value = getattr(props, property_of(name))
+    if name == "fixed":
+        return engine.parse_fixed(value)
+    if isinstance(value, float):
+        return tidy(value * (1e-3 if declared.unit else 1))
+    return value
+
+
+def encode_seconds_of(props):
+    """Seconds that encoding may take; None for no limit."""
+    limited = props.limit_encoding and props.encoding != "dpac"
+    return tidy(props.encode_seconds) if limited else None
+
+
+def eyebox_of(props):
+    """Weight of parts of the pupil in phases; None for the plan's."""
+    return None if props.eyebox_auto else tidy(props.eyebox)
+
+
+def focus_of(props):
+    """Focus distance in metres, infinity included."""
+    return math.inf if props.focus_infinity else tidy(props.focus)
+
+
+def focus_list_of(props):
+    """Distances of the focus list in metres, infinity included; the focus alone where the list is empty.
+
+    In the list's order, each once.
+    """
+    return list(dict.fromkeys(focus_of(item) for item in props.focus_list)) or [focus_of(props)]
+
+
+def modulator_of(props):
+    """`engine.Modulator` of the display that the settings describe."""
+    fill_factor = props.fill_factor if props.pixel_shape else None
+    return engine.Modulator(props.bits, fill_factor, props.unmodulated, props.crosstalk)
+
+
+def seen_of(props):
+    """What the reconstruction shows.
+
+    Parameters
+    ----------
+    props : HoloPathSettings
+
+    Returns
+    -------
+    focus : float
+        Meters.
+    pupil : engine.Pupil or None
+    modulator : engine.Modulator or None
+        Of phases.
+    optics : engine.Optics
+        The bench that it is seen on.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable
+        If there is no such bench.
+    """
+    modulator = modulator_of(props) if props.refocused == "PHASE" else None
+    return focus_of(props), pupil_or_none(props), modulator, optics_of(props)
+
+
+def pupil_or_none(props):
+    """`engine.Pupil`, or None for the whole cone."""
+    if not props.use_pupil:
+        return None
+    return engine.Pupil(*(tidy(v * 1e-3) for v in (*props.pupil_offset_mm, props.pupil_diameter_mm)))
+
+
+def set_focus(props, metres):
+    """Focus at a distance in metres, infinity included."""
+    props.focus = min(metres, LARGEST_FOCUS)
+
+
+def note_focus(props, metres):
+    """Write down the focus that automatic focusing found, whose picture is there already."""
+    with _quietly():
+        set_focus(props, metres)
+
+
+def choose(props, index):
+    """Mark a distance of the focus list, without looking there."""
+    with _quietly():
+        props.focus_index = index
+
+
+@contextmanager
+def _quietly():
+    _noting.append(True)
+    try:
+        yield
+    finally:
+        _noting.pop()
+
+
+CLASSES = (
+    HoloPathDevice,
+    HoloPathOptics,
+    HoloPathFocus,
+    HoloPathSettings,
+    HoloPathMaterial,
+    HoloPathViewLayer,
+)
+
+
+def register():
+    """Register the settings alone, for the command line in the bpy module."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    attach()
+
+
+def _anything_set(props):
+    own = [prop for prop in props.bl_rna.properties if prop.type in _VALUES]
+    # other ways to write a property always count as set
+    return any(
+        props.is_property_set(prop.identifier)
+        for prop in own
+        if prop.identifier not in _Focus.__annotations__
+    )
+
+
+@bpy.app.handlers.persistent
+def _stamp(*_):
+    """Files tell whether the depth range is automatic: earlier versions, of which it was 10 to 15 mm, do not."""
+    for scene in bpy.data.scenes:
+        if scene.library is None and _anything_set(of(scene)):
+            of(scene).depth_auto = depth_is_auto(of(scene))
+
+
+@bpy.app.handlers.persistent
+def _settle(*_):
+    """Choices that only a later version of HoloPath knows are at their defaults in this one.
+
+    Scenes of earlier versions keep the depth range that they had by default, and pixels of a fill factor below 1 their
+    shape.
+    """
+    for scene in bpy.data.scenes:
+        props = of(scene)
+        if scene.library is None and props.fill_factor < 1 and not props.is_property_set("pixel_shape"):
+            props.pixel_shape = True
+        if scene.library is None and _anything_set(props) and not props.is_property_set("depth_auto"):
+            props.depth_far_mm, props.depth_near_mm = props.depth_far_mm, props.depth_near_mm
+        for props in (of(scene), of(scene).device, of(scene).optics):
+            for prop in props.bl_rna.properties:
+                if prop.type == "ENUM" and not getattr(props, prop.identifier) and scene.library is None:
+                    props.property_unset(prop.identifier)
+
+
+def attach():
+    """Add the settings to scenes, view layers and materials."""
+    for owner, group in _GROUPS.items():
+        setattr(owner, _NAME, PointerProperty(type=group))
+    bpy.app.handlers.load_post.append(_settle)
+    bpy.app.handlers.save_pre.append(_stamp)
+
+
+def detach():
+    """Take the settings from scenes, view layers and materials."""
+    for handlers, own in ((bpy.app.handlers.load_post, _settle), (bpy.app.handlers.save_pre, _stamp)):
+        if own in handlers:  # another add-on may have cleared the list
+            handlers.remove(own)
+    for owner in _GROUPS:
+        delattr(owner, _NAME)

@@ -1,0 +1,70 @@
+"""The one place that tells Blender about HoloPath's classes, settings, handlers and command."""
+
+from collections.abc import Callable
+from functools import partial
+
+import bpy
+
+from .. import operators, ui
+from ..operators import background, devices, session
+from . import preferences, properties, render_engine, viewport
+
+_CLASSES = (
+    *properties.CLASSES,
+    *preferences.CLASSES,
+    *operators.CLASSES,
+    *ui.CLASSES,
+    *render_engine.CLASSES,
+)
+_undo: list[Callable[[], object]] = []
+
+
+def register():
+    """Register everything; if one part fails, none stays."""
+    try:
+        for cls in _CLASSES:
+            bpy.utils.register_class(cls)
+            _undo.append(partial(bpy.utils.unregister_class, cls))
+        for begin, end in (
+            (preferences.attach, preferences.detach),
+            (properties.attach, properties.detach),
+            (ui.share_panels, ui.unshare_panels),
+            (ui.add_to_menus, ui.remove_from_menus),
+            (ui.show_overlay, ui.hide_overlay),
+        ):
+            begin()
+            _undo.append(end)
+        _undo.append(background.detach)
+        for module in (session, devices, viewport):
+            _undo.append(module.detach)
+            for callbacks, handler in module.handlers():
+                callbacks.append(handler)
+                _undo.append(partial(_stop_listening, callbacks, handler))
+        if hasattr(bpy.utils, "register_cli_command"):
+            command = bpy.utils.register_cli_command("holopath", _run_command)
+            _undo.append(lambda: bpy.utils.unregister_cli_command(command))
+    except BaseException:
+        unregister()
+        raise
+
+
+def unregister():
+    """Undo `register`, last first; if one part fails, the others go all the same."""
+    while _undo:
+        try:
+            _undo.pop()()
+        except BaseException:
+            unregister()
+            raise
+
+
+def _stop_listening(callbacks, handler):
+    if handler in callbacks:  # another add-on may have cleared the list
+        callbacks.remove(handler)
+
+
+def _run_command(argv):
+    from .. import cli
+
+    preferences.wanted()  # the LLVM that they name
+    return cli.main(argv, preferences.store())

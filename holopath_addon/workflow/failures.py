@@ -1,0 +1,45 @@
+"""What went wrong, in one sentence."""
+
+from ..engine import BackendUnavailable, Cancelled, InvalidInput
+from ..engine.errors import cancelled
+from ..farm.errors import FarmFailed
+from ..slm.errors import DeviceLost
+
+DONE, FAILED, BAD_INPUT = 0, 1, 2
+
+
+def sentence(error):
+    """One line for the user about any exception that work may raise.
+
+    Parameters
+    ----------
+    error : BaseException
+
+    Returns
+    -------
+    str
+    """
+    if isinstance(error, (InvalidInput, BackendUnavailable, DeviceLost, FarmFailed)):
+        return one_line(error)
+    if cancelled(error):
+        told = one_line(error) if isinstance(error, Cancelled) and str(error) else ""
+        return told or "Cancelled: nothing was written."
+    if isinstance(error, MemoryError):
+        return "Not enough memory: use fewer pixels, frames or wavelengths, or a lower quality."
+    if isinstance(error, OSError):
+        reason = error.strerror or one_line(error)
+        where = f" ({error.filename})" if error.filename else ""
+        return (
+            f"The files could not be written or read: {reason}{where}; free space or choose another folder."
+        )
+    return f"Unexpected {type(error).__name__}: {one_line(error)} (a bug in HoloPath: please report it)."
+
+
+def status(error):
+    """Exit status for an exception: 2 for bad input, else 1."""
+    return BAD_INPUT if isinstance(error, InvalidInput) else FAILED
+
+
+def one_line(error):
+    """An exception's text on one line, else its name."""
+    return " ".join(str(error).split()) or type(error).__name__

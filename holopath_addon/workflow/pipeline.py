@@ -1,0 +1,388 @@
+"""From a scene to refocused pictures in one call: what the command line and Blender share. Imports no bpy."""
+
+import math
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .. import engine
+from ..engine.hologram import channel
+from ..engine.mapping import DepthMapping, squared
+from ..engine.planning.planner import resolved
+from ..engine.progress import Clock, Compiling, stage
+
+COARSER = 1.5  # times larger texels than pixels show
+MOST_NAMES = 8  # in one line
+SOON = 2.0  # seconds within which no preview is needed
+PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
+# Times a draft's foretold seconds that the hologram has to take for a draft to be worth them: where that much is
+# foretold it takes three to five times as long. The default cube takes twice as long, and goes without.
+SEVERAL = 2.5
+COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, where some of the plan's were
+DRAFT_FRAMES = 4  # most
+DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
+BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
+
+
+@dataclass
+class Result:
+    """What `compute` brings.
+
+    Attributes
+    ----------
+    plan : engine.Plan
+    field : engine.WaveField
+    focus : list of float
+        World depths of the pictures, metres.
+    images : numpy.ndarray, float32, shape (focus, y, x, wavelength)
+    seconds : dict of str to float
+        Of each stage.
+    """
+
+    plan: engine.Plan
+    field: engine.WaveField
+    focus: list
+    images: np.ndarray = field(repr=False)
+    seconds: dict
+
+
+def dioptres_in_view(plan, camera, hologram):
+    """Nearest and farthest depth in view, in dioptres; 0 is infinity.
+
+    Parameters
+    ----------
+    plan : engine.Plan
+    camera : engine.Camera
+    hologram : engine.Hologram
+
+    Returns
+    -------
+    (float, float)
+    """
+    mapping = DepthMapping.of(hologram, camera, plan.near)
+    return tuple(1 / float(mapping.z_to_depth(z)) for z in (plan.z_high, plan.z_low))
+
+
+def default_focus(plan, camera, hologram):
+    """Three world depths spread evenly in dioptres over what is in view: near, middle and far, metres.
+
+    Parameters
+    ----------
+    plan, camera, hologram
+        See `dioptres_in_view`.
+
+    Returns
+    -------
+    list of float
+        Nearest first, `math.inf` where the view reaches infinity; fewer where depths coincide.
+    """
+    near, far = dioptres_in_view(plan, camera, hologram)
+    depths = []
+    for dioptres in (near, (near + far) / 2, far):
+        depth = float(f"{1 / dioptres:.3g}") if dioptres > 1e-6 else math.inf
+        if depth not in depths:
+            depths.append(depth)
+    return depths
+
+
+def centre_depth(scene, camera):
+    """Depth of what is in the middle of the view, as an autofocus finds it.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : engine.Camera
+
+    Returns
+    -------
+    float or None
+        World depth in metres: the median over the middle tenth of the view; None where nothing is.
+    """
+    from ..engine.viewing.depth import depths_along
+
+    tangent = math.tan(camera.fov_x / 2)
+    offsets = np.linspace(-0.1, 0.1, 15) * tangent
+    across, upward = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
+    depths = depths_along(
+        scene, camera, across + 2 * tangent * camera.shift_x, upward + 2 * tangent * camera.shift_y
+    )
+    found = depths[np.isfinite(depths)]
+    return float(f"{np.median(found):.3g}") if len(found) >= len(depths) / 10 else None
+
+
+def bake_notes(bake):
+    """What to know of baked light, a line each.
+
+    Parameters
+    ----------
+    bake : dict or None
+        An `engine.baking.Bake`, as `WaveField.report` has it.
+
+    Returns
+    -------
+    list of str
+    """
+    if bake is None:
+        return []
+    from ..engine.light.unwrapping import LACKING
+
+    notes = [note for note in (bake["note"], LACKING) if note]
+    if bake["coarser"] > COARSER:
+        notes.append(
+            f"The texels of the baked light are {bake['coarser']:.1f} times larger than pixels, to bound memory: "
+            f"shadows are softer; the method full has none of that."
+        )
+    if bake["traced"]:
+        count = len(bake["traced"])
+        names = ", ".join(bake["traced"][:MOST_NAMES]) + (", ..." if count > MOST_NAMES else "")
+        things = "1 shape's" if count == 1 else f"{count} shapes'"
+        notes.append(f"{things} diffuse light is traced, not baked: {names}.")
+    return notes
+
+
+def _planned(field):
+    """What a field was rendered by; None where there is none, or another version planned it."""
+    if field is None:
+        return None
+    try:
+        return engine.Plan.from_dict(field.plan)
+    except (KeyError, TypeError):
+        return None
+
+
+def _check_view(plan, camera, hologram, focus, pupil):
+    """Refuse what `engine.reconstruct` would, before the long work."""
+    from ..engine.viewing.reconstruction import pupil_mask
+
+    mapping = DepthMapping.of(hologram, camera, plan.near)
+    mapping.depth_to_z(list(focus))
+    if pupil is not None:
+        for wavelength in hologram.wavelengths:
+            grid = hologram.in_air.raster(wavelength)
+            pupil_mask(grid.shape, grid.pitch, wavelength, mapping, pupil, hologram.optics)
+
+
+def _begun(started, plan):
+    """Share of the whole time that has passed since then, by what the plan foretells; of baselines that is nothing."""
+    least, most = BEGUN
+    spent = time.monotonic() - started
+    return min(max(least, spent / (spent + plan.seconds)), most) if plan.seconds else least
+
+
+def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, progress, offer):
+    """Offer pictures through a thin lens, ever finer: one, and more for so long."""
+    start = time.monotonic()
+    mapping = DepthMapping.of(hologram, camera, plan.near)
+    aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
+    aperture *= hologram.optics.opening[2]
+    channels = [channel(w) for w in hologram.wavelengths]
+    camera, hologram = squared(camera, hologram)
+    size, centre = (hologram.width, hologram.height), (0.0, 0.0)
+    if pupil is not None:
+        aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
+    picture = engine.Preview(scene, camera, *size, focus, aperture, settings.max_depth, centre=centre)
+    # each picture has twice the paths of the last, and takes as long as all before
+    while 2 * (time.monotonic() - start) < seconds or not picture.spp:
+        light = picture.refine(max(1, picture.spp), progress)
+        offer(engine.to_rgb(light[..., channels], hologram.wavelengths))
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """A hologram of less quality that is there in a fraction of the time."""
+
+    settings: engine.Settings
+    plan: engine.Plan
+    seconds: float  # foretold
+
+
+def _draft(scene, camera, hologram, settings, plan, store):
+    """The `_Draft` of a planned hologram; None where waiting for the hologram itself is as good."""
+    if settings.method not in DRAFTED or settings.quality == "draft":
+        return None
+    settings = resolved(settings)
+    settings = replace(
+        settings,
+        quality="draft",
+        method="full",  # what a draft bakes would serve the hologram, and change it
+        frames=min(settings.frames, DRAFT_FRAMES),
+        speckle=None,
+        spp=None,
+        despeckle=0,
+    )
+    compiles, started = Compiling(), time.monotonic()
+    drafted = engine.plan(scene, camera, hologram, settings, store)
+    stages = {name: min(own, plan.stages.get(name, own)) for name, own in drafted.stages.items()}
+    if "radiance" in stages and plan.passes and not plan.cached:
+        # The wanted plan has looked at more paths, and knows better how long they take.
+        stages["radiance"] = min(stages["radiance"], plan.stages["radiance"] * drafted.passes / plan.passes)
+    seconds = sum(stages.values())
+    if compiles():
+        seconds += COMPILED * (time.monotonic() - started)
+    return _Draft(settings, drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
+
+
+def _drafted(scene, camera, hologram, draft, depths, pupil, progress, store):
+    """The `Result` of a draft."""
+
+    def told(done, message):
+        progress(done, f"Draft: {message}")
+
+    at = stage(told, 0.0, 0.95)
+    field = engine.render(scene, camera, hologram, draft.settings, draft.plan, at, store)
+    images = engine.reconstruct(field, depths, pupil, progress=stage(told, 0.95, 1.0))
+    return Result(draft.plan, field, depths, images, field.report["seconds"])
+
+
+def compute(
+    scene,
+    camera,
+    hologram,
+    settings=None,
+    focus=None,
+    pupil=None,
+    progress=None,
+    store=None,
+    field=None,
+    offer=None,
+    encoding="none",
+    encode_seconds=None,
+):
+    """Plan, render and refocus.
+
+    Parameters
+    ----------
+    scene : mitsuba.Scene
+    camera : engine.Camera
+    hologram : engine.Hologram
+    settings : engine.Settings, optional
+    focus : sequence of float or 'centre', optional
+        World depths, metres; 'centre', alone or among them, is `centre_depth`, else the nearest surface. Those that
+        coincide give one picture. Default: `default_focus`.
+    pupil : engine.Pupil, optional
+    progress : callable, optional
+        ``progress(done, message)``, may raise `engine.Cancelled`.
+    store : engine.BakeStore, optional
+        Where baked light is kept.
+    field : engine.WaveField, optional
+        Of the same scene and settings, to be refocused instead of rendering it again.
+    offer : callable, optional
+        ``offer(picture)`` with pictures, array [y, x, 3], to look at meanwhile; ``offer(picture, draft)`` with the
+        `Result` of quality draft that it is of, where the hologram takes several times as long. The hologram is the
+        same with and without.
+    encoding : str
+        That follows, of `engine.encode`, or none: frames that it goes towards are traced along.
+    encode_seconds : float, optional
+        That it may take.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
+    """
+    progress = progress or (lambda done, message: None)
+    settings = settings or engine.Settings()
+    started, clock = time.monotonic(), Clock()
+    progress(0.0, "Planning")
+    with clock("plan"):
+        at = stage(progress, 0.0, 0.0)
+        plan = _planned(field) or engine.plan(scene, camera, hologram, settings, store, at)
+    asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
+    if "centre" in asked:
+        centre = centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]
+        asked = [centre if depth == "centre" else depth for depth in asked]
+    depths: list = list(dict.fromkeys(asked))
+    _check_view(plan, camera, hologram, depths, pupil)
+    if field is None:
+        begun = _begun(started, plan)
+        if offer is not None and plan.seconds >= SOON:
+            progress(begun, "Draft: Planning")
+            with clock("draft"):
+                draft = _draft(scene, camera, hologram, settings, plan, store)
+            share = PREVIEW_SHARE * (plan.seconds if draft is None else draft.seconds)
+            begun = max(begun, _begun(started, plan))
+            at = stage(progress, begun, begun)
+            with clock("preview"):
+                _preview(scene, camera, hologram, settings, plan, depths[0], pupil, share, at, offer)
+            begun = max(begun, _begun(started, plan))
+            if draft is not None:
+                drawn = _begun(started - draft.seconds, plan)
+                with clock("draft"):
+                    early = _drafted(
+                        scene, camera, hologram, draft, depths, pupil, stage(progress, begun, drawn), store
+                    )
+                offer(engine.to_rgb(early.images[0], hologram.wavelengths), early)
+                begun = max(drawn, _begun(started, plan))
+        along = engine.frames_along(plan, settings, hologram, encoding, encode_seconds)
+        at = stage(progress, begun, 0.95)
+        field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
+        clock.seconds.update(field.report["seconds"])
+    with clock("refocusing"):
+        images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.95, 1.0))
+    return Result(plan, field, depths, images, clock.seconds)
+
+
+def encode(
+    field, method, progress, scene=None, settings=None, store=None, seconds=None, eyebox=None, **options
+):
+    """Encode a field, with many more frames of its scene where the method wants them.
+
+    Parameters
+    ----------
+    field : engine.WaveField
+    method : str
+        Of `engine.encode`; `auto` is what `engine.plan_encoding` chooses.
+    progress : callable
+        ``progress(done, message)``, may raise `engine.Cancelled`.
+    scene : mitsuba.Scene, optional
+        That the field was rendered of. Without it and its settings `auto` is that of `engine.encode`.
+    settings : engine.Settings, optional
+        With which it was.
+    store : engine.BakeStore, optional
+        Where baked light is kept.
+    seconds : float, optional
+        That it may take.
+    eyebox : float, optional
+        See `engine.plan_encoding`.
+    options
+        Of `engine.encode`.
+
+    Returns
+    -------
+    engine.PhaseHologram
+        Its `report` has the `engine.EncodingPlan`, too.
+
+    Raises
+    ------
+    engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
+    """
+    options["seconds"] = seconds
+    if scene is None or settings is None:
+        return engine.encode(field, method, progress, eyebox=eyebox, **options)
+    view = scene, field.camera, field.hologram, settings
+    plan = _planned(field) or engine.plan(*view, store, stage(progress, 0.0, 0.0))
+    along = 0 if field.more is None else len(field.more)
+    chosen = engine.plan_encoding(plan, settings, method, seconds, along, eyebox)
+    options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
+    if chosen.steps:
+        options.setdefault("max_steps", chosen.steps)
+
+    def many(progress):
+        if along:
+            yield list(range(len(field.hologram.wavelengths))), field.more
+        if chosen.frames > along:
+            clocked = seconds is not None
+            yield from engine.many_frames(*view, plan, progress, store, chosen.frames, along, clocked)
+
+    try:
+        phase = engine.encode(field, chosen.method, progress, many=many, **options)
+    except engine.Cancelled as error:
+        if error.kept is not None:
+            error.kept.report["plan"] = chosen.to_dict()
+        raise
+    phase.report["plan"] = chosen.to_dict()
+    return phase

@@ -1,0 +1,89 @@
+"""Folders that several processes replace at once: always whole, and always one writer's."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from holopath_addon.engine import files
+from tests.patience import NEVER
+
+ROOT = Path(__file__).parents[2]
+WRITES = """
+import json, os, sys, time
+from pathlib import Path
+from holopath_addon.workflow import output
+folder, me = Path(sys.argv[1]), sys.argv[2]
+end = time.monotonic() + 1
+while time.monotonic() < end:
+    with output.output_folder(folder) as part:
+        (part / "wavefield").mkdir()
+        (part / "wavefield" / "field.npy").write_text(me)
+        (part / "reconstruction").mkdir()
+        (part / "reconstruction" / "focus.exr").write_text(me)
+        output.write_report(part, {"scene": me})
+"""
+
+
+def test_writers_that_meet_leave_one_whole_result(tmp_path):
+    out = tmp_path / "out"
+    words = [sys.executable, "-c", WRITES, str(out)]
+    writers = [subprocess.Popen([*words, f"writer {n}"], cwd=ROOT, stderr=subprocess.PIPE) for n in range(3)]
+    for writer in writers:
+        _, error = writer.communicate(timeout=NEVER)
+        assert writer.returncode == 0, error.decode()
+    assert os.listdir(tmp_path) == ["out"]
+    told = {(out / "wavefield" / "field.npy").read_text(), (out / "reconstruction" / "focus.exr").read_text()}
+    assert len(told) == 1 and f'"{told.pop()}"' in (out / "report.json").read_text()
+    assert sorted(os.listdir(out)) == ["reconstruction", "report.json", "wavefield"]
+
+
+def test_what_was_swept_away_and_made_again_is_not_put_in_place(tmp_path):
+    """As by a process that was taken for gone: its folder lacks what it had written before."""
+    out = tmp_path / "out"
+    with pytest.raises(FileNotFoundError), files.whole_folder(out, lambda folder: None) as part:
+        (part / "first").write_text("first")
+        files.sweep(out)
+        part.mkdir()
+        (part / "second").write_text("second")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    with files.whole_file(file) as part:
+        part.write_text("before")
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
+    with pytest.raises(OSError, match="full"), files.whole_file(file) as part:
+        part.write_text("after")
+    assert file.read_text() == "before" and os.listdir(tmp_path) == ["file"]
+
+
+@pytest.fixture
+def interruptible():
+    """Ctrl-C is heard, also where a shell started the tests in the background and has them ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("kind", ["folder", "file"])
+def test_a_second_interrupt_leaves_nothing_either(tmp_path, monkeypatch, kind, interruptible):
+    """It comes while what the first one left is cleared away."""
+    remove, unlink = shutil.rmtree, Path.unlink
+    monkeypatch.setattr(
+        shutil, "rmtree", lambda *a, **k: (signal.raise_signal(signal.SIGINT), remove(*a, **k))
+    )
+    monkeypatch.setattr(Path, "unlink", lambda *a: (signal.raise_signal(signal.SIGINT), unlink(*a)))
+    out = tmp_path / "out"
+    whole = files.whole_folder(out, lambda _: None) if kind == "folder" else files.whole_file(out)
+    with pytest.raises(KeyboardInterrupt), whole as part:
+        (part / "a" if kind == "folder" else part).write_text("half")
+        raise KeyboardInterrupt
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
