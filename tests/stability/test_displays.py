@@ -45,6 +45,7 @@ SPECIAL = {
 SLOW = {
     "texels": "test_radiance_cache: holograms of baked light",
     "frames, phases": "test_phases: few frames",
+    "randomness": "test_smooth_phases: brightness of planes, slopes and depths",
     "frames, designed fields": "test_phase_fields: the first frames alone are better than random ones",
     "rays, paper's estimator": "test_rendering: paper's estimator",
     "distance": "a picture too far for the aperture, here; test_rendering: points refocus at their depth",
