@@ -16,7 +16,7 @@ from ..tracing.grains import CHUNK_PATHS, UNIT_PATHS
 from ..tracing.kernel_table import LEVELS
 from ..tracing.wave_tracer import CHUNK_RAYS
 from ..waves import despeckle
-from ..waves.phase_fields import SETS
+from ..waves.phase_fields import MOST_FRAMES, SETS
 from ..waves.propagation import TEACHING_GUARD, grid_bytes, moving_bytes, padded_shape
 from .noise import likely
 from .planes import columns_of, mean_rays
@@ -228,8 +228,11 @@ def phases(
     return dict(zip(PHASES, each, strict=True))
 
 
-def phases_memory(survey: Survey) -> dict[str, float]:
-    """Bytes that encodings of a field take at most, with it, by name; see `phases`."""
+def phases_memory(survey: Survey, traced: float) -> dict[str, float]:
+    """Bytes that encodings of a field take at most, with it, by name; see `phases`.
+
+    `traced` are those of a render of as many frames as `refine` traces together, see `together`.
+    """
     pixels, frames, colours = _numbers(survey)
     most, grids = encoder.MOST_BYTES, _grids(survey)
     own = (8 + 4) * frames * pixels * colours
@@ -239,7 +242,6 @@ def phases_memory(survey: Survey) -> dict[str, float]:
     grid = max(grid for grid, _ in grids)
     steps = min(most, encoder.BYTES["together"] * frames * grid)
     along = SETS[-1] * 8 * pixels * colours
-    traced = CHUNK_BYTES + 2 * max(AT_ONCE, along) + _moving(survey, SETS[-1])
     along = along if along <= AT_ONCE else 0  # see `phases.frames_along`
     return {
         "dpac": own + 8 * frames * pixels,
@@ -247,6 +249,13 @@ def phases_memory(survey: Survey) -> dict[str, float]:
         "joint": own + max(kept) + steps,
         "refine": own + sum(kept) + max(steps, traced) + along,
     }
+
+
+def together(survey: Survey) -> Survey:
+    """The same for as many frames as are traced together for `refine`."""
+    pixels, _, colours = _numbers(survey)
+    frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colours)), MOST_FRAMES)
+    return replace(survey, settings=replace(survey.settings, frames=frames, despeckle=0))
 
 
 def _grids(survey):
