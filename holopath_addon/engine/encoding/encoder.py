@@ -110,8 +110,8 @@ def encode(
     randomness : float, optional
         Of all frames together: the descent begins with phases `randomness` times those of a random map, rather than
         with those of the field, and each frame for itself is left out. At the SLM they lie around those of
-        `even_double_phase`; behind a lens they are those of the picture, of 1 by default with few frames. With 0 the
-        map is even, and with 1 random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo
+        `even_double_phase`; behind a lens they are those of the picture, around `spread_waves`. With 0 the map is
+        even, and with 1 random. The fewer the frames, the less random they had best be (paper section 4.1; Yoo
         et al., Opt. Lett. 46, 4769 (2021)): `waves.phase_fields.randomness_for`.
     eyebox : float, optional
         Of all frames together: weight of what parts of the pupil see besides the whole, from 0, none, to 1. Default:

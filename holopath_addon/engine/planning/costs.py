@@ -228,10 +228,10 @@ def phases(
     return dict(zip(PHASES, each, strict=True))
 
 
-def phases_memory(survey: Survey, traced: float) -> dict[str, float]:
+def phases_memory(survey: Survey, batch_bytes: float) -> dict[str, float]:
     """Bytes that encodings of a field take at most, with it, by name; see `phases`.
 
-    `traced` are those of a render of as many frames as `refine` traces together, see `together`.
+    `batch_bytes` are those of a render of as many frames as `refine` traces at once, see `refine_batch`.
     """
     pixels, frames, colours = _numbers(survey)
     most, grids = encoder.MOST_BYTES, _grids(survey)
@@ -247,12 +247,12 @@ def phases_memory(survey: Survey, traced: float) -> dict[str, float]:
         "dpac": own + 8 * frames * pixels,
         "sgd": own + min(most, encoder.BYTES["sgd"] * frames * pixels),
         "joint": own + max(kept) + steps,
-        "refine": own + sum(kept) + max(steps, traced) + along,
+        "refine": own + sum(kept) + max(steps, batch_bytes) + along,
     }
 
 
-def together(survey: Survey) -> Survey:
-    """The same for as many frames as are traced together for `refine`."""
+def refine_batch(survey: Survey) -> Survey:
+    """Survey of a render of as many frames as `refine` traces at once."""
     pixels, _, colours = _numbers(survey)
     frames = min(max(SETS[-1], AT_ONCE // (8 * pixels * colours)), MOST_FRAMES)
     return replace(survey, settings=replace(survey.settings, frames=frames, despeckle=0))

@@ -142,7 +142,7 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
     )
     (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
     what = planes.value, margin, slabs, bins, cached
-    memory, traced = (costs.memory(of, *what) for of in (survey, costs.together(survey)))
+    memory, batch_bytes = (costs.memory(each, *what) for each in (survey, costs.refine_batch(survey)))
     warnings += [warning for choice in choices for warning in choice.warnings]
     warnings += _cautions(survey) + shortage(memory, "This hologram")
     chains, most = survey.chains, noise.most_passes(settings)
@@ -180,7 +180,7 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
         chunk=chunk.value,
         stages=costs.compiled(survey, taken),
         phases=costs.phases(survey, planes.value, traversals, taken),
-        phases_memory=costs.phases_memory(survey, traced),
+        phases_memory=costs.phases_memory(survey, batch_bytes),
         error=error,
         memory_bytes=memory,
         decisions=tuple(decision for choice in choices for decision in choice.decisions),
