@@ -13,12 +13,13 @@ import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
 from ..hologram import AerialImage
+from ..pixels import axes, coarsest
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves.lens import behind_lens, spread_waves
 from ..waves.modulator import Levels, wrapped
-from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
+from ..waves.phase_fields import DESIGNED_STARTS, FEW_FRAMES, aimed_waves, random_phasors, randomness_for
 from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
@@ -203,7 +204,7 @@ def eyebox_for(frames: int) -> float:
 
     With three frames parts of the pupil gain nothing from any weight, and the whole loses 2 dB (docs/theory.md).
     """
-    return float(np.clip((frames - FEW_FRAMES + 1) / 3, 0, 1)) ** 2
+    return float(np.clip((frames - FEW_FRAMES) / (DESIGNED_STARTS - FEW_FRAMES), 0, 1)) ** 2
 
 
 @dataclass(frozen=True)
@@ -450,7 +451,9 @@ class _Work:
                 way, grid = self._ways[colour], self._grid.raster(self.field.hologram.wavelengths[colour])
                 rows, columns = grid.shape
                 begun = random_phasors(len(data), rows, columns, self._asked.effort.seed, randomness)
-                if way is not None:
+                if way is None:
+                    begun *= self._aimed(colour)
+                else:
                     begun = way.back(begun * spread_waves(len(data), grid.shape))
                 # amid a turn, for displays blur phases over its ends
                 self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
@@ -469,6 +472,15 @@ class _Work:
                 )
             if randomness is not None:  # nothing comes before all frames together
                 self.gains[colour] = self._gain(colour)
+
+    def _aimed(self, colour):
+        """`aimed_waves` of a wavelength through the pupil that all wavelengths fill, within the stop."""
+        hologram, (*shape,) = self.field.hologram, self.field.data.shape[-2:]
+        x, y, radius = hologram.optics.opening
+        sizes = [each / coarsest(hologram.pitch) for each in axes(hologram.pitch)]
+        radius *= min(hologram.wavelengths) / hologram.wavelengths[colour]
+        scale = [radius * size for size in sizes]
+        return aimed_waves(len(self.field.data), shape, scale, (-y * sizes[0], x * sizes[1]))
 
     def sgd(self, colour, on=None):
         """Each frame for itself; `on` goes on with it, from one share of the progress to another until it is over."""
