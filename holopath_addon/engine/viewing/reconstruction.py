@@ -284,7 +284,10 @@ class Refocuser:
             together = max(1, MOST_BYTES // held)  # whose transfer functions fit
             for first in range(0, len(views), together):
                 some = views[first : first + together]
-                transfers = [self._transfer(k, padded, z, masks[p], bins[p], apart) for z, p in some]
+                transfers = []
+                for distance, pupil in some:
+                    progress(done / (len(views) * frames * colours), "Refocusing")
+                    transfers.append(self._transfer(k, padded, distance, masks[pupil], bins[pupil], apart))
                 sums = np.zeros((len(some), *(size if lines is None else shape)), np.float32)
                 for m in range(frames):
                     spectrum_ = self._spectrum(k, m, padded)
