@@ -736,11 +736,11 @@ SWEEPS = [
         "frames",
         (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24),
         frames_encoded,
-        "From five frames to six phases begin with those of a designed field and count parts of the pupil, too: the "
-        "whole pupil loses 2 dB here, and the worst of its parts gains 5 dB on suzanne.",
+        "Nowhere by more than 1 dB from one number to the next. From three frames to eight the whole pupil loses 3 dB: "
+        "phases gain light in all parts of it.",
         quick=(1, 3),
         log=True,
-        limits={"psnr": 2.5, "brightness": LIMITS["brightness"]},
+        limits={"psnr": 1.2, "brightness": LIMITS["brightness"]},
     ),
     Sweep(
         "randomness",

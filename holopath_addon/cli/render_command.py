@@ -317,7 +317,7 @@ def add_eyebox(parser):
         type=argument(_eyebox),
         metavar=EYEBOX.metavar,
         help="how much parts of the pupil count besides the whole, from 0 to 1, in joint and refine (default: 0 with "
-        "up to five frames, 1 from eight on)",
+        "up to six frames, 1 from eight on)",
     )
 
 

@@ -362,7 +362,7 @@ class Settings:
         "Randomness",
         "How far smooth phase fields are from in phase, 0, to random, 1. More spreads light over the eyebox and leaves "
         "more speckle",
-        advice="as much as the frames bear: 0 with one, 0.3 with two, 0.4 with three, 0.5 with more",
+        advice="automatic: 0 for fields; phases begin with 0 for one frame and 0.1 for two to seven",
         bounds=(0.0, 1.0),
         initial=0.3,
         switch=Switch(
@@ -503,7 +503,7 @@ EYEBOX = Declaration(
     "Eyebox",
     "How much parts of the pupil count besides the whole in the phases of all frames: with 1 the picture holds as the "
     "eye moves, with 0 it is best for an eye in the middle. Few frames cannot show both",
-    advice="automatic: 0 with up to five frames, 1 from eight on",
+    advice="automatic: 0 with up to six frames, 1 from eight on",
     section="hologram",
     bounds=(0.0, 1.0),
     soft=(0.0, 1.0),

@@ -1,6 +1,10 @@
 """Which encoding is chosen for the seconds that there are."""
 
+import json
 import math
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -202,3 +206,45 @@ def test_on_axis_or_off(method, bits, optics, says):
     hologram = engine.Hologram(16, 16, 8e-6, optics=engine.Optics(**optics))
     decision = engine.axis_decision(method, bits, hologram)
     assert decision is None if says is None else decision.value == "on axis" and says in decision.reason
+
+
+TAKEN = """
+import json, threading, time
+from benchmarks.scenes import Scenes
+from benchmarks.stability.displays import camera
+from holopath_addon import engine
+from holopath_addon.engine.scene import variants
+from holopath_addon.workflow import pipeline
+
+variants.activate()
+
+def resident():
+    return next(int(line.split()[1]) << 10 for line in open("/proc/self/status") if line.startswith("VmRSS"))
+
+def watch():
+    while not done:
+        found.append(resident())
+        time.sleep(0.01)
+
+scenes, hologram = Scenes(), engine.Hologram(256, 256, 8e-6, depth_far=1e-3, depth_near=6e-3)
+scene, view, settings = scenes.two_planes(scenes.emissive), camera(), engine.Settings(frames=1)
+plan = engine.plan(scene, view, hologram, settings)
+before, found, done = resident(), [], []
+watching = threading.Thread(target=watch)
+watching.start()
+field = engine.render(scene, view, hologram, settings, plan)
+pipeline.encode(field, "auto", lambda done, message: None, scene, settings)
+done.append(True)
+watching.join()
+print(json.dumps([max(found) - before, plan.phases_memory["refine"]]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads what Linux tells of a process")
+def test_refine_takes_the_memory_that_is_told():
+    """One frame in three colors, in a process of its own: the light that is found again is most of it."""
+    program = [sys.executable, "-c", TAKEN]
+    run = subprocess.run(program, capture_output=True, text=True, timeout=600, check=True)
+    taken, told = json.loads(run.stdout.splitlines()[-1])
+    assert 0.4 * told < taken < 1.1 * told + 150e6  # which compiled kernels may take
