@@ -64,7 +64,13 @@ def test_lens_and_colors_mean_what_words_mean(scene):
     set_all(scene, {"use_lens_distance": True, "lens_distance_mm": 50.0})
     set_all(scene, {"use_picture_distance": True, "picture_mm": 150.0})
     assert properties.hologram_of(props).optics.lens == exchange.parse_lens("100@50@150")
+    set_all(scene, {"use_share": True, "share": 0.85})
+    assert properties.hologram_of(props).optics.lens == exchange.parse_lens("100@50@150@0.85")
+    set_all(scene, {"focal_mm": -100.0})
+    assert properties.hologram_of(props).optics.lens == exchange.parse_lens("-100@50@150@0.85")
+    set_all(scene, {"focal_mm": 100.0})
     props.depth_mapping, props.depth_auto = "eyepiece", True  # in which no picture stands behind it
+    assert not {"use_picture_distance", "use_share"} & set(drawn(scene)[0])
     assert properties.optics_of(props).lens == exchange.parse_lens("100@50")
     set_all(scene, {"use_lens": False, "colors_apart": True, "color_scale": (1.02, 1.0, 0.98)})
     set_all(scene, {"color_distance_mm": (0.3, 0.0, -0.1), "color_right_mm": (0.0, 0.0, 0.02)})
@@ -108,10 +114,14 @@ def test_each_kind_has_a_setting(scene):
         ({"stop": "rectangle"}, ["rectangle", "rectangle"]),
         ({"stop": "measured"}, ["stop_file"]),
         ({"use_radius": True}, ["radius"]),
-        ({"use_lens": True}, ["focal_mm", "use_lens_distance", "use_picture_distance"]),
+        ({"use_lens": True}, ["focal_mm", "use_lens_distance", "use_picture_distance", "use_share"]),
+        (
+            {"use_lens": True, "use_share": True},
+            ["focal_mm", "use_lens_distance", "use_picture_distance", "use_share", "share"],
+        ),
         (
             {"use_lens": True, "use_lens_distance": True},
-            ["focal_mm", "use_lens_distance", "lens_distance_mm", "use_picture_distance"],
+            ["focal_mm", "use_lens_distance", "lens_distance_mm", "use_picture_distance", "use_share"],
         ),
         (
             {"colors_apart": True},
@@ -136,6 +146,8 @@ def test_a_kind_shows_its_own_numbers_alone(scene, settings, shown):
         ({"carrier": "given", "carrier_at": (1.0, 0.0)}, "A carrier lies within the band"),
         ({"carrier": "given", "use_radius": True, "radius": 0.9}, "make it smaller"),
         ({"stop": "measured"}, "A file of the measured stop is missing"),
+        ({"use_lens": True, "focal_mm": 0.0}, "finite and not 0"),
+        ({"use_lens": True, "focal_mm": -100.0}, "diverges, and its focal plane is before it"),
     ],
 )
 def test_what_cannot_be_is_said_in_the_panel(scene, settings, says):
