@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -239,8 +240,19 @@ def test_measured_beams_that_cannot_be():
         engine.Hologram(SHAPE[1], SHAPE[0], PITCH, optics=engine.Optics(beam))
 
 
-def test_a_fitted_display_has_a_beam_of_its_own(wanted):
-    field = engine.WaveField(wanted.data, panel(BEAMS["tilt"]), wanted.camera, wanted.near)
+@pytest.mark.parametrize(
+    "optics",
+    [
+        {"beam": BEAMS["tilt"]},
+        {"carrier": "auto"},
+        {"stop": engine.Stop("half")},
+        {"color_scale": (1.02,)},
+        {"lens": engine.Lens(0.1)},
+    ],
+)
+def test_a_fitted_display_has_a_beam_of_its_own(wanted, optics):
+    on_bench = replace(wanted.hologram, optics=engine.Optics(**optics))
+    field = engine.WaveField(wanted.data, on_bench, wanted.camera, wanted.near)
     display = [engine.DisplayModel(GREEN)]
     with pytest.raises(engine.InvalidInput, match="a beam and a stop of its own"):
         engine.encode(field, "sgd", display=display)

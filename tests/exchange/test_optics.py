@@ -174,7 +174,7 @@ def test_colors_on_the_command_line(folder, tmp_path, capsys):
 
 
 def test_colors_of_a_calibration(folder, tmp_path, capsys):
-    """Its numbers are those that words would say: of phases, of files of others, of a scene, and where light is seen."""
+    """Its numbers are those that words would say: of phases, files of others, a scene, and where light is seen."""
     model, focus = DisplayModel(520e-9, aberrations=(1.0, *7 * (0.0,))), {1e-3: (1, 0, 0, 0, 1, 0, 0, 0)}
     slm.Calibration(models=(model,), sensors=(slm.Sensor((8, 8), homographies=focus),)).save(
         tmp_path / "slm.json"
