@@ -72,6 +72,7 @@ def _colors(layout, props, colors):
     words = ("Red", "Green", "Blue") if colors == "RGB" else ("",)
     for name, what in _COLORS.items():
         _numbers(layout, props, {name: [f"{what} {word}".rstrip() for word in words]})
+    layout.operator("holopath.colors_from", icon="FILEBROWSER")
 
 
 def _numbers(layout, props, rows):

@@ -9,12 +9,13 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, exchange
+from holopath_addon import engine, exchange, slm
 from holopath_addon.blender import properties
 from holopath_addon.cli.sources import BlenderSource
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.optics import BEAMS, STOPS
 from holopath_addon.operators import devices, session
+from holopath_addon.slm.calibration import colors_of
 from holopath_addon.ui import bench_overlay, panels
 from tests.ui.layout import Context, Layout
 
@@ -79,6 +80,29 @@ def test_lens_and_colors_mean_what_words_mean(scene):
     assert properties.optics_of(props) == engine.Optics(**colors)
     props.colours = "MONO"
     assert len(properties.optics_of(props).color_scale) == 1
+
+
+def test_colors_of_a_calibration(scene, tmp_path):
+    """The button fills in what the command line takes from the same file; a file without colors is refused."""
+    props, focus = scene.holopath, {1e-3: (1, 0, 0, 0, 1, 0, 0, 0)}
+    props.resolution_x = props.resolution_y = 256
+    wavelengths = properties.hologram_of(props).wavelengths
+    models = tuple(engine.DisplayModel(w, aberrations=(0.3 * n, *7 * (0.0,))) for n, w in enumerate(wavelengths))
+    sensors = (slm.Sensor((8, 8), homographies={1e-3: (0.98, 0, 0.01, 0, 0.98, 0, 0, 0)}),)
+    sensors += 2 * (slm.Sensor((8, 8), homographies=focus),)
+    slm.Calibration(models=models, sensors=sensors).save(tmp_path / "slm.json")
+    props.optics.colors_apart = True
+    context = Context(scene)
+    layout = Layout(context)
+    panels.optics(layout, context)
+    assert "holopath.colors_from" in layout.all("operator", "operator")
+    assert bpy.ops.holopath.colors_from(filepath=str(tmp_path / "slm.json")) == {"FINISHED"}
+    found, given = properties.optics_of(props), colors_of(tmp_path / "slm.json", properties.hologram_of(props))
+    for name, values in given.items():
+        np.testing.assert_allclose(getattr(found, name), values, rtol=1e-5, atol=1e-8)
+    assert found.color_scale[0] == pytest.approx(1 / 0.98, rel=1e-5) and found.color_distance[2] > 0
+    with pytest.raises(RuntimeError, match="cannot be read"):
+        bpy.ops.holopath.colors_from(filepath=str(tmp_path / "no.json"))
 
 
 def test_a_field_of_another_lens(scene):

@@ -326,6 +326,21 @@ def optics_of(settings: Any) -> engine.Optics:
     )
 
 
+def set_colors(props: HoloPathOptics, colors: dict[str, tuple]) -> None:
+    """Set where colors lie, given as `engine.Optics` takes it for one wavelength or three."""
+    shift = colors["color_shift"]
+    numbers = {
+        "color_scale": colors["color_scale"],
+        "color_distance_mm": [1e3 * distance for distance in colors["color_distance"]],
+        "color_right_mm": [1e3 * right for right, _ in shift],
+        "color_up_mm": [1e3 * up for _, up in shift],
+    }
+    for name, values in numbers.items():
+        own = list(getattr(props, name))
+        setattr(props, name, [*values, *own[len(values) :]])
+    props.colors_apart = True
+
+
 def files_of(props: HoloPathOptics) -> dict[str, str]:
     """Files that were measured and count, as the settings have them, by what they hold."""
     found = {}
