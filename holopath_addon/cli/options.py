@@ -237,7 +237,7 @@ def on_bench(thing, args: argparse.Namespace):
     if not changes:
         return thing
     optics = replace(hologram.optics, **changes)
-    ends = {}
+    ends: dict[str, Any] = {}
     if optics.lens != hologram.optics.lens:  # which has a volume of its own
         ends = {"depth_far": None, "depth_near": None}
     return replace(thing, hologram=replace(hologram, optics=optics, **ends))

@@ -302,12 +302,14 @@ class Hologram:
         InvalidInput
             If no panel's picture has, as behind a lens, where it is of the square in the panel's middle.
         """
-        if self.in_air is self:
+        lens = self.optics.lens
+        if self.in_air is self or lens is None:
             scales = (self._largest_pitch / d for d in (self.pitch_x, self.pitch_y))
             found = [int(n * scale + LITTLE) for n, scale in zip((width, height), scales, strict=True)]
         else:
-            share = self.optics.lens.share
-            found = [next(m for m in range(n, 20 * n + 20) if _kept(m, share) >= n) for n in (width, height)]
+            found = [
+                next(m for m in range(n, 20 * n + 20) if _kept(m, lens.share) >= n) for n in (width, height)
+            ]
         picture = replace(
             self, width=found[0], height=found[1], optics=replace(self.optics, beam=ON_AXIS.beam)
         ).picture

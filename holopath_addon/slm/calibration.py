@@ -8,7 +8,7 @@ import os
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -631,7 +631,7 @@ def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[Displ
     return Calibration.load(path).display(wavelengths)
 
 
-def colors_of(path: Path | str, hologram: Hologram) -> dict[str, tuple]:
+def colors_of(path: Path | str, hologram: Hologram) -> dict[str, Any]:
     """Where the cameras of a calibration saw each color of a hologram, as `engine.Optics` takes it.
 
     The scale and the shift are those of the homographies at the focus nearest to the SLM, in terms of the color in the

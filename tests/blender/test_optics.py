@@ -87,7 +87,9 @@ def test_colors_of_a_calibration(scene, tmp_path):
     props, focus = scene.holopath, {1e-3: (1, 0, 0, 0, 1, 0, 0, 0)}
     props.resolution_x = props.resolution_y = 256
     wavelengths = properties.hologram_of(props).wavelengths
-    models = tuple(engine.DisplayModel(w, aberrations=(0.3 * n, *7 * (0.0,))) for n, w in enumerate(wavelengths))
+    models = tuple(
+        engine.DisplayModel(w, aberrations=(0.3 * n, *7 * (0.0,))) for n, w in enumerate(wavelengths)
+    )
     sensors = (slm.Sensor((8, 8), homographies={1e-3: (0.98, 0, 0.01, 0, 0.98, 0, 0, 0)}),)
     sensors += 2 * (slm.Sensor((8, 8), homographies=focus),)
     slm.Calibration(models=models, sensors=sensors).save(tmp_path / "slm.json")
@@ -97,7 +99,10 @@ def test_colors_of_a_calibration(scene, tmp_path):
     panels.optics(layout, context)
     assert "holopath.colors_from" in layout.all("operator", "operator")
     assert bpy.ops.holopath.colors_from(filepath=str(tmp_path / "slm.json")) == {"FINISHED"}
-    found, given = properties.optics_of(props), colors_of(tmp_path / "slm.json", properties.hologram_of(props))
+    found, given = (
+        properties.optics_of(props),
+        colors_of(tmp_path / "slm.json", properties.hologram_of(props)),
+    )
     for name, values in given.items():
         np.testing.assert_allclose(getattr(found, name), values, rtol=1e-5, atol=1e-8)
     assert found.color_scale[0] == pytest.approx(1 / 0.98, rel=1e-5) and found.color_distance[2] > 0

@@ -586,7 +586,7 @@ def hologram_of(props, resolution=None):
     ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
     ends = {} if depth_is_auto(props) else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
     optics = optics_of(props)
-    said = {
+    said: dict[str, Any] = {
         "pitch": pitch_of(props),
         "wavelengths": tuple(tidy(w * 1e-9) for w in wavelengths),
         "depth_mapping": props.depth_mapping,

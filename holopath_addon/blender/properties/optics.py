@@ -326,7 +326,7 @@ def optics_of(settings: Any) -> engine.Optics:
     )
 
 
-def set_colors(props: HoloPathOptics, colors: dict[str, tuple]) -> None:
+def set_colors(props: HoloPathOptics, colors: dict[str, Any]) -> None:
     """Set where colors lie, given as `engine.Optics` takes it for one wavelength or three."""
     shift = colors["color_shift"]
     numbers = {
@@ -383,7 +383,7 @@ def _stop(props):
 
 def _lens(props, depth_mapping):
     (focal,) = _all([props.focal_mm], 1e-3)
-    (distance,) = _all([props.lens_distance_mm], 1e-3) if props.use_lens_distance else (None,)
+    distance: Any = _all([props.lens_distance_mm], 1e-3)[0] if props.use_lens_distance else None
     if depth_mapping == "eyepiece":  # then no picture stands behind it
         return engine.Lens(focal, distance)
     (picture,) = _all([props.picture_mm], 1e-3) if props.use_picture_distance else (None,)
