@@ -53,6 +53,9 @@ def test_pictures_of_pixels_that_are_not_square(f12, tmp_path):
     """F12's pixels are those of the picture, and the panel has as many of its own as that takes; depths, too."""
     f12.holopath.square_pixels, f12.holopath.pitch_um, f12.holopath.pitch_y_um = False, 6.4, 8.0
     f12.view_layers[0].use_pass_z = True
+    f12.holopath.resolution_x, f12.holopath.resolution_y = 75, 40
+    assert bpy.ops.holopath.match_output() == {"FINISHED"}
+    assert (f12.render.resolution_x, f12.render.resolution_y) == (60, 40)
     bpy.ops.render.render(write_still=True)
     assert load(tmp_path / "picture.png").shape == (40, 60, 4)
     assert session.current.field.data.shape[-2:] == (40, 75)
