@@ -370,6 +370,9 @@ def desk(backend, tmp_path_factory):
     (folder / "my-fitted-slm.json").write_text(
         f'{{"format": "HoloPath SLM calibration", "responses": [{response}], {fitted.replace("520", "516.5")}}}'
     )
+    models = tuple(engine.DisplayModel(nm * 1e-9) for nm in (640, 516.5, 455.4))
+    camera = slm.Sensor((24, 24), homographies={1e-3: (1, 0, 0, 0, 1, 0, 0, 0)})
+    slm.Calibration(models=models, sensors=3 * (camera,)).save(folder / "my-colors.json")
     plm = re.search(r"(?s)```json\n(\{[^`]*\"PLM\".*?)```", (DOCS / "slm.md").read_text("utf-8"))[1]
     (folder / "my-plm.json").write_text(plm)
     study = re.search(r"(?s)```toml\n(scenes.*?)```", (DOCS / "study.md").read_text("utf-8"))[1]

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 from .. import engine
+from ..engine.mapping import squared
 from ..engine.progress import Compiling
 from ..export import unit_scale
 from ..operators import background, session
@@ -21,7 +22,8 @@ NOTHING = 1e10  # depth where there is no surface, as Cycles writes it
 class HoloPathEngine(bpy.types.RenderEngine):
     """Renders the hologram of a frame; the picture is its reconstruction at the focus distance.
 
-    The hologram has as many pixels as the render (Output properties), so that they map one to one.
+    Its picture has as many pixels as the render (Output properties), so that they map one to one: as many as the
+    hologram where these are square.
     """
 
     bl_idname = "HOLOPATH"
@@ -48,11 +50,7 @@ class HoloPathEngine(bpy.types.RenderEngine):
             self.update_stats("", "HoloPath: Reading the scene")
             start = time.perf_counter()
             props, camera = properties.of(depsgraph.scene), self.camera_override
-            if not properties.hologram_of(props, size).plain:
-                raise engine.InvalidInput(
-                    "F12 shows square pixels, and the display's are not square: link the pitch of x and y in the panel "
-                    "Display, or use Render Hologram."
-                )
+            _check_passes(properties.hologram_of(props, size), properties.of_layer(layer))
             task = on_main_thread(lambda: session.prepare(depsgraph, props, size, camera))
             spent = time.perf_counter() - start
             keep = self.is_animation and props.keep_fields
@@ -150,6 +148,16 @@ def _passes(props, layer):
     return found
 
 
+def _check_passes(hologram, layer):
+    """Refuse passes of the panel's pixels where pictures have others."""
+    size = hologram.picture.width, hologram.picture.height
+    if size != (hologram.width, hologram.height) and (layer.use_pass_phase or layer.use_pass_amplitude):
+        raise engine.InvalidInput(
+            f"The passes Phase and Amplitude have the display's {hologram.width} x {hologram.height} pixels, and "
+            f"pictures {size[0]} x {size[1]}: switch them off, or use Render Hologram."
+        )
+
+
 def _pixels(still, result, depsgraph):
     """Arrays [y, x, channel] of the passes by their names, row 0 at the top.
 
@@ -170,7 +178,8 @@ def _pixels(still, result, depsgraph):
     if properties.of_layer(layer).use_pass_amplitude:
         found["Amplitude"] = np.abs(wave)
     if properties.of_layer(layer).use_pass_depth or layer.use_pass_z:
-        depth = engine.depth_map(still.scene, still.camera, wave.shape[1], wave.shape[0])
+        camera, picture = squared(still.camera, result.field.hologram)
+        depth = engine.depth_map(still.scene, camera, picture.width, picture.height)
         found["Depth"] = np.minimum(depth / unit_scale(depsgraph.scene), NOTHING)
     return {name: np.ascontiguousarray(array, np.float32) for name, array in found.items()}
 

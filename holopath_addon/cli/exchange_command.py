@@ -14,7 +14,7 @@ from ..exchange.parts import FIELD, ROLES
 from ..exchange.phases import CHOICES
 from ..workflow import output
 from .console import Progress
-from .options import add_optics, argument, numbers, optics_of, pitch
+from .options import add_optics, argument, numbers, optics_of, pitch, with_colors
 
 _KINDS = ", ".join(exchange.SUFFIXES)
 PRINT = ("dpi", "bits", "carrier", "frame", "wavelength")  # options of a print alone
@@ -311,6 +311,7 @@ def _import(args):
         engine.Optics(**optics) if (optics := optics_of(args)) else None,
     )
     thing = exchange.hologram_of(container, given)
+    thing = replace(thing, hologram=with_colors(thing.hologram, args))
     field = isinstance(thing, engine.WaveField)
     with output.output_folder(out) as part:
         thing.save(part / ("wavefield" if field else "hologram"))

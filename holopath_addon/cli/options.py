@@ -21,6 +21,7 @@ from ..exchange.optics import (
     parse_lens,
     parse_stop,
 )
+from ..slm.calibration import colors_of
 
 
 def argument(parse: Callable) -> Callable:
@@ -184,6 +185,12 @@ def add_optics(parser: argparse.ArgumentParser, kept: str | None = None) -> None
         help="how far each wavelength's picture lies aside, millimeters to the right and up, which is made up for "
         f"(default: {kept or '0'})",
     )
+    parser.add_argument(
+        "--colors-from",
+        metavar="FILE",
+        help="instead of these three, a calibration of each wavelength, by `holopath calibrate`: scale and shift in "
+        "terms of the wavelength in the middle, as its camera saw them, and distance as the fitted defocus has it",
+    )
 
 
 def optics_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -206,14 +213,31 @@ def optics_of(args: argparse.Namespace) -> dict[str, Any]:
     return changes
 
 
+def with_colors(hologram: engine.Hologram, args: argparse.Namespace) -> engine.Hologram:
+    """A hologram whose colors lie where the calibration of `--colors-from` has them.
+
+    Raises
+    ------
+    engine.InvalidInput
+        If other words say it, too, or the calibration does not.
+    """
+    if args.colors_from is None:
+        return hologram
+    if given := [flag(name) for name in COLORS if getattr(args, name) is not None]:
+        raise engine.InvalidInput(
+            f"--colors-from says where colors lie, and so does {given[0]}: leave out either."
+        )
+    return replace(hologram, optics=replace(hologram.optics, **colors_of(args.colors_from, hologram)))
+
+
 def on_bench(thing, args: argparse.Namespace):
     """A `WaveField` or `PhaseHologram` on the bench that words say."""
-    changes = optics_of(args)
+    changes, hologram = optics_of(args), with_colors(thing.hologram, args)
+    thing = thing if hologram is thing.hologram else replace(thing, hologram=hologram)
     if not changes:
         return thing
-    hologram = thing.hologram
     optics = replace(hologram.optics, **changes)
-    ends = {}
+    ends: dict[str, Any] = {}
     if optics.lens != hologram.optics.lens:  # which has a volume of its own
         ends = {"depth_far": None, "depth_near": None}
     return replace(thing, hologram=replace(hologram, optics=optics, **ends))

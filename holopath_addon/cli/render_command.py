@@ -477,7 +477,7 @@ def hologram_of(args, base):
         changes["near"] = args.near
     if optics:
         changes["optics"] = replace(base.optics, **optics)
-    return replace(base, **changes)
+    return options.with_colors(replace(base, **changes), args)
 
 
 def pupil_of(args):

@@ -178,8 +178,8 @@ class Hologram:
         pitch, (rows, columns) = _aerial_pitch(self), _cells(self)
         share = self.optics.lens.share
         values = {each.name: getattr(self, each.name) for each in fields(self)} | {
-            "width": columns - 2 * round((1 - share) / 2 * columns),
-            "height": rows - 2 * round((1 - share) / 2 * rows),
+            "width": _kept(columns, share),
+            "height": _kept(rows, share),
             "pitch": pitch,
             "optics": ON_AXIS,
         }
@@ -294,6 +294,32 @@ class Hologram:
         )
         return replace(self, width=width, height=height, pitch=pitch, optics=self.optics.of_rays)
 
+    def panel_for(self, width: int, height: int) -> tuple[int, int]:
+        """Columns and rows of a panel of such pixels on the same bench whose `picture` has so many.
+
+        Raises
+        ------
+        InvalidInput
+            If no panel's picture has, as behind a lens, where it is of the square in the panel's middle.
+        """
+        lens = self.optics.lens
+        if self.in_air is self or lens is None:
+            scales = (self._largest_pitch / d for d in (self.pitch_x, self.pitch_y))
+            found = [int(n * scale + LITTLE) for n, scale in zip((width, height), scales, strict=True)]
+        else:
+            found = [
+                next(m for m in range(n, 20 * n + 20) if _kept(m, lens.share) >= n) for n in (width, height)
+            ]
+        picture = replace(
+            self, width=found[0], height=found[1], optics=replace(self.optics, beam=ON_AXIS.beam)
+        ).picture
+        if (picture.width, picture.height) != (width, height):
+            raise InvalidInput(
+                f"This bench shows no picture of {width} x {height} pixels, but one of {picture.width} x "
+                f"{picture.height}: choose that."
+            )
+        return found[0], found[1]
+
     @property
     def shorter_side(self) -> float:
         """Of the panel, meters."""
@@ -407,6 +433,11 @@ class AerialImage(Hologram):
 def _cells(hologram):
     """Rows and columns of the square in the panel's middle."""
     return tuple(int(hologram.shorter_side / d + LITTLE) for d in axes(hologram.pitch))
+
+
+def _kept(count, share):
+    """Pixels in the middle that a share of them has."""
+    return count - 2 * round((1 - share) / 2 * count)
 
 
 def _aerial_pitch(hologram):

@@ -1,15 +1,19 @@
-"""Encode the stored wave field for an SLM, look at the phases and save them."""
+"""Encode the stored wave field for an SLM and its bench, look at the phases and save them."""
+
+from dataclasses import replace
 
 import bpy
+from bpy.props import StringProperty
 
 from .. import engine
 from ..blender import preferences, properties
 from ..blender.device_properties import calibration_of
-from ..blender.properties.optics import optics_of
+from ..blender.properties.optics import optics_of, set_colors
 from ..engine.scene import variants
-from ..workflow import pipeline
+from ..slm.calibration import colors_of
+from ..workflow import failures, pipeline
 from . import session
-from .working import Saving, Working, encoded, rendered
+from .working import Saving, Working, encoded, refused, rendered
 
 ENOUGH_BITS = 8  # from here on rounding costs nothing that can be seen
 
@@ -102,4 +106,28 @@ class HOLOPATH_OT_save_hologram(Saving, bpy.types.Operator):
         what.save(folder, progress)
 
 
-CLASSES = (HOLOPATH_OT_encode, HOLOPATH_OT_save_hologram)
+class HOLOPATH_OT_colors_from(bpy.types.Operator):
+    """Take where each color lies from a calibration of all wavelengths, as its camera saw them"""
+
+    bl_idname = "holopath.colors_from"
+    bl_label = "From Calibration"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(name="File", description="Calibration, a JSON file", subtype="FILE_PATH")
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event):
+        bpy.data.window_managers[0].fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context):
+        props = properties.of(context.scene)
+        try:
+            hologram = properties.hologram_of(props)
+            panel = replace(hologram, optics=hologram.optics.of_rays)
+            set_colors(props.optics, colors_of(bpy.path.abspath(self.filepath), panel))
+        except Exception as error:
+            return refused(self, failures.sentence(error))
+        return {"FINISHED"}
+
+
+CLASSES = (HOLOPATH_OT_encode, HOLOPATH_OT_save_hologram, HOLOPATH_OT_colors_from)

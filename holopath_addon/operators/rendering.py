@@ -2,6 +2,7 @@
 
 import bpy
 
+from .. import engine
 from ..blender import preferences, properties
 from . import session
 from .working import Working, export, push_undo
@@ -61,13 +62,17 @@ class HOLOPATH_OT_cancel(bpy.types.Operator):
 
 
 def own_size(scene):
-    """Pixels of the hologram that the button renders: width and height."""
+    """Pixels of the picture of the hologram that the button renders, of the panel where it cannot be: width, height."""
     props = properties.of(scene)
-    return props.resolution_x, props.resolution_y
+    try:
+        picture = properties.hologram_of(props).picture
+    except (engine.InvalidInput, engine.BackendUnavailable):  # another part of the panel says so
+        return props.resolution_x, props.resolution_y
+    return picture.width, picture.height
 
 
 def output_size(scene):
-    """Pixels of F12's picture, and so of its hologram: width and height."""
+    """Pixels of F12's picture: width and height."""
     settings = scene.render
     percent = settings.resolution_percentage
     return tuple(max(1, n * percent // 100) for n in (settings.resolution_x, settings.resolution_y))

@@ -8,11 +8,12 @@ import os
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..engine.errors import InvalidInput
+from ..engine.pixels import coarsest
 from ..engine.scene import variants
 from ..engine.waves.display_model import DisplayModel
 from ..engine.waves.modulator import MIN_LEVELS, Levels, grey_levels, one_turn, unwrapped, varying
@@ -628,6 +629,60 @@ def fitted_display(path: Path | str, wavelengths: Sequence[float]) -> list[Displ
     if Path(path).suffix.lower() != ".json":
         return None
     return Calibration.load(path).display(wavelengths)
+
+
+def colors_of(path: Path | str, hologram: Hologram) -> dict[str, Any]:
+    """Where the cameras of a calibration saw each color of a hologram, as `engine.Optics` takes it.
+
+    The scale and the shift are those of the homographies at the focus nearest to the SLM, in terms of the color in the
+    middle of the spectrum: a camera's magnification is not known by itself. The distance is that of the fitted
+    defocus. With Noll's fourth polynomial, sqrt(3) (2 rho^2 - 1), and rho = 1 at a sine of wavelength / (2 pitch),
+    a defocus a looks like a picture that lies 8 sqrt(3) a pitch^2 / (pi wavelength) too near to the viewer.
+
+    Parameters
+    ----------
+    path : path
+        A `Calibration`.
+    hologram : engine.Hologram
+
+    Returns
+    -------
+    dict
+        `color_scale`, `color_distance` in meters and `color_shift` in meters.
+
+    Raises
+    ------
+    InvalidInput
+        If a wavelength was not calibrated, or no focus is one of all colors.
+    """
+    calibration, wavelengths = Calibration.load(path), hologram.wavelengths
+    models, sensors = zip(*(calibration._fitted(each) for each in wavelengths), strict=True)
+    foci = set.intersection(*(set(sensor.homographies) for sensor in sensors))
+    if not foci:
+        raise InvalidInput(
+            f"The calibration {path} has no focus at which a camera saw every color: calibrate each at the same foci."
+        )
+    focus, middle = min(foci, key=abs), sorted(wavelengths)[len(wavelengths) // 2]
+    reference = sensors[wavelengths.index(middle)]
+    scale, shift = [], []
+    for model, sensor in zip(models, sensors, strict=True):
+        at, size = sensor.middle(focus)
+        scale.append(round(size / reference.middle(focus)[1], 6))
+        half = model.half or hologram.shorter_side / 2
+        xi, eta = reference.on_slm(focus, at)
+        shift.append((round(xi * half, 9), round(-eta * half, 9)))
+    distance = (
+        round(
+            8
+            * math.sqrt(3)
+            * model.aberrations[0]
+            * coarsest(hologram.pitch) ** 2
+            / (math.pi * model.wavelength),
+            9,
+        )
+        for model in models
+    )
+    return {"color_scale": tuple(scale), "color_distance": tuple(distance), "color_shift": tuple(shift)}
 
 
 def _curve(path):

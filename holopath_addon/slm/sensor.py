@@ -112,6 +112,24 @@ class Sensor:
         below = g * x + h * y + 1
         return np.array([(a * x + b * y + c) / below, (d * x + e * y + f) / below])
 
+    def middle(self, distance: float) -> tuple[tuple[float, float], float]:
+        """Where the SLM's middle is seen at a focus, x and y in half the camera's shorter side, and how large.
+
+        The size is the ratio of lengths there, half sides of the camera in a half side of the SLM; the geometric mean
+        over both axes.
+        """
+        matrix = np.linalg.inv(np.array([*self.homographies[distance], 1.0]).reshape(3, 3))
+        x, y, below = matrix[:, 2]
+        at = float(x / below), float(y / below)
+        slopes = matrix[:2, :2] / below - np.outer(at, matrix[2, :2]) / below
+        return at, float(np.sqrt(abs(np.linalg.det(slopes))))
+
+    def on_slm(self, distance: float, at: tuple[float, float]) -> tuple[float, float]:
+        """xi and eta of the SLM that are seen at a place, x and y in half the camera's shorter side."""
+        matrix = np.array([*self.homographies[distance], 1.0]).reshape(3, 3)
+        xi, eta, below = matrix @ [*at, 1.0]
+        return float(xi / below), float(eta / below)
+
     def sees(
         self,
         picture: np.ndarray,

@@ -95,9 +95,15 @@ def tune(
         raise InvalidInput(f"The hologram has no {wavelength * 1e9:g} nm, only {known} nm.")
     if field.data.shape != phase.data.shape:
         raise InvalidInput("The phases are of another field: encode this one, then tune its phases.")
-    if phase.hologram.in_air is not phase.hologram:
+    if phase.hologram.optics.colors_apart:
         raise InvalidInput(
-            "A display is fitted without a lens behind it, and these phases are for one: tune phases of free space."
+            "Tuning looks at one color where the panel shows it: render and encode without --color-scale, "
+            "--color-distance, --color-shift and --colors-from."
+        )
+    if not phase.hologram.flat_bench:
+        raise InvalidInput(
+            "A display that was fitted has a beam and a stop of its own, and no lens with a picture behind it: encode "
+            "without --beam, --carrier and --stop, in free space, then tune."
         )
     if rounds < 1:
         raise InvalidInput(f"Phases are tuned in one round or more, not in {rounds}.")
@@ -145,11 +151,6 @@ class _Loop:
     def __init__(self, phase, field, calibration, colour, threads):
         hologram = phase.hologram
         self._wavelength, self._calibration = hologram.wavelengths[colour], calibration
-        if hologram.optics.colors_apart:
-            raise InvalidInput(
-                "Tuning looks at one color where the panel shows it: render and encode without --color-scale, "
-                "--color-distance and --color-shift."
-            )
         models = calibration.display([self._wavelength])
         if models is None or not calibration.plain:
             raise InvalidInput(

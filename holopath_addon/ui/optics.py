@@ -65,12 +65,14 @@ def _lens(layout, props, depth_mapping):
         _switched(layout, props, "use_lens_distance", "lens_distance_mm", "Distance (mm)")
         if depth_mapping != "eyepiece":  # then no picture stands behind it
             _switched(layout, props, "use_picture_distance", "picture_mm", "Picture (mm)")
+            _switched(layout, props, "use_share", "share", "Share")
 
 
 def _colors(layout, props, colors):
     words = ("Red", "Green", "Blue") if colors == "RGB" else ("",)
     for name, what in _COLORS.items():
         _numbers(layout, props, {name: [f"{what} {word}".rstrip() for word in words]})
+    layout.operator("holopath.colors_from", icon="FILEBROWSER")
 
 
 def _numbers(layout, props, rows):

@@ -9,12 +9,13 @@ import bpy
 import numpy as np
 import pytest
 
-from holopath_addon import engine, exchange
+from holopath_addon import engine, exchange, slm
 from holopath_addon.blender import properties
 from holopath_addon.cli.sources import BlenderSource
 from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.optics import BEAMS, STOPS
 from holopath_addon.operators import devices, session
+from holopath_addon.slm.calibration import colors_of
 from holopath_addon.ui import bench_overlay, panels
 from tests.ui.layout import Context, Layout
 
@@ -64,7 +65,13 @@ def test_lens_and_colors_mean_what_words_mean(scene):
     set_all(scene, {"use_lens_distance": True, "lens_distance_mm": 50.0})
     set_all(scene, {"use_picture_distance": True, "picture_mm": 150.0})
     assert properties.hologram_of(props).optics.lens == exchange.parse_lens("100@50@150")
+    set_all(scene, {"use_share": True, "share": 0.85})
+    assert properties.hologram_of(props).optics.lens == exchange.parse_lens("100@50@150@0.85")
+    set_all(scene, {"focal_mm": -100.0})
+    assert properties.hologram_of(props).optics.lens == exchange.parse_lens("-100@50@150@0.85")
+    set_all(scene, {"focal_mm": 100.0})
     props.depth_mapping, props.depth_auto = "eyepiece", True  # in which no picture stands behind it
+    assert not {"use_picture_distance", "use_share"} & set(drawn(scene)[0])
     assert properties.optics_of(props).lens == exchange.parse_lens("100@50")
     set_all(scene, {"use_lens": False, "colors_apart": True, "color_scale": (1.02, 1.0, 0.98)})
     set_all(scene, {"color_distance_mm": (0.3, 0.0, -0.1), "color_right_mm": (0.0, 0.0, 0.02)})
@@ -73,6 +80,34 @@ def test_lens_and_colors_mean_what_words_mean(scene):
     assert properties.optics_of(props) == engine.Optics(**colors)
     props.colours = "MONO"
     assert len(properties.optics_of(props).color_scale) == 1
+
+
+def test_colors_of_a_calibration(scene, tmp_path):
+    """The button fills in what the command line takes from the same file; a file without colors is refused."""
+    props, focus = scene.holopath, {1e-3: (1, 0, 0, 0, 1, 0, 0, 0)}
+    props.resolution_x = props.resolution_y = 256
+    wavelengths = properties.hologram_of(props).wavelengths
+    models = tuple(
+        engine.DisplayModel(w, aberrations=(0.3 * n, *7 * (0.0,))) for n, w in enumerate(wavelengths)
+    )
+    sensors = (slm.Sensor((8, 8), homographies={1e-3: (0.98, 0, 0.01, 0, 0.98, 0, 0, 0)}),)
+    sensors += 2 * (slm.Sensor((8, 8), homographies=focus),)
+    slm.Calibration(models=models, sensors=sensors).save(tmp_path / "slm.json")
+    props.optics.colors_apart = True
+    context = Context(scene)
+    layout = Layout(context)
+    panels.optics(layout, context)
+    assert "holopath.colors_from" in layout.all("operator", "operator")
+    assert bpy.ops.holopath.colors_from(filepath=str(tmp_path / "slm.json")) == {"FINISHED"}
+    found, given = (
+        properties.optics_of(props),
+        colors_of(tmp_path / "slm.json", properties.hologram_of(props)),
+    )
+    for name, values in given.items():
+        np.testing.assert_allclose(getattr(found, name), values, rtol=1e-5, atol=1e-8)
+    assert found.color_scale[0] == pytest.approx(1 / 0.98, rel=1e-5) and found.color_distance[2] > 0
+    with pytest.raises(RuntimeError, match="cannot be read"):
+        bpy.ops.holopath.colors_from(filepath=str(tmp_path / "no.json"))
 
 
 def test_a_field_of_another_lens(scene):
@@ -108,10 +143,14 @@ def test_each_kind_has_a_setting(scene):
         ({"stop": "rectangle"}, ["rectangle", "rectangle"]),
         ({"stop": "measured"}, ["stop_file"]),
         ({"use_radius": True}, ["radius"]),
-        ({"use_lens": True}, ["focal_mm", "use_lens_distance", "use_picture_distance"]),
+        ({"use_lens": True}, ["focal_mm", "use_lens_distance", "use_picture_distance", "use_share"]),
+        (
+            {"use_lens": True, "use_share": True},
+            ["focal_mm", "use_lens_distance", "use_picture_distance", "use_share", "share"],
+        ),
         (
             {"use_lens": True, "use_lens_distance": True},
-            ["focal_mm", "use_lens_distance", "lens_distance_mm", "use_picture_distance"],
+            ["focal_mm", "use_lens_distance", "lens_distance_mm", "use_picture_distance", "use_share"],
         ),
         (
             {"colors_apart": True},
@@ -136,6 +175,8 @@ def test_a_kind_shows_its_own_numbers_alone(scene, settings, shown):
         ({"carrier": "given", "carrier_at": (1.0, 0.0)}, "A carrier lies within the band"),
         ({"carrier": "given", "use_radius": True, "radius": 0.9}, "make it smaller"),
         ({"stop": "measured"}, "A file of the measured stop is missing"),
+        ({"use_lens": True, "focal_mm": 0.0}, "finite and not 0"),
+        ({"use_lens": True, "focal_mm": -100.0}, "diverges, and its focal plane is before it"),
     ],
 )
 def test_what_cannot_be_is_said_in_the_panel(scene, settings, says):

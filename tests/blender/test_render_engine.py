@@ -49,10 +49,33 @@ def test_pixels_are_the_reconstruction(f12, tmp_path):
     assert tuple(bpy.data.images[session.IMAGE].size) == (60, 40)
 
 
-def test_f12_has_square_pixels(f12):
-    f12.holopath.square_pixels, f12.holopath.pitch_y_um = False, 6.4
-    with pytest.raises(RuntimeError, match="F12 shows square pixels"):
+def test_pictures_of_pixels_that_are_not_square(f12, tmp_path):
+    """F12's pixels are those of the picture, and the panel has as many of its own as that takes; depths, too."""
+    f12.holopath.square_pixels, f12.holopath.pitch_um, f12.holopath.pitch_y_um = False, 6.4, 8.0
+    f12.view_layers[0].use_pass_z = True
+    f12.holopath.resolution_x, f12.holopath.resolution_y = 75, 40
+    assert bpy.ops.holopath.match_output() == {"FINISHED"}
+    assert (f12.render.resolution_x, f12.render.resolution_y) == (60, 40)
+    bpy.ops.render.render(write_still=True)
+    assert load(tmp_path / "picture.png").shape == (40, 60, 4)
+    assert session.current.field.data.shape[-2:] == (40, 75)
+    f12.view_layers[0].holopath.use_pass_phase = True
+    with pytest.raises(RuntimeError, match="have the display's 75 x 40 pixels, and pictures 60 x 40"):
         bpy.ops.render.render()
+
+
+def test_a_picture_behind_a_lens(f12, tmp_path):
+    """It is square; with a share of the width it is of a larger panel."""
+    f12.holopath.optics.use_lens = f12.holopath.optics.use_share = True
+    f12.holopath.frames = 1
+    with pytest.raises(
+        RuntimeError, match="shows no picture of 60 x 40 pixels, but one of 40 x 40: choose that"
+    ):
+        bpy.ops.render.render()
+    f12.render.resolution_x = 80
+    bpy.ops.render.render(write_still=True)
+    assert load(tmp_path / "picture.png").shape == (40, 40, 4)
+    assert session.current.field.data.shape[-2:] == (56, 56)  # of which 40 are 0.7, by even numbers
 
 
 def test_animation(f12, tmp_path):

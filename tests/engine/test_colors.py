@@ -126,12 +126,15 @@ def test_a_stored_field_goes_to_another_panel(slanted, camera):
     assert engine.at_panel(plain, Optics()).data is plain.data
 
 
-def test_other_methods_make_up_for_it(slanted, camera):
+@pytest.mark.parametrize(
+    "method", ["rgbd", "focal-stack", pytest.param("light-field", marks=pytest.mark.slow), "rgbd-sgd"]
+)
+def test_other_methods_make_up_for_it(slanted, camera, method):
     found = []
     for optics in (Optics(), APART):
         hologram = Hologram(64, 64, 8e-6, RGB, **ENDS, optics=optics)
-        settings = engine.Settings(frames=4, method="rgbd", quality="draft")
+        settings = engine.Settings(frames=4, method=method, quality="draft")
         field = engine.render(slanted, camera, hologram, settings)
         truth = engine.reference(slanted, camera, hologram, [1.0], spp=16, near=field.near)[0]
         found.append(engine.psnr(engine.reconstruct(field, [1.0])[0], truth, 10))
-    assert found[1] > found[0] - 0.5
+    assert found[1] > found[0] - 1

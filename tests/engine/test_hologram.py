@@ -1,9 +1,11 @@
 """Displays that cannot be, and the depth range that one has by itself."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
+from holopath_addon import engine
 from holopath_addon.engine import Hologram, InvalidInput
 
 
@@ -45,3 +47,23 @@ def test_light_that_the_aperture_loses_is_told():
     assert Hologram(512, 512, 8e-6).lost_light(15e-3) == (
         "Only 88% of the light fits through the SLM's aperture at 15 mm: the outer 76 pixels darken"
     )
+
+
+@pytest.mark.parametrize(
+    ("pitch", "optics"),
+    [
+        (8e-6, {}),
+        ((6.4e-6, 8e-6), {}),
+        ((8e-6, 6.9e-6), {}),
+        (8e-6, {"color_scale": (1.02,), "color_distance": (0.1e-3,)}),
+        (8e-6, {"lens": engine.Lens(0.1)}),
+        (8e-6, {"lens": engine.Lens(0.1, share=0.7)}),
+    ],
+)
+@pytest.mark.parametrize("size", [(64, 64), (47, 47)])
+def test_a_panel_for_a_picture(pitch, optics, size):
+    hologram = engine.Hologram(100, 80, pitch, (516.5e-9,), optics=engine.Optics(**optics))
+    width, height = hologram.panel_for(*size)
+    picture = replace(hologram, width=width, height=height).picture
+    assert (picture.width, picture.height) == size
+    assert (width, height) == size or hologram.picture is not hologram

@@ -2,11 +2,13 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine.encoding.views import Views
 from holopath_addon.engine.waves.propagation import propagate
 
 PITCH, GREEN = 8e-6, 520e-9
@@ -239,8 +241,19 @@ def test_measured_beams_that_cannot_be():
         engine.Hologram(SHAPE[1], SHAPE[0], PITCH, optics=engine.Optics(beam))
 
 
-def test_a_fitted_display_has_a_beam_of_its_own(wanted):
-    field = engine.WaveField(wanted.data, panel(BEAMS["tilt"]), wanted.camera, wanted.near)
+@pytest.mark.parametrize(
+    "optics",
+    [
+        {"beam": BEAMS["tilt"]},
+        {"carrier": "auto"},
+        {"stop": engine.Stop("half")},
+        {"color_scale": (1.02,)},
+        {"lens": engine.Lens(0.1)},
+    ],
+)
+def test_a_fitted_display_has_a_beam_of_its_own(wanted, optics):
+    on_bench = replace(wanted.hologram, optics=engine.Optics(**optics))
+    field = engine.WaveField(wanted.data, on_bench, wanted.camera, wanted.near)
     display = [engine.DisplayModel(GREEN)]
     with pytest.raises(engine.InvalidInput, match="a beam and a stop of its own"):
         engine.encode(field, "sgd", display=display)
@@ -367,6 +380,52 @@ def test_encodings_go_towards_what_passes_the_stop(wanted, method):
         )
         seen = engine.reconstruct(phase.field(), [1.2])[0].ravel()
         assert np.corrcoef(seen, engine.reconstruct(wanted, [1.2])[0].ravel())[0, 1] > 0.95
+
+
+def blocks(size):
+    """A picture with hard edges, of squares of so many pixels."""
+    rng = np.random.default_rng(3)
+    return np.kron(rng.uniform(0.05, 1, (64 // size, 64 // size)), np.ones((size, size)))[..., None]
+
+
+def test_pictures_are_found_before_a_stop_blurs_them():
+    """What incoherent light shows through the stop, by Goodman, gives back the picture; parts of the pupil stay."""
+    optics, picture = OFF_AXIS["circle"], blocks(8)
+    hologram = engine.Hologram(64, 64, PITCH, (GREEN,), optics=optics)
+    views = Views((64, 64), PITCH, GREEN, -1e-4, 1e-4, 24, 0, optics=optics)
+    blurred = engine.diffracted(picture, hologram)[..., 0]
+    for wanted in views.wanted:
+        wanted[:] = blurred if wanted.shape == (64, 64) else 1
+    views.sharpen()
+    inner = np.s_[8:-8, 8:-8]
+    for wanted, view in zip(views.wanted, views.vantages, strict=True):
+        if view.part is not None:
+            assert (wanted == 1).all()
+            continue
+        before, after = (np.linalg.norm((each - picture[..., 0])[inner]) for each in (blurred, wanted))
+        assert after < 0.7 * before and wanted.min() >= 0
+        assert wanted[inner].mean() == pytest.approx(blurred[inner].mean(), rel=0.01)
+
+
+@pytest.mark.slow
+def test_phases_of_one_bit_are_sharper_than_the_stop_is_by_itself(monkeypatch):
+    """By more than a decibel beside the picture itself, of frames that go towards many of random phases."""
+    picture, optics = blocks(4), OFF_AXIS["circle"]
+    hologram = engine.Hologram(64, 64, PITCH, (GREEN,), -1e-4, 1e-4, optics=optics)
+    rng = np.random.default_rng(0)
+    light = np.sqrt(picture[None, ..., 0]) * np.exp(2j * math.pi * rng.random((200, 64, 64)))
+    light = np.fft.ifft2(np.fft.fft2(light) * engine.Optics().passes((64, 64))).astype(np.complex64)[:, None]
+    field = engine.WaveField(light[:16], hologram, engine.Camera(np.eye(4), 0.5), 1.0)
+
+    def shown():
+        many = [([0], light[16:])]
+        phase = engine.encode(field, "refine", many=lambda progress: many, bits=1, max_steps=60)
+        at_slm = float(field.mapping.z_to_depth(0.0))
+        return engine.psnr(engine.reconstruct(phase.field(engine.Modulator(bits=1)), [at_slm])[0], picture, 8)
+
+    sharp = shown()
+    monkeypatch.setattr(Views, "sharpen", lambda views: None)
+    assert sharp > shown() + 1
 
 
 def test_a_thin_lens_behind_the_same_stop(build, camera):

@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from holopath_addon import cli, engine, exchange
+from holopath_addon import cli, engine, exchange, slm
+from holopath_addon.cli import render_command
+from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.workflow import output
 
 SHAPE = (48, 64)
@@ -169,6 +171,45 @@ def test_colors_on_the_command_line(folder, tmp_path, capsys):
     assert cli.main([*words, "--color-scale", "1,1.02"]) == 2
     assert "a scale of 2 colors, the hologram 1: give one for each" in capsys.readouterr().err
     assert engine.PhaseHologram.load(folder / "hologram").hologram == phase.hologram
+
+
+def test_colors_of_a_calibration(folder, tmp_path, capsys):
+    """Its numbers are those that words would say: of phases, files of others, a scene, and where light is seen."""
+    model, focus = DisplayModel(520e-9, aberrations=(1.0, *7 * (0.0,))), {1e-3: (1, 0, 0, 0, 1, 0, 0, 0)}
+    slm.Calibration(models=(model,), sensors=(slm.Sensor((8, 8), homographies=focus),)).save(
+        tmp_path / "slm.json"
+    )
+    expected = engine.Optics(color_distance=(round(8 * math.sqrt(3) * 64e-12 / (math.pi * 520e-9), 9),))
+    colors = ["--colors-from", str(tmp_path / "slm.json"), "--quiet"]
+    assert cli.main(["encode", str(folder), "--method", "dpac", *colors]) == 0
+    phase = engine.PhaseHologram.load(folder / "hologram")
+    assert phase.hologram.optics == expected
+    field = str(tmp_path / "field.npz")
+    assert cli.main(["export", str(folder), field, "--quiet"]) == 0
+    assert cli.main(["import", field, *colors, "--out", str(tmp_path / "own")]) == 0
+    assert engine.WaveField.load(tmp_path / "own" / "wavefield").hologram.optics == expected
+    assert (
+        cli.main(["encode", str(folder), "--method", "dpac", "--quiet", "--out", str(tmp_path / "plain")])
+        == 0
+    )
+    seen_so = ["reconstruct", str(folder), "--hologram", "--focus", "1.2"]
+    assert cli.main([*seen_so, *colors]) == 0
+    corrected = seen(folder)
+    assert cli.main([*seen_so, "--quiet"]) == 0
+    assert np.array_equal(seen(folder), corrected)
+    assert cli.main([*seen_so, "--color-distance", "0", "--quiet"]) == 0
+    assert not np.allclose(seen(folder), corrected, rtol=0.1)
+    words = cli.parse(["render", "demo:planes", *colors[:2], "--out", "unused"])
+    assert render_command.hologram_of(words, phase.hologram).optics == expected
+    for words, says in (
+        (
+            ["--color-scale", "1.1"],
+            "--colors-from says where colors lie, and so does --color-scale: leave out either",
+        ),
+        (["--colors-from", str(tmp_path / "no.json")], "no.json cannot be read"),
+    ):
+        assert cli.main(["encode", str(folder), "--method", "dpac", *colors, *words]) == 2
+        assert says in capsys.readouterr().err
 
 
 def test_a_measured_beam_in_other_programs_files(folder, tmp_path):

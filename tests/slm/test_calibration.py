@@ -7,15 +7,18 @@ import re
 import hypothesis.extra.numpy as hypothesis_numpy
 import numpy as np
 import pytest
+import scipy.fft
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holopath_addon import engine
+from holopath_addon.engine.encoding.shown_light import ShownLight
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.engine.waves.modulator import grey_levels
+from holopath_addon.engine.waves.propagation import transfer_function
 from holopath_addon.slm import Calibration, Response, Sensor
-from holopath_addon.slm.calibration import response_files
+from holopath_addon.slm.calibration import colors_of, response_files
 from tests.slm.refusals import refused
 
 TURN = 2 * math.pi
@@ -483,6 +486,52 @@ def test_the_nearest_display_is_taken():
     calibration = Calibration(models=tuple(models), sensors=tuple(sensors))
     for model in models:
         assert calibration.display([model.wavelength])[0] == model
+
+
+def seen_by(scale, right, up):
+    """A camera that has no lens, of a picture so much larger and so far aside, in half sides of the SLM."""
+    turn = 0.1
+    turned = np.array(
+        [[math.cos(turn), -math.sin(turn), 0.02], [math.sin(turn), math.cos(turn), -0.01], [0, 0, 1]]
+    )
+    there = turned @ np.array([[scale, 0, right], [0, scale, -up], [0, 0, 1]])
+    back = np.linalg.inv(there)
+    return Sensor((80, 100), 1.0, 0.0, 1.0, {1e-3: tuple((back / back[2, 2]).ravel()[:8])})
+
+
+def calibrated(tmp_path):
+    """Red is 2 % too large and aside, blue too small and defocused, as a calibration has them."""
+    models = DisplayModel(RED), DisplayModel(GREEN), DisplayModel(BLUE, aberrations=(2.0, *7 * (0.0,)))
+    sensors = seen_by(1.02, 0.05, -0.02), seen_by(1.0, 0.0, 0.0), seen_by(0.98, 0.0, 0.0)
+    Calibration(models=models, sensors=sensors).save(tmp_path / "slm.json")
+    return tmp_path / "slm.json", models[-1]
+
+
+def test_where_a_camera_saw_each_color(tmp_path):
+    """Scale and place in terms of green; the distance is where a lens of phases has its focus by the same model."""
+    path, blue = calibrated(tmp_path)
+    pitch, side, focal = 8e-6, 64, 6e-3
+    found = colors_of(path, engine.Hologram(side, side, pitch, (RED, GREEN, BLUE)))
+    assert found["color_scale"] == pytest.approx((1.02, 1.0, 0.98), abs=1e-5)
+    half = pitch * side / 2
+    assert found["color_shift"][0] == pytest.approx((0.05 * half, -0.02 * half), abs=1e-8)
+    assert np.abs(found["color_shift"][1:]).max() < 1e-8
+    assert found["color_distance"][:2] == (0.0, 0.0)
+    y, x = np.indices((side, side)) * pitch - (side - 1) / 2 * pitch
+    lens = np.where(np.hypot(x, y) < half, -math.pi / (BLUE * focal) * (x**2 + y**2), 0.0)
+    places = focal + np.linspace(-1e-3, 2e-3, 61)
+
+    def focus(light):
+        padded = scipy.fft.fft2(light, (256, 256))
+        waves = (padded * transfer_function((256, 256), pitch, BLUE, z) for z in places)
+        peaks = [np.abs(scipy.fft.ifft2(wave)).max() for wave in waves]
+        return places[int(np.argmax(peaks))]
+
+    shown = ShownLight(blue, (side, side), pitch).light(lens)
+    ideal = ShownLight(DisplayModel(BLUE), (side, side), pitch).light(lens)
+    assert focus(shown) - focus(ideal) == pytest.approx(found["color_distance"][2], rel=0.1)
+    with refused("The display was not calibrated at 500 nm"):
+        colors_of(path, engine.Hologram(side, side, pitch, (RED, 500e-9)))
 
 
 def test_pictures_that_are_no_correction(tmp_path):

@@ -105,6 +105,10 @@ def of_camera(calibration, **change):
     return replace(calibration, sensors=(replace(calibration.sensors[0], **change),))
 
 
+def on(phase, **optics):
+    return replace(phase, hologram=replace(phase.hologram, optics=engine.Optics(**optics)))
+
+
 ELSEWHERE = dict.fromkeys(FOCI, (1, 0, 9, 0, 1, 0, 0, 0))
 REFUSED = {
     "The hologram has no 520 nm, only 640 nm": lambda c, p: (
@@ -113,8 +117,10 @@ REFUSED = {
     ),
     "one color where the panel shows it": lambda c, p: (
         c,
-        replace(p, hologram=replace(p.hologram, optics=engine.Optics(color_distance=(1e-4,)))),
+        on(p, color_distance=(1e-4,)),
     ),
+    "a beam and a stop of its own": lambda c, p: (c, on(p, stop=engine.Stop("half"))),
+    "no lens with a picture behind it": lambda c, p: (c, on(p, lens=engine.Lens(0.1))),
     "neither turned": lambda c, p: (replace(c, flip_x=True), p),
     "run `holopath calibrate` first": lambda c, p: (replace(c, models=(), sensors=()), p),
     "No focus of the calibration lies within the volume, 2 to 7 mm": lambda c, p: (

@@ -2,6 +2,7 @@
 
 import math
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -571,7 +572,7 @@ def hologram_of(props, resolution=None):
     ----------
     props : HoloPathSettings
     resolution : tuple of int, optional
-        Width and height in pixels in place of the settings' own.
+        Width and height in pixels of its picture, in place of the settings' own of the panel.
 
     Returns
     -------
@@ -581,20 +582,23 @@ def hologram_of(props, resolution=None):
     ------
     engine.InvalidInput, engine.BackendUnavailable
     """
-    width, height = resolution or (props.resolution_x, props.resolution_y)
     wavelengths = tuple(props.wavelengths_nm) if props.colours == "RGB" else (props.wavelength_nm,)
     ends: dict = {"depth_far": props.depth_far_mm, "depth_near": props.depth_near_mm}
     ends = {} if depth_is_auto(props) else {name: tidy(mm * 1e-3) for name, mm in ends.items()}
-    return engine.Hologram(
-        width,
-        height,
-        pitch_of(props),
-        tuple(tidy(w * 1e-9) for w in wavelengths),
-        depth_mapping=props.depth_mapping,
-        near=None if props.near_auto else tidy(props.near),
-        optics=optics_of(props),
+    optics = optics_of(props)
+    said: dict[str, Any] = {
+        "pitch": pitch_of(props),
+        "wavelengths": tuple(tidy(w * 1e-9) for w in wavelengths),
+        "depth_mapping": props.depth_mapping,
+        "near": None if props.near_auto else tidy(props.near),
         **ends,
-    )
+    }
+    size = props.resolution_x, props.resolution_y
+    if resolution:  # a measured beam is of the panel that is to be found
+        size = engine.Hologram(*size, **said, optics=replace(optics, beam=engine.Beam())).panel_for(
+            *resolution
+        )
+    return engine.Hologram(*size, **said, optics=optics)
 
 
 def pitch_of(props):

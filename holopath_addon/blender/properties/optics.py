@@ -10,6 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ... import engine
+from ...engine.optics import MIN_SHARE
 from ...exchange.optics import measured_beam, measured_stop
 from .decimals import tidy
 
@@ -201,9 +202,10 @@ class HoloPathOptics(bpy.types.PropertyGroup):
     )
     focal_mm: FloatProperty(
         name="Focal Length (mm)",
-        description="Focal length of the lens, in millimeters",
+        description="Focal length of the lens, in millimeters. If it is negative the lens diverges, and needs both "
+        "distances",
         default=50.0,
-        min=1e-3,
+        soft_min=-1000.0,
         soft_max=1000.0,
         step=100,
         precision=2,
@@ -237,6 +239,22 @@ class HoloPathOptics(bpy.types.PropertyGroup):
         soft_max=1000.0,
         step=100,
         precision=2,
+        update=_changed,
+    )
+    use_share: BoolProperty(
+        name="Share",
+        description="Leave room beside the picture, in which few frames leave their errors. Otherwise it is as wide as "
+        "light of the pixels reaches",
+        update=_changed,
+    )
+    share: FloatProperty(
+        name="Share",
+        description="Share of the width that light of the pixels reaches which the picture has",
+        default=0.7,
+        min=MIN_SHARE,
+        max=1.0,
+        step=1,
+        precision=3,
         update=_changed,
     )
     colors_apart: BoolProperty(
@@ -308,6 +326,21 @@ def optics_of(settings: Any) -> engine.Optics:
     )
 
 
+def set_colors(props: HoloPathOptics, colors: dict[str, Any]) -> None:
+    """Set where colors lie, given as `engine.Optics` takes it for one wavelength or three."""
+    shift = colors["color_shift"]
+    numbers = {
+        "color_scale": colors["color_scale"],
+        "color_distance_mm": [1e3 * distance for distance in colors["color_distance"]],
+        "color_right_mm": [1e3 * right for right, _ in shift],
+        "color_up_mm": [1e3 * up for _, up in shift],
+    }
+    for name, values in numbers.items():
+        own = list(getattr(props, name))
+        setattr(props, name, [*values, *own[len(values) :]])
+    props.colors_apart = True
+
+
 def files_of(props: HoloPathOptics) -> dict[str, str]:
     """Files that were measured and count, as the settings have them, by what they hold."""
     found = {}
@@ -350,10 +383,12 @@ def _stop(props):
 
 def _lens(props, depth_mapping):
     (focal,) = _all([props.focal_mm], 1e-3)
-    (distance,) = _all([props.lens_distance_mm], 1e-3) if props.use_lens_distance else (focal,)
-    behind = props.use_picture_distance and depth_mapping != "eyepiece"
-    (picture,) = _all([props.picture_mm], 1e-3) if behind else (None,)
-    return engine.Lens(focal, distance, picture)
+    distance: Any = _all([props.lens_distance_mm], 1e-3)[0] if props.use_lens_distance else None
+    if depth_mapping == "eyepiece":  # then no picture stands behind it
+        return engine.Lens(focal, distance)
+    (picture,) = _all([props.picture_mm], 1e-3) if props.use_picture_distance else (None,)
+    (share,) = _all([props.share]) if props.use_share else (1.0,)
+    return engine.Lens(focal, distance, picture, share)
 
 
 def _colors(props, count):

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.ndimage
 
-from ..errors import InvalidInput
 from ..mapping import DepthMapping, squared
-from ..pixels import beyond, in_words
+from ..pixels import beyond
 from ..settings import BASELINES
 from ..waves.phase_fields import FEW_FRAMES
 from ..waves.propagation import (
@@ -38,7 +38,7 @@ LIGHT_RANDOMNESS = (
     0.0,
     0.1,
 )  # of the phases of the scene's light, which stay as they are, by frames from one on
-# These find phases of pixels; all others find waves, which squares record where pixels are none, see `mapping`.
+# These find phases of the panel's own pixels; all others waves, which squares record, see `mapping`.
 OF_PIXELS = ("focal_stack", "light_field", "rgbd_descent")
 PATHS = {"draft": 4, "preview": 16, "balanced": 64, "high": 256}  # of a pixel of a picture
 
@@ -83,6 +83,35 @@ class BaselineInput:
         """Rows and columns of the hologram."""
         return self.hologram.height, self.hologram.width
 
+    @property
+    def of_pictures(self) -> BaselineInput:
+        """The same on the grid of pictures, whose pixels are square and all colors' own."""
+        camera, square = squared(self.camera, self.hologram)
+        return replace(self, camera=camera, hologram=square)
+
+    def at_pixels(self, picture: np.ndarray, colour: int, order: int = 1) -> np.ndarray:
+        """A picture on the grid `of_pictures` where the light of a wavelength has the panel's pixels.
+
+        Parameters
+        ----------
+        picture : numpy.ndarray, shape (y, x)
+        colour : int
+            Number of the wavelength.
+        order : int
+            Of the spline between pixels: 0 takes the nearest. Beyond the border it is that of the border.
+
+        Returns
+        -------
+        numpy.ndarray, shape (y, x) of the panel
+        """
+        if self.hologram.plain:
+            return picture
+        raster = self.hologram.raster(self.hologram.wavelengths[colour])
+        lines = raster.lines_on(self.hologram.picture.raster())
+        places = (line.first + line.step * np.arange(line.count) for line in lines)
+        at = np.meshgrid(*places, indexing="ij")
+        return scipy.ndimage.map_coordinates(picture, at, order=order, mode="nearest")
+
 
 def light_randomness(frames: int) -> float:
     """How random the phases of a scene's light had best be for so many frames: 0, all the same, to 1, random.
@@ -108,16 +137,10 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """
     name = BASELINES[job.settings.method][0]
     module, hologram = importlib.import_module(f"{__name__}.{name}"), job.hologram
-    if hologram.plain:
+    if hologram.plain or name in OF_PIXELS:
         return module.field(job, progress)
-    if name in OF_PIXELS:
-        other = "colors lie apart" if hologram.optics.colors_apart else f"are {in_words(hologram.pitch)}"
-        raise InvalidInput(
-            f"The method {job.settings.method} finds phases of square pixels, and the display's {other}: "
-            "choose another method."
-        )
-    camera, square = squared(job.camera, hologram)
-    waves = module.field(replace(job, camera=camera, hologram=square), progress)
+    square = hologram.picture
+    waves = module.field(job.of_pictures, progress)
     shape = waves.shape[-2:]
     out = np.empty((*waves.shape[:2], hologram.height, hologram.width), np.complex64)
     for k, wavelength in enumerate(hologram.wavelengths):

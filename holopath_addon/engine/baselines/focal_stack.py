@@ -28,14 +28,15 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     paths = job.paths * len(hologram.wavelengths)
     told = parts(stage(progress, 0.0, 0.4), len(planes))
     stack = [
-        through_pupil(job, z, [(0.0, 0.0, slope)], of_plane, paths)[0]
+        through_pupil(job.of_pictures, z, [(0.0, 0.0, slope)], of_plane, paths)[0]
         for z, of_plane in zip(planes, told, strict=True)
     ]
 
     def pictures(k):
-        vantages = [Vantage(float(z)) for z in planes]
-        wanted = Pictures(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, TEACHING_GUARD)
-        wanted.wanted[:] = [picture[k] for picture in stack]
+        wavelength = hologram.wavelengths[k]
+        vantages = [Vantage(float(z) - hologram.distance_at(wavelength)) for z in planes]
+        wanted = Pictures(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD)
+        wanted.wanted[:] = [job.at_pixels(picture[k], k) for picture in stack]
         return wanted
 
     return phases_for(job, pictures, stage(progress, 0.4, 1.0))

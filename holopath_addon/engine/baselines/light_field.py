@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..pixels import axes, coarsest
 from ..progress import parts, stage
 from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
@@ -33,22 +34,24 @@ PICTURES = 7  # of a focal stack: a light field takes as many paths in all
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram, z = job.hologram, 0.5 * (job.z_low + job.z_high)
-    disks, colours = parts_of_pupil(), len(hologram.wavelengths)
+    squares, disks, colours = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
     paths = math.ceil(job.paths * PICTURES / (len(disks) * colours))
     views = []
     told = parts(stage(progress, 0.0, 0.4), colours)
     for wavelength, of_colour in zip(hologram.wavelengths, told, strict=True):
         slope = hologram.max_slope(wavelength)
-        own = replace(job, hologram=replace(hologram, wavelengths=(wavelength,)))
+        own = replace(squares, hologram=replace(squares.hologram, wavelengths=(wavelength,)))
         scaled = [(x * slope, y * slope, PART * slope) for x, y in disks]
         views.append(through_pupil(own, z, scaled, of_colour, paths)[:, 0])
 
     def pictures(k):
         # the edge of the cone is at half a cycle a pixel; rows go down
-        vantages = [Vantage(z, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
-        wanted = _Views(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, TEACHING_GUARD)
+        wavelength = hologram.wavelengths[k]
+        distance = z - hologram.distance_at(wavelength)
+        vantages = [Vantage(distance, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
+        wanted = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD)
         for number, view in enumerate(views[k]):
-            wanted.wanted[number] = wanted.share(number) * view
+            wanted.wanted[number] = wanted.share(number) * job.at_pixels(view, k)
         return wanted
 
     return phases_for(job, pictures, stage(progress, 0.4, 1.0), whole=False)
@@ -67,8 +70,10 @@ class _Views(Pictures):
         """Of the pixels that light from the SLM reaches on its way through the part; the others do not count."""
         vantage, space = self.vantages[number], self.space
         inside = []
-        for count, frequency in zip(self.shape, (vantage.part[1], vantage.part[0]), strict=True):
-            slope = math.tan(math.asin(space.wavelength * frequency / space.pitch))
-            start = np.arange(count) - vantage.distance * slope / space.pitch
+        for count, frequency, pitch in zip(
+            self.shape, (vantage.part[1], vantage.part[0]), axes(space.pitch), strict=True
+        ):
+            slope = math.tan(math.asin(space.wavelength * frequency / coarsest(space.pitch)))
+            start = np.arange(count) - vantage.distance * slope / pitch
             inside.append((start >= 0) & (start <= count - 1))
         return np.where(inside[0][:, None] & inside[1], super().weight(number), 0)

@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
-    radiance, z = picture_with_depth(job, lambda done, what: progress(0.3 * done, what))
+    radiance, z = picture_with_depth(job.of_pictures, lambda done, what: progress(0.3 * done, what))
     depths, number = sliced(job, z)
 
     def pictures(k):
-        vantages = [Vantage(float(z)) for z in depths]
-        wanted = _OnLayers(job.shape, hologram.pitch, hologram.wavelengths[k], vantages, TEACHING_GUARD)
+        wavelength = hologram.wavelengths[k]
+        vantages = [Vantage(float(z) - hologram.distance_at(wavelength)) for z in depths]
+        wanted = _OnLayers(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD)
+        wanted.radiance, own = job.at_pixels(radiance[k], k), job.at_pixels(number, k, order=0)
         for layer, picture in enumerate(wanted.wanted):
-            picture[:] = np.where(number == layer, radiance[k], 0)
-        wanted.radiance = radiance[k]
+            picture[:] = np.where(own == layer, wanted.radiance, 0)
         return wanted
 
     return phases_for(job, pictures, lambda done, what: progress(0.3 + 0.7 * done, what))

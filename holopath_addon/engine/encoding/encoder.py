@@ -597,6 +597,8 @@ class _Work:
         method, name, gains = self._asked.method, self._named(colour), []
         if method == "refine":
             views.unvignette()
+            if self.field.hologram.optics.stopped:
+                views.sharpen()
         effort = replace(self._asked.effort, max_steps=self._asked.together)
         longest = descent.LONGEST if self._asked.randomness is None else descent.LONGEST_SMOOTH
         groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["together"])

@@ -194,6 +194,7 @@ def test_a_plan_of_another_version_is_none(build, camera, small):
         ("dpac", 8, {}, "up to 7 dB more, through a pupil half as wide"),
         ("dpac", 1, {}, "up to 7 dB more"),
         ("joint", 1, {}, "1 to 2.5 dB less, through a pupil half as wide"),
+        ("refine", 1, {}, "2 to 6 dB more through a pupil half as wide"),
         ("sgd", 1, {}, None),
         ("joint", 2, {}, None),
         ("joint", None, {}, None),
