@@ -1,0 +1,195 @@
+"""Arrays of NumPy, CuPy, PyTorch and other libraries of the Array API standard: what the standard lacks.
+
+What computes with waves does it in the namespace of the arrays that it is given, and on the device where they lie.
+Namespaces are those of array-api-compat, and arrays must be such that parts of them can be written to. NumPy is taken
+as it is, with SciPy's FFTs: these have threads, and use memory again. Where types of numbers are named, names are those
+of the standard, such as ``"complex64"``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.fft
+
+from ..scene.variants import threads
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+Array = Any  # of one of the libraries
+PROCESSOR = np.empty(0)  # to name NumPy's namespace with
+
+
+def namespace(array: Array) -> Any:
+    """The functions of the standard for an array."""
+    if isinstance(array, np.ndarray):
+        return np
+    import array_api_compat
+
+    return array_api_compat.array_namespace(array)
+
+
+def known(array: ArrayLike) -> Array:
+    """An array of a library, as it is; of all else, such as a list, one of NumPy."""
+    return array if hasattr(array, "__dlpack__") else np.asarray(array)
+
+
+def as_type(array: Array, kind: Any) -> Array:
+    """An array of another type of numbers, a name or a type of its namespace; the same one where it has that type."""
+    if isinstance(array, np.ndarray):
+        return array.astype(kind, copy=False)
+    return namespace(array).astype(array, _type(array, kind), copy=False)
+
+
+def like(values: ArrayLike, array: Array, kind: Any = None) -> Array:
+    """NumPy's numbers in the namespace of an array, and where it lies."""
+    if isinstance(array, np.ndarray):
+        return np.asarray(values, kind)
+    return _made(array, "asarray", np.asarray(values), kind)
+
+
+def mask(passes: np.ndarray, array: Array) -> Array:
+    """What passes, of which waves in the namespace of an array can be made a product."""
+    return passes if isinstance(array, np.ndarray) else like(passes, array, "float32")
+
+
+def empty(shape: Sequence[int], kind: Any, array: Array) -> Array:
+    """Memory in the namespace of an array, and where it lies."""
+    return np.empty(shape, kind) if isinstance(array, np.ndarray) else _made(array, "empty", tuple(shape), kind)
+
+
+def zeros(shape: Sequence[int], kind: Any, array: Array) -> Array:
+    """Zeros in the namespace of an array, and where it lies."""
+    return np.zeros(shape, kind) if isinstance(array, np.ndarray) else _made(array, "zeros", tuple(shape), kind)
+
+
+def on_processor(array: Array) -> np.ndarray:
+    """NumPy's array of the same numbers; a copy where those are in a card's memory."""
+    if isinstance(array, np.ndarray):
+        return array
+    import array_api_compat
+
+    if array_api_compat.is_torch_array(array):
+        array = array.detach().resolve_conj()
+    if array_api_compat.is_torch_array(array) or array_api_compat.is_cupy_array(array):
+        array = array_api_compat.to_device(array, "cpu")
+    return np.asarray(array)
+
+
+def _made(array, maker, what, kind):
+    import array_api_compat
+
+    make = getattr(namespace(array), maker)
+    return make(what, dtype=_type(array, kind), device=array_api_compat.device(array))
+
+
+def _type(array, kind):
+    return getattr(namespace(array), kind) if isinstance(kind, str) else kind
+
+
+def fft(
+    array: Array,
+    count: int | None = None,
+    axis: int = -1,
+    norm: str = "backward",
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Array:
+    """FFT of one axis, cut or padded to `count`.
+
+    `workers` is how many threads of the processor do it, by default one; `overwrite` allows it to use the array's
+    memory.
+    """
+    if isinstance(array, np.ndarray):
+        return scipy.fft.fft(array, count, axis, norm, overwrite, workers)
+    return namespace(array).fft.fft(array, n=count, axis=axis, norm=norm)
+
+
+def ifft(
+    array: Array,
+    count: int | None = None,
+    axis: int = -1,
+    norm: str = "backward",
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Array:
+    """Inverse of `fft`."""
+    if isinstance(array, np.ndarray):
+        return scipy.fft.ifft(array, count, axis, norm, overwrite, workers)
+    return namespace(array).fft.ifft(array, n=count, axis=axis, norm=norm)
+
+
+def fft2(
+    array: Array,
+    shape: Sequence[int] | None = None,
+    norm: str = "backward",
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Array:
+    """FFT of the last two axes, padded to `shape`; see `fft`."""
+    if isinstance(array, np.ndarray):
+        return scipy.fft.fft2(array, shape, (-2, -1), norm, overwrite, workers)
+    return namespace(array).fft.fftn(array, s=shape, axes=(-2, -1), norm=norm)
+
+
+def ifft2(
+    array: Array, norm: str = "backward", overwrite: bool = False, workers: int | None = None
+) -> Array:
+    """Inverse of `fft2`."""
+    if isinstance(array, np.ndarray):
+        return scipy.fft.ifft2(array, None, (-2, -1), norm, overwrite, workers)
+    return namespace(array).fft.ifftn(array, axes=(-2, -1), norm=norm)
+
+
+def set_parts(array: Array, real: Array, imaginary: Array) -> None:
+    """Set the real and the imaginary parts of complex numbers, in their memory."""
+    if hasattr(array, "real"):
+        array.real[...], array.imag[...] = real, imaginary
+    else:
+        array[...] = as_type(real, array.dtype) + 1j * as_type(imaginary, array.dtype)
+
+
+def phasors(angles: Array, out: Array | None = None) -> Array:
+    """exp(i angle), complex64, into `out` if it is given."""
+    out = empty(angles.shape, "complex64", angles) if out is None else out
+    if isinstance(angles, np.ndarray):
+        np.cos(angles, out=out.real)
+        np.sin(angles, out=out.imag)
+    else:
+        xp = namespace(angles)
+        set_parts(out, xp.cos(angles), xp.sin(angles))
+    return out
+
+
+def intensity(waves: Array) -> Array:
+    """Squares of absolute values."""
+    xp = namespace(waves)
+    return xp.real(waves) ** 2 + xp.imag(waves) ** 2
+
+
+def angle(waves: Array) -> Array:
+    """Phases, radians from -pi to pi."""
+    if isinstance(waves, np.ndarray):
+        return np.angle(waves)
+    xp = namespace(waves)
+    return xp.atan2(xp.imag(waves), xp.real(waves))
+
+
+def product(first: Array, second: Array) -> complex:
+    """Scalar product of all numbers, of which the first ones are conjugated."""
+    if isinstance(first, np.ndarray):
+        return complex(np.vdot(first, second))
+    xp = namespace(first)
+    return complex(xp.sum(xp.conj(first) * second))
+
+
+def at(array: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Some of the rows and columns, the last two axes; a copy."""
+    if isinstance(array, np.ndarray):
+        return array[..., rows[:, None], columns]
+    xp = namespace(array)
+    return xp.take(xp.take(array, like(rows, array), axis=-2), like(columns, array), axis=-1)
