@@ -17,6 +17,14 @@ def build(backend):
     return Scenes()
 
 
+@pytest.fixture(params=["numpy", "array_api_strict", pytest.param("torch", marks=pytest.mark.oracle)])
+def library(request):
+    """A library of arrays whose `asarray` makes its own of NumPy's; the second one has nothing but the standard."""
+    if request.param != "numpy":
+        pytest.importorskip("array_api_compat")
+    return pytest.importorskip(request.param)
+
+
 @pytest.fixture
 def camera():
     from holopath_addon.engine import Camera

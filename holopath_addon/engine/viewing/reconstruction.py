@@ -15,6 +15,7 @@ from ..memory import shortage
 from ..optics import ON_AXIS, Optics
 from ..pixels import Pitch, averaged, axes, beyond, coarsest
 from ..progress import stage
+from ..waves import arrays
 from ..waves.lens import Collins, behind_lens
 from ..waves.panels import at_panel
 from ..waves.propagation import (
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from ..optics import Pupil
     from ..progress import Progress
     from ..wavefield import WaveField
+    from ..waves.arrays import Array
 
 MOST_BYTES = (
     1 << 29
@@ -138,7 +140,7 @@ class Refocuser:
         pupil: Pupil | None = None,
         progress: Progress | None = None,
         apart: int = 1,
-    ) -> np.ndarray:
+    ) -> Array:
         """Pictures at several distances, as `reconstruct`, of every pixel or those `apart`; one thread at a time.
 
         Light through half of the pupil has half of the bandwidth, so that every second pixel holds it, and its FFTs
@@ -173,11 +175,14 @@ class Refocuser:
         size = [
             -(-n // apart) for n in (self.field.hologram.picture.height, self.field.hologram.picture.width)
         ]
-        images = np.empty((len(distances), *size, self.field.data.shape[1]), np.float32)
-        share = np.count_nonzero(far) / len(distances)
-        if share < 1:
-            images[~far] = self._near(distances[~far], pupil, stage(progress, 0.0, 1 - share), apart)
-        images[far] = self._far(distances[far], pupil, stage(progress, 1 - share, 1.0))[:, ::apart, ::apart]
+        images = arrays.empty(
+            (len(distances), *size, self.field.data.shape[1]), "float32", self.field.data
+        )
+        share = 1 - np.count_nonzero(far) / len(distances)
+        if share:
+            _put(images, ~far, self._near(distances[~far], pupil, stage(progress, 0.0, share), apart))
+        images_far = self._far(distances[far], pupil, stage(progress, share, 1.0))
+        _put(images, far, images_far[:, ::apart, ::apart, :])
         return images
 
     def _mask(self, k, padded, pupil):
@@ -194,28 +199,29 @@ class Refocuser:
         """By one transform each, of pixels as wide as `picture_pitch` says, which have the light that meets them."""
         hologram, data, size = self._grid, self.field.data, self.field.hologram.picture
         frames, colours, *shape = data.shape
-        images, done = np.zeros((len(distances), size.height, size.width, colours), np.float32), 0
+        images = arrays.zeros((len(distances), size.height, size.width, colours), "float32", data)
+        done = 0
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, 0.0)
             mask = self._mask(k, padded, pupil)
             pitch, own = hologram.pitch_at(wavelength), hologram.distance_at(wavelength)
-            mask = circular_band(padded, pitch) if mask is None else mask
+            mask = arrays.mask(circular_band(padded, pitch) if mask is None else mask, data)
             ways = [
                 Collins(shape, pitch, wavelength, 1.0, z - own, images.shape[1:3], picture_pitch(hologram, z))
                 for z in distances
             ]
             for m in range(frames):
                 wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
-                for image, way in zip(images, ways, strict=True):
-                    there = way.there(wave)
-                    image[..., k] += (there.real**2 + there.imag**2) / frames
+                for place, way in enumerate(ways):
+                    images[place, ..., k] += arrays.intensity(way.there(wave)) / frames
                 done += len(ways)
                 progress(done / (len(distances) * frames * colours), "Refocusing")
         # beyond that pixels send the same once more
         for axis, d in ((1, hologram.pitch_y), (2, hologram.pitch_x)):
             n = images.shape[axis]
-            beyond = np.abs(np.arange(n) - (n - 1) / 2) > hologram.shorter_side / d / 2
-            np.moveaxis(images, axis, 0)[beyond] = 0
+            within = np.abs(np.arange(n) - (n - 1) / 2) <= hologram.shorter_side / d / 2
+            within = arrays.mask(within, data)
+            images *= within[None, :, None, None] if axis == 1 else within[None, None, :, None]
         return images
 
     def _near(self, distances, pupil, progress, apart):
@@ -230,7 +236,7 @@ class Refocuser:
             shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
         whole = shape if self._own and self._ways[0] is None else grid.picture.raster().shape
         size = [-(-n // apart) for n in whole]
-        images, done = np.empty((len(distances), *size, colours), np.float32), 0
+        images, done = arrays.empty((len(distances), *size, colours), "float32", self.field.data), 0
         for k in range(colours):
             padded, places, lines = self._padded(k, farthest), self._places(k), self._lines(k)
             mask = self._mask(k, padded, pupil)
@@ -240,11 +246,14 @@ class Refocuser:
             for first in range(0, len(distances), together):
                 some = slice(first, first + together)
                 transfers = [self._transfer(k, padded, z, mask, bins, apart) for z in distances[some]]
-                sums = np.zeros((len(transfers), *(size if lines is None else shape)), np.float32)
+                sums = [
+                    arrays.zeros(size if lines is None else shape, "float32", transfer)
+                    for transfer in transfers
+                ]
                 for m in range(frames):
                     waves = self._spectrum(k, m, padded)
                     if bins is not None:
-                        waves = waves[bins]
+                        waves = arrays.at(waves, *bins)
                     for total, transfer in zip(sums, transfers, strict=True):
                         if places is not None:
                             at_focus = sampled(waves * transfer, places)
@@ -253,12 +262,14 @@ class Refocuser:
                             at_focus = field_of(waves * transfer, own, overwrite=True)
                         if bins is None and lines is None:
                             at_focus = at_focus[::apart, ::apart]
-                        total += at_focus.real**2 + at_focus.imag**2
+                        total += arrays.intensity(at_focus)
                     done += len(transfers)
                     progress(done / (len(distances) * frames * colours), "Refocusing")
-                if lines is not None:
-                    sums = averaged(sums, lines)[:, ::apart, ::apart]
-                images[some, ..., k] = sums / frames
+                for number, total in enumerate(sums, first):
+                    if lines is not None:
+                        seen = averaged(arrays.on_processor(total), lines)[::apart, ::apart]
+                        total = arrays.like(seen, total, "float32")
+                    images[number, ..., k] = total / frames
         return images
 
     def _padded(self, k, distance):
@@ -298,24 +309,31 @@ class Refocuser:
         if self._transfers.get(k, (None,))[0] != key:
             wavelength = grid.wavelengths[k]
             away = distance - grid.distance_at(wavelength)
-            self._transfers[k] = key, transfer_function(padded, grid.pitch_at(wavelength), wavelength, away)
+            what = padded, grid.pitch_at(wavelength), wavelength, away
+            self._transfers[k] = key, transfer_function(*what, on=self.field.data)
         transfer = self._transfers[k][1]
         if mask is not None:
-            transfer = transfer * mask
-        return transfer if bins is None else transfer[bins] * np.float32(1 / apart**2)
+            transfer = transfer * arrays.mask(mask, transfer)
+        return transfer if bins is None else arrays.at(transfer, *bins) * (1 / apart**2)
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
         if kept is not None:
             return kept
-        wave = self.field.data[m, k]
+        wave = self.field.data[m, k, ...]
         if self._ways[k] is not None:
             wave = self._ways[k].there(wave)
         waves = spectrum(wave, padded)
-        held = sum(wave.nbytes for wave in self._spectra.values())
-        if padded == self._padded(k, 0.0) and held + waves.nbytes <= self._most_bytes:
+        held = sum(8 * math.prod(shape) for _, _, shape in (*self._spectra, (k, m, padded)))
+        if padded == self._padded(k, 0.0) and held <= self._most_bytes:
             self._spectra[k, m, padded] = waves
         return waves
+
+
+def _put(images, places, found):
+    """Put some of the pictures where a mask has them."""
+    for number, place in enumerate(np.flatnonzero(places).tolist()):
+        images[place, ...] = found[number, ...]
 
 
 def _bins(mask, apart):
@@ -335,7 +353,7 @@ def _bins(mask, apart):
         place = np.empty(size, int)
         place[own % size] = own % count
         found.append(place)
-    return np.ix_(*found)
+    return found
 
 
 def _fast_multiple(count, of):
@@ -350,7 +368,7 @@ def _fast_multiple(count, of):
 
 def reconstruct(
     field: WaveField, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
-) -> np.ndarray:
+) -> Array:
     """Time-averaged intensity of a wave field, focused at world depths.
 
     Depths from `far_from` the SLM on are of its far field, where a pixel is as wide as `picture_pitch` says and holds
@@ -359,6 +377,7 @@ def reconstruct(
     Parameters
     ----------
     field : WaveField
+        Its data may be of another library than NumPy, as for `propagate`.
     focus : sequence of float
         World depths along the camera's axis, metres; `math.inf` for the far end.
     pupil : Pupil, optional
@@ -368,8 +387,8 @@ def reconstruct(
 
     Returns
     -------
-    numpy.ndarray, float32, shape (focus, y, x, wavelength)
-        In the scene's radiance units, row 0 at the top; on the grid `Hologram.picture`.
+    array, float32, shape (focus, y, x, wavelength)
+        Of the library of the field's data. In the scene's radiance units, row 0 at the top; on the grid `Hologram.picture`.
 
     Raises
     ------

@@ -89,21 +89,22 @@ def transfer_function(
     array, complex64, `shape`, in FFT order
     """
     pixel = coarsest(pitch)
+    scale, turns = float((wavelength / pixel) ** 2), float(-2 * math.pi / wavelength * distance)
     lines = (
         f + pixel / wavelength * sine for f, sine in zip(frequencies(shape, pitch), tilt[::-1], strict=True)
     )
-    fy, fx = (arrays.like(line, on) for line in lines)
+    down, across = (arrays.like(line**2, on) for line in lines)
     rows, columns = (arrays.like(each, on) for each in representable(shape, pitch, wavelength, distance))
     transfer, xp = arrays.empty(shape, "complex64", on), arrays.namespace(on)
     height = max(1, BLOCK // shape[1]) if xp is np else shape[0]
 
     def fill(first):  # double precision, of a few rows at a time
         part = slice(first, first + height)
-        square = fx[None, :] ** 2 + fy[part, None] ** 2
-        u = (wavelength / pixel) ** 2 * square
+        square = across[None, :] + down[part, None]
+        u = scale * square
         keep = square <= 0.25 if band == "circular" else u < 1
         keep &= rows[part, None] & columns[None, :]
-        phase = (-2 * math.pi / wavelength * distance) * u / (1 + xp.sqrt(xp.maximum(1 - u, 0)))
+        phase = turns * u / (1 + xp.sqrt(xp.maximum(1 - u, 0)))
         # whole turns taken off in double precision, the rest is exact to 1e-6 rad in single
         phase = arrays.as_type(xp.remainder(phase, 2 * math.pi), "float32")
         cosine, sine = (xp.where(keep, wave(phase), 0.0) for wave in (xp.cos, xp.sin))
