@@ -175,9 +175,7 @@ class Refocuser:
         size = [
             -(-n // apart) for n in (self.field.hologram.picture.height, self.field.hologram.picture.width)
         ]
-        images = arrays.empty(
-            (len(distances), *size, self.field.data.shape[1]), "float32", self.field.data
-        )
+        images = arrays.empty((len(distances), *size, self.field.data.shape[1]), "float32", self.field.data)
         share = 1 - np.count_nonzero(far) / len(distances)
         if share:
             _put(images, ~far, self._near(distances[~far], pupil, stage(progress, 0.0, share), apart))
@@ -388,7 +386,8 @@ def reconstruct(
     Returns
     -------
     array, float32, shape (focus, y, x, wavelength)
-        Of the library of the field's data. In the scene's radiance units, row 0 at the top; on the grid `Hologram.picture`.
+        Of the library of the field's data, in the scene's radiance units, row 0 at the top; on the grid
+        `Hologram.picture`.
 
     Raises
     ------

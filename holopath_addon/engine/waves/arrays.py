@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.fft
 
-from ..scene.variants import threads
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -46,10 +44,19 @@ def as_type(array: Array, kind: Any) -> Array:
 
 
 def like(values: ArrayLike, array: Array, kind: Any = None) -> Array:
-    """NumPy's numbers in the namespace of an array, and where it lies."""
+    """Numbers in the namespace of an array, and where it lies; those that are there already as they are."""
     if isinstance(array, np.ndarray):
-        return np.asarray(values, kind)
-    return _made(array, "asarray", np.asarray(values), kind)
+        return np.asarray(on_processor(values), kind)
+    if type(values) is type(array):
+        return values
+    return _made(array, "asarray", np.array(values, order="C"), kind)
+
+
+def copied(array: Array) -> Array:
+    """A copy, whose numbers lie one after the other."""
+    if isinstance(array, np.ndarray):
+        return np.array(array, order="C")
+    return namespace(array).asarray(array, copy=True)
 
 
 def mask(passes: np.ndarray, array: Array) -> Array:
@@ -59,18 +66,22 @@ def mask(passes: np.ndarray, array: Array) -> Array:
 
 def empty(shape: Sequence[int], kind: Any, array: Array) -> Array:
     """Memory in the namespace of an array, and where it lies."""
-    return np.empty(shape, kind) if isinstance(array, np.ndarray) else _made(array, "empty", tuple(shape), kind)
+    return (
+        np.empty(shape, kind) if isinstance(array, np.ndarray) else _made(array, "empty", tuple(shape), kind)
+    )
 
 
 def zeros(shape: Sequence[int], kind: Any, array: Array) -> Array:
     """Zeros in the namespace of an array, and where it lies."""
-    return np.zeros(shape, kind) if isinstance(array, np.ndarray) else _made(array, "zeros", tuple(shape), kind)
+    return (
+        np.zeros(shape, kind) if isinstance(array, np.ndarray) else _made(array, "zeros", tuple(shape), kind)
+    )
 
 
-def on_processor(array: Array) -> np.ndarray:
+def on_processor(array: ArrayLike) -> np.ndarray:
     """NumPy's array of the same numbers; a copy where those are in a card's memory."""
-    if isinstance(array, np.ndarray):
-        return array
+    if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__"):
+        return np.asarray(array)
     import array_api_compat
 
     if array_api_compat.is_torch_array(array):
@@ -136,13 +147,16 @@ def fft2(
     return namespace(array).fft.fftn(array, s=shape, axes=(-2, -1), norm=norm)
 
 
-def ifft2(
-    array: Array, norm: str = "backward", overwrite: bool = False, workers: int | None = None
-) -> Array:
+def ifft2(array: Array, norm: str = "backward", overwrite: bool = False, workers: int | None = None) -> Array:
     """Inverse of `fft2`."""
     if isinstance(array, np.ndarray):
         return scipy.fft.ifft2(array, None, (-2, -1), norm, overwrite, workers)
     return namespace(array).fft.ifftn(array, axes=(-2, -1), norm=norm)
+
+
+def into(memory: Array, function: Any, *values: Any) -> Array:
+    """What an elementwise function gives, on the processor in the memory of an array."""
+    return function(*values, out=memory) if isinstance(memory, np.ndarray) else function(*values)
 
 
 def set_parts(array: Array, real: Array, imaginary: Array) -> None:
@@ -153,14 +167,13 @@ def set_parts(array: Array, real: Array, imaginary: Array) -> None:
         array[...] = as_type(real, array.dtype) + 1j * as_type(imaginary, array.dtype)
 
 
-def phasors(angles: Array, out: Array | None = None) -> Array:
-    """exp(i angle), complex64, into `out` if it is given."""
-    out = empty(angles.shape, "complex64", angles) if out is None else out
+def phasors(angles: Array) -> Array:
+    """exp(i angle), complex64."""
+    xp, out = namespace(angles), empty(angles.shape, "complex64", angles)
     if isinstance(angles, np.ndarray):
         np.cos(angles, out=out.real)
         np.sin(angles, out=out.imag)
     else:
-        xp = namespace(angles)
         set_parts(out, xp.cos(angles), xp.sin(angles))
     return out
 
@@ -171,6 +184,15 @@ def intensity(waves: Array) -> Array:
     return xp.real(waves) ** 2 + xp.imag(waves) ** 2
 
 
+def total_intensity(waves: Array) -> Array:
+    """Sum over frames, the first axis, of squares of absolute values."""
+    if isinstance(waves, np.ndarray):
+        parts = waves.view(waves.real.dtype)  # real and imaginary parts side by side
+        total = np.einsum("fyx,fyx->yx", parts, parts)
+        return total[:, ::2] + total[:, 1::2]
+    return namespace(waves).sum(intensity(waves), axis=0)
+
+
 def angle(waves: Array) -> Array:
     """Phases, radians from -pi to pi."""
     if isinstance(waves, np.ndarray):
@@ -179,12 +201,50 @@ def angle(waves: Array) -> Array:
     return xp.atan2(xp.imag(waves), xp.real(waves))
 
 
+def arccos(values: Array) -> Array:
+    """Radians from 0 to pi."""
+    return np.arccos(values) if isinstance(values, np.ndarray) else namespace(values).acos(values)
+
+
 def product(first: Array, second: Array) -> complex:
     """Scalar product of all numbers, of which the first ones are conjugated."""
     if isinstance(first, np.ndarray):
         return complex(np.vdot(first, second))
     xp = namespace(first)
-    return complex(xp.sum(xp.conj(first) * second))
+    return complex(
+        xp.sum((xp.conj(first) if xp.isdtype(first.dtype, "complex floating") else first) * second)
+    )
+
+
+def total(values: Array) -> float:
+    """Sum of all real numbers, in double precision."""
+    xp = namespace(values)
+    return float(xp.sum(values, dtype=xp.float64))
+
+
+def overlap(first: Array, second: Array) -> float:
+    """Sum of all products of real numbers, in double precision."""
+    if isinstance(first, np.ndarray):
+        return float(np.einsum("yx,yx->", first, second, dtype=float))
+    return total(first * second)
+
+
+def histogram(
+    values: Array, bins: int, top: float, weights: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Counts, or sums of weights, in bins from 0 to the largest value, and the bins' edges; NumPy's arrays."""
+    if isinstance(values, np.ndarray):
+        return np.histogram(values, bins, (0, top), weights=weights)
+    xp, edges = namespace(values), np.linspace(0, top, bins + 1)
+    values = xp.reshape(values, (-1,))
+    order = xp.argsort(values)
+    places = xp.searchsorted(xp.take(values, order), like(edges[1:-1], values, values.dtype))
+    places = np.concatenate([[0], on_processor(places), [order.shape[0]]])
+    if weights is None:
+        return np.diff(places), edges
+    sums = xp.cumulative_sum(xp.take(xp.reshape(weights, (-1,)), order), dtype=xp.float64)
+    ends = on_processor(xp.take(sums, like(np.maximum(places - 1, 0), values))) * (places > 0)
+    return np.diff(ends), edges
 
 
 def at(array: Array, rows: np.ndarray, columns: np.ndarray) -> Array:

@@ -209,9 +209,7 @@ def _at_once(grid, fields):
     return max(1, min(threads(), fields, int(MOVING * (installed() or 0) / grid)))
 
 
-def moved(
-    fields: Array, transfer: Array, places: Sequence[EvenSteps] | None = None
-) -> Iterator[Array]:
+def moved(fields: Array, transfer: Array, places: Sequence[EvenSteps] | None = None) -> Iterator[Array]:
     """Each of some fields times a transfer function; several are moved at once by the processor.
 
     Parameters

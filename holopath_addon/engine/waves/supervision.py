@@ -11,10 +11,13 @@ import numpy as np
 import scipy.fft
 
 from ..scene.variants import threads
+from . import arrays
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
+
+    from .arrays import Array
 
 BRIGHTNESS = 10.0  # a picture 10 % too bright counts as much as a speckle contrast of 0.3
 DARK = 0.05  # of the mean intensity, added where errors are divided by the intensity
@@ -54,9 +57,10 @@ class Frames:
         return list(self.pool.map(work, range(count)))
 
 
-def blocks(shape: Sequence[int]) -> list[slice]:
-    """Slices of rows that stay in a processor's cache from one operation to the next."""
-    height = max(1, (1 << 15) // shape[1])
+def blocks(wave: Array) -> list[slice]:
+    """Slices of rows that stay in a processor's cache from one operation to the next; elsewhere all of them."""
+    shape = wave.shape
+    height = max(1, (1 << 15) // shape[1]) if isinstance(wave, np.ndarray) else shape[0]
     return [slice(first, min(first + height, shape[0])) for first in range(0, shape[0], height)]
 
 
@@ -183,7 +187,7 @@ def _of_frames(slopes):
 def _sums(waves, stages, threads):
     """Intensities of the first frames, summed, by how many: the numbers in `stages`."""
     sums = {count: np.empty(waves.shape[1:], np.float32) for count in sorted(stages)}
-    parts = blocks(waves.shape[1:])
+    parts = blocks(waves[0, ...])
 
     def add(part):
         rows = parts[part]

@@ -47,7 +47,9 @@ def test_libraries_of_arrays_agree(library, field, view, pupil):
     focus, hologram = [0.5, 2.0, math.inf, 0.002], replace(field.hologram, **view)
     for apart in (1, 2):
         wanted, found = (
-            engine.Refocuser(replace(field, data=data, hologram=hologram), max_apart=2)(focus, pupil, apart=apart)
+            engine.Refocuser(replace(field, data=data, hologram=hologram), max_apart=2)(
+                focus, pupil, apart=apart
+            )
             for data in (field.data, library.asarray(field.data))
         )
         assert isinstance(found, type(library.asarray(field.data)))
