@@ -542,7 +542,9 @@ class _Work:
                 for place, colour in enumerate(numbers):
                     if colour in wanted:
                         counts[colour] += fields.shape[0]
-                        waves = arrays.like(fields[:, place, ...], self.field.data) * (1 / self._scales[colour])
+                        waves = arrays.like(fields[:, place, ...], self.field.data) * (
+                            1 / self._scales[colour]
+                        )
                         wanted[colour].add(self._wide(self._seen(waves, colour)))
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())

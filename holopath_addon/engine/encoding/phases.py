@@ -131,7 +131,7 @@ class Phases:
             slope = arrays.into(slope, xp.divide, mean, slope)
             slope *= length
             if free is not None:
-                slope = xp.where(free[frame, block], slope, 0.0)
+                slope *= free[frame, block]
             self._angle[frame, block] -= slope
             self._show(frame, block, rows)
 
@@ -146,10 +146,11 @@ class Phases:
         Where these are most, the others are soon done, and there is time to make up for them.
         """
         if self._free is None:
-            self._free = arrays.like(np.ones(self._angle.shape, bool), self._angle)
+            self._free = arrays.mask(np.ones(self._angle.shape, bool), self._angle)
 
         def each(frame):
             angle, free = (arrays.on_processor(each[frame, :]) for each in (self._angle, self._free))
+            free = free.astype(bool, copy=False)
             target, gaps = levels.nearest(angle)
             wanting = free & (gaps > FINE)
             fixed = len(angle) - np.count_nonzero(free)
@@ -158,8 +159,9 @@ class Phases:
                 return
             apart = np.where(wanting, np.abs(angle - target), np.inf)
             chosen = wanting & (apart <= np.partition(apart, count - 1)[count - 1])
-            self._angle[frame, :] = arrays.like(np.where(chosen, target, angle), self._angle)
-            self._free[frame, :] = arrays.like(free & ~chosen, self._angle)
+            angle[chosen], free[chosen] = target[chosen], False
+            self._angle[frame, :] = arrays.like(angle, self._angle)
+            self._free[frame, :] = arrays.mask(free, self._angle)
 
         self._threads.each(each, self._shape[0])
         self._each(self._show)

@@ -231,7 +231,7 @@ class Refocuser:
         for wavelength in grid.wavelengths:
             needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(distances) * colours * math.prod(shape)
-            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
+            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}", self.field.data)
         whole = shape if self._own and self._ways[0] is None else grid.picture.raster().shape
         size = [-(-n // apart) for n in whole]
         images, done = arrays.empty((len(distances), *size, colours), "float32", self.field.data), 0

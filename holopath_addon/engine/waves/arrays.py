@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.fft
 
+from ..memory import on_processor
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -76,19 +78,6 @@ def zeros(shape: Sequence[int], kind: Any, array: Array) -> Array:
     return (
         np.zeros(shape, kind) if isinstance(array, np.ndarray) else _made(array, "zeros", tuple(shape), kind)
     )
-
-
-def on_processor(array: ArrayLike) -> np.ndarray:
-    """NumPy's array of the same numbers; a copy where those are in a card's memory."""
-    if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__"):
-        return np.asarray(array)
-    import array_api_compat
-
-    if array_api_compat.is_torch_array(array):
-        array = array.detach().resolve_conj()
-    if array_api_compat.is_torch_array(array) or array_api_compat.is_cupy_array(array):
-        array = array_api_compat.to_device(array, "cpu")
-    return np.asarray(array)
 
 
 def _made(array, maker, what, kind):

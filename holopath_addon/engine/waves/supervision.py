@@ -11,7 +11,6 @@ import numpy as np
 import scipy.fft
 
 from ..scene.variants import threads
-from . import arrays
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -42,7 +42,7 @@ def test_however_many_distances_fit_into_memory_at_once(field, monkeypatch):
     ],
     ids=["plain", "pupil", "oblong", "lens", "stop"],
 )
-def test_libraries_of_arrays_agree(library, field, view, pupil):
+def test_libraries_of_arrays_agree(other_library, field, view, pupil):
     """Near and far, every pixel and every second one, where the field's numbers are of other libraries."""
     focus, hologram = [0.5, 2.0, math.inf, 0.002], replace(field.hologram, **view)
     for apart in (1, 2):
@@ -50,9 +50,9 @@ def test_libraries_of_arrays_agree(library, field, view, pupil):
             engine.Refocuser(replace(field, data=data, hologram=hologram), max_apart=2)(
                 focus, pupil, apart=apart
             )
-            for data in (field.data, library.asarray(field.data))
+            for data in (field.data, other_library.asarray(field.data))
         )
-        assert isinstance(found, type(library.asarray(field.data)))
+        assert isinstance(found, type(other_library.asarray(field.data)))
         np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * wanted.max())
 
 

@@ -52,19 +52,19 @@ def test_gaussian_beam(library, waist, distance):
     assert np.linalg.norm(np.asarray(there) - wanted) < 1e-4 * np.linalg.norm(wanted)
 
 
-def test_libraries_of_arrays_agree(library):
+def test_libraries_of_arrays_agree(other_library):
     """Stacks, real amplitudes, both bands, a distance of NumPy's, and places between pixels: roundings differ alone."""
     rng, pitch = np.random.default_rng(0), (8e-6, 9e-6)
     field = (rng.normal(size=(2, 3, 40, 50)) + 1j * rng.normal(size=(2, 3, 40, 50))).astype(np.complex64)
     for data in (field, np.ascontiguousarray(field.real)):
         for band in ("circular", "full"):
             way = np.float64(2e-3), pitch, WAVELENGTH, band
-            found = propagation.propagate(library.asarray(data), *way)
+            found = propagation.propagate(other_library.asarray(data), *way)
             wanted = propagation.propagate(data, *way)
             np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * np.abs(wanted).max())
     for step in (0.8, 0.777):  # by FFTs, and by chirps
         lines = [EvenSteps(1.3, step, 30)] * 2
-        found = propagation.sampled(library.asarray(field[0, 0]), lines)
+        found = propagation.sampled(other_library.asarray(field[0, 0]), lines)
         wanted = propagation.sampled(field[0, 0], lines)
         np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * np.abs(wanted).max())
 
