@@ -5,14 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .errors import InvalidInput
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 AT_ONCE = 1 << 28  # bytes of fields of many frames that are traced together
 LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
@@ -73,7 +70,7 @@ def on_card(array: Any) -> tuple[int, int] | None:
     return None
 
 
-def on_processor(array: ArrayLike) -> np.ndarray:
+def on_processor(array: Any) -> np.ndarray:
     """NumPy's array of the same numbers; a copy where those are in a card's memory."""
     if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__"):
         return np.asarray(array)

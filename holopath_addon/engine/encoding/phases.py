@@ -205,7 +205,7 @@ class Phases:
         (_, first, second), xp = self._room(block), self._xp
         angle, light = self._angle[frame, block], self._light[frame, block]
         if self._display is not None:
-            angle[...] = arrays.into(angle, xp.clip, angle, *self._ends)
+            arrays.put(angle, xp.clip, angle, *self._ends)
         arrays.set_parts(light, arrays.into(first, xp.cos, angle), arrays.into(second, xp.sin, angle))
         if self._beam is not None:
             light *= self._beam[block]

@@ -148,6 +148,36 @@ def into(memory: Array, function: Any, *values: Any) -> Array:
     return function(*values, out=memory) if isinstance(memory, np.ndarray) else function(*values)
 
 
+def put(memory: Array, function: Any, *values: Any) -> None:
+    """Have an array hold what an elementwise function gives."""
+    if isinstance(memory, np.ndarray):
+        function(*values, out=memory)
+    else:
+        memory[...] = function(*values)
+
+
+def pairs(waves: Array) -> Array:
+    """Real and imaginary parts along an axis more, the last one; in the same memory where the library has that."""
+    xp = namespace(waves)
+    if hasattr(xp, "view_as_real"):
+        return xp.view_as_real(waves)
+    if hasattr(waves, "view"):
+        return waves.view(waves.real.dtype).reshape(*waves.shape, 2)
+    return xp.stack([xp.real(waves), xp.imag(waves)], axis=-1)
+
+
+def of_pairs(parts: Array) -> Array:
+    """Complex64 numbers of their `pairs`; in the same memory where the library has that."""
+    xp = namespace(parts)
+    if hasattr(xp, "view_as_complex"):
+        return xp.view_as_complex(parts)
+    if hasattr(parts, "view"):
+        return parts.view(np.complex64)[..., 0]
+    waves = empty(parts.shape[:-1], "complex64", parts)
+    set_parts(waves, parts[..., 0], parts[..., 1])
+    return waves
+
+
 def set_parts(array: Array, real: Array, imaginary: Array) -> None:
     """Set the real and the imaginary parts of complex numbers, in their memory."""
     if hasattr(array, "real"):
