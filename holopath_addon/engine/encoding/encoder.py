@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import Cancelled, InvalidInput, cancelled
 from ..hologram import AerialImage
+from ..memory import on_card
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
@@ -484,7 +485,7 @@ class _Work:
         """Each frame for itself; `on` goes on with it, from one share of the progress to another until it is over."""
         field, asked = self.field, self._asked
         white, name = _white(self._fields(0, colour)), self._named(colour)
-        groups = _groups(self._frames, math.prod(field.data.shape[-2:]) * BYTES["sgd"])
+        groups = _groups(self.phases, math.prod(field.data.shape[-2:]) * BYTES["sgd"])
         whole = SHARE.get(asked.method, 1.0)
         place, share = self.colours.index(colour), whole / len(self.colours)
         begin, end = on or (place * share, (place + 1) * share)
@@ -594,14 +595,14 @@ class _Work:
             return
         self._progress(self._at(begun, number), "Views of the field")
         if self._asked.randomness is None or views.frames <= self._frames:
-            for group in _groups(self._frames, math.prod(views.padded) * BYTES["views"]):
+            for group in _groups(self.phases, math.prod(views.padded) * BYTES["views"]):
                 views.add(self._fields(group, colour))
         method, name, gains = self._asked.method, self._named(colour), []
         if method == "refine":
             views.unvignette()
         effort = replace(self._asked.effort, max_steps=self._asked.together)
         longest = descent.LONGEST if self._asked.randomness is None else descent.LONGEST_SMOOTH
-        groups = _groups(self._frames, math.prod(views.padded) * BYTES["together"])
+        groups = _groups(self.phases, math.prod(views.padded) * BYTES["together"])
         left = len(groups) * (len(self.colours) - number)
         for place, group in enumerate(groups):
 
@@ -749,8 +750,10 @@ def _spread(low, high, count):
     return np.linspace(low, high, count) if count > 1 else [(low + high) / 2]
 
 
-def _groups(frames, bytes_each):
-    """Slices of frames that fit into memory, about equal."""
-    count = math.ceil(frames / max(1, MOST_BYTES // bytes_each))
+def _groups(phases, bytes_each):
+    """Slices of frames that fit into memory, about equal; into half of what is free where phases lie on a card."""
+    frames, card = phases.shape[0], on_card(phases)
+    most = min(MOST_BYTES, card[1] // 2) if card else MOST_BYTES
+    count = math.ceil(frames / max(1, most // bytes_each))
     ends = [round(i * frames / count) for i in range(count + 1)]
     return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
