@@ -353,7 +353,7 @@ def _encoded(field, method, progress, **options):
 
     phase, note = libraries.by_card(phases, field.data, 2 * field.data.nbytes + CARD_BYTES)
     if note:
-        phase.report.setdefault("advice", note)
+        phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
     return phase
 
 
