@@ -1,4 +1,4 @@
-"""What a graphics card takes for holograms by stages, from rays to pictures and phases, and what others take beside it."""
+"""Seconds of holograms on a graphics card by stages, from rays to pictures and phases, and of others beside them."""
 
 import math
 from importlib.util import find_spec
@@ -80,7 +80,7 @@ def _torch_step(made):
     def step():
         adam.zero_grad()
         spectra = torch.fft.fft2(torch.exp(1j * phases), s=views.padded)
-        loss = 0.0
+        loss = torch.zeros((), device=on.device)
         for number in chosen:
             rows, columns = views.wanted[number].shape
             waves = views.waves(spectra, number)[:, :rows, :columns]

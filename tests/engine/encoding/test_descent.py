@@ -17,6 +17,7 @@ from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
 from holopath_addon.engine.encoding.views import Views
 from holopath_addon.engine.pixels import EvenSteps
+from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
@@ -228,9 +229,10 @@ BENCHES = {
         ("lens", {"method": "dpac"}),
         ("lens", {"method": "joint"}),
         ("off axis", {"method": "sgd", "bits": 3}),
+        ("plain", {"method": "joint", "display": [DisplayModel(GREEN, falloff=0.2, crosstalk=0.4)] * 2}),
         ("off axis", {"method": "refine"}),
     ],
-    ids=str,
+    ids=lambda value: value if isinstance(value, str) else "-".join(map(str, value.values()))[:24],
 )
 def test_libraries_of_arrays_agree(other_library, bench, options):
     """Whose phases are a library's own, and show what NumPy's show; roundings grow a little from step to step."""
