@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from . import extension, llvm, proof, repository, wheels
+from . import extension, llvm, proof, repository, wheels, xatlas
 
 
 def main(argv=None):
@@ -25,12 +25,15 @@ def main(argv=None):
             "--stored", action="store_true", help="for trials: LLVM as it is, packed in no time"
         )
     commands.add_parser("llvm", help="install this computer's LLVM beside the Python that runs this")
+    commands.add_parser("xatlas", help="build xatlas for the Python that runs this, on Linux, and install it")
     commands.add_parser("lock", help="after a change of WHEELS: fetch them all, and write wheels.lock")
     options = parser.parse_args(argv)
     if options.command == "lock":
         wheels.renew_lock()
     elif options.command == "llvm":
         llvm.install(wheels.this_platform())
+    elif options.command == "xatlas":
+        xatlas.install()
     else:
         proofs = []
         for target, found in extension.build_all(

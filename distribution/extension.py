@@ -1,9 +1,9 @@
 """The zips that Blender installs: the package, its manifest and the wheels that it needs.
 
-One for each platform and Python. Every wheel has the SHA-256 that wheels.lock has for it, or is made from such ones:
-LLVM's, and on Windows those that take a C++ library of their own. Nothing depends on a clock or a system: the same
-sources give the same bytes, as far as liblzma packs alike. Blender's own validator, from the bpy package, has the last
-word.
+One for each platform and Python. Every wheel has the SHA-256 that wheels.lock has for it, or is made from such files:
+LLVM's, on Windows those that take a C++ library of their own, and xatlas for Python 3.14 on Linux. Nothing depends on
+a clock or a system: the same sources give the same bytes, as far as liblzma packs alike, and xatlas as far as Python's
+headers are the same. Blender's own validator, from the bpy package, has the last word.
 """
 
 import importlib.util
@@ -14,7 +14,7 @@ import tomllib
 import zipfile
 from pathlib import Path
 
-from . import cpp_library, llvm, proof
+from . import cpp_library, llvm, proof, xatlas
 from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels
 
 PACKAGE = ROOT / "holopath_addon"
@@ -53,6 +53,7 @@ def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, k
                 folder = kept / platform / f"own-{python}"
                 wheels = [cpp_library.own(wheel, folder, kept, packed) for wheel in wheels]
             wheels.append(library)
+            wheels += _own_xatlas(platform, python, kept)
             try:
                 found = proof.prove(wheels, platform, python)
             except proof.Unproven as error:
@@ -62,6 +63,17 @@ def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, k
             target = build(platform, python, wheels, out)
             print(sizes(target, wheels), file=sys.stderr)
             yield target, found
+
+
+def _own_xatlas(platform, python, kept):
+    """A list with the wheel of xatlas that PyPI has not; empty, with a word, where it cannot be built."""
+    if python not in xatlas.PYTHONS:
+        return []
+    include = xatlas.headers(python) if platform == xatlas.PLATFORM else None
+    if include is None:
+        print(f"{platform}: {xatlas.missing(python)}", file=sys.stderr)
+        return []
+    return [xatlas.wheel(python, include, kept / platform / f"own-{python}", kept)]
 
 
 def manifest_text(platform, python, wheels):

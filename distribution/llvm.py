@@ -5,8 +5,6 @@ PyPI's package llvm-nanobind holds a whole LLVM as a shared library, beside a Py
 """
 
 import fnmatch
-import subprocess
-import sys
 import tempfile
 import zipfile
 from pathlib import Path
@@ -67,17 +65,7 @@ def wheel(platform, folder, kept=wheels.KEPT, packed=True):
 def install(platform):
     """Have pip install it into the environment that runs this."""
     with tempfile.TemporaryDirectory(prefix="holopath-llvm-") as folder:
-        path = wheel(platform, Path(folder), Path(folder), packed=False)
-        command = [
-            sys.executable,
-            "-m",
-            "pip",
-            "install",
-            "--quiet",
-            "--disable-pip-version-check",
-            "--no-index",
-        ]
-        subprocess.run([*command, "--no-deps", "--force-reinstall", path], check=True)
+        wheels.install(wheel(platform, Path(folder), Path(folder), packed=False))
 
 
 def _libraries(platform, names):

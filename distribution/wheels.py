@@ -31,7 +31,7 @@ SYSTEMS = {  # as the module platform calls them
 }
 
 # Blender brings NumPy: 1.24 (Blender 4.2) or later with Python 3.11, 2.x with 3.13 and 3.14. SciPy 1.15 is
-# the last that takes NumPy 1.24. xatlas has no wheel for Python 3.14; without it light is baked in cells.
+# the last that takes NumPy 1.24. xatlas has no wheel for Python 3.14: it is built for Linux, from `XATLAS`.
 COMMON = ("array_api_compat==1.16.0", "pyserial==3.5", "PySDL2==0.9.17", "pysdl2_dll==2.32.10")
 PYTHONS = {
     "3.11": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.15.3", "xatlas==0.0.11", *COMMON],
@@ -40,8 +40,14 @@ PYTHONS = {
 }
 # Not installed as they are. `llvm`: its package asks for a Python of 3.12 or newer, and its library for none.
 # `cpp_library`: Microsoft's package installs a library where Blender would not find it.
-LLVM, CPP = "llvm", "cpp"
-WHEELS = PYTHONS | {LLVM: ["llvm_nanobind==21.1.6.3"], CPP: ["msvc_runtime==14.44.35112"]}
+# `xatlas`: the source, the library that binds it to Python, and the compiler.
+LLVM, CPP, XATLAS = "llvm", "cpp", "xatlas"
+WHEELS = PYTHONS | {
+    LLVM: ["llvm_nanobind==21.1.6.3"],
+    CPP: ["msvc_runtime==14.44.35112"],
+    XATLAS: ["xatlas==0.0.11", "pybind11==3.1.0", "ziglang==0.16.0"],
+}
+ONLY_FOR = {CPP: "windows-x64", XATLAS: "linux-x64"}
 
 RENEW = "python -m distribution lock"
 LOCK_HEADER = f"""\
@@ -52,7 +58,7 @@ LOCK_HEADER = f"""\
 
 def names_of(platform):
     """Keys of `WHEELS` whose wheels a platform's zips are made of."""
-    return [name for name in WHEELS if name != CPP or platform == "windows-x64"]
+    return [name for name in WHEELS if ONLY_FOR.get(name, platform) == platform]
 
 
 def renew_lock(folder=KEPT):
@@ -63,9 +69,8 @@ def renew_lock(folder=KEPT):
             target = folder / platform / name
             shutil.rmtree(target, ignore_errors=True)
             fetch(platform, name, target, WHEELS[name])
-            lines += [
-                f"{sha256(path)}  {platform}/{name}/{path.name}\n" for path in sorted(target.glob("*.whl"))
-            ]
+            fetched = [path for path in sorted(target.iterdir()) if path.suffix in (".whl", ".gz")]
+            lines += [f"{sha256(path)}  {platform}/{name}/{path.name}\n" for path in fetched]
     unfinished = LOCK.with_name(f".unfinished-{LOCK.name}")
     unfinished.write_text(LOCK_HEADER + "".join(lines), encoding="utf-8", newline="\n")
     os.replace(unfinished, LOCK)
@@ -88,8 +93,8 @@ def locked(platform, name):
 
 
 def pin_of(wheel):
-    """``name==version`` of a wheel's file name."""
-    return "==".join(wheel.split("-")[:2])
+    """``name==version`` of the file name of a wheel, or of a source distribution."""
+    return "==".join(wheel.removesuffix(".tar.gz").split("-")[:2])
 
 
 def locked_wheels(platform, name, folder=KEPT):
@@ -116,6 +121,7 @@ def fetch(platform, name, target, requirements):
         "--no-deps",
         "--only-binary",
         ":all:",
+        *(["--no-binary", "xatlas"] if name == XATLAS else []),
         "--python-version",
         name if name in PYTHONS else "3.13",
     ]
@@ -130,6 +136,12 @@ def fetch(platform, name, target, requirements):
             f"distribution: pip cannot bring the wheels of {LOCK.name} for {platform}/{name} ({said}): "
             f"check the connection and the package index, or renew the lock with `{RENEW}`."
         )
+
+
+def install(path):
+    """Have pip install a wheel into the environment that runs this."""
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-index"]
+    subprocess.run([*command, "--no-deps", "--force-reinstall", path], check=True)
 
 
 def this_platform():

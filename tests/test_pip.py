@@ -168,6 +168,16 @@ def test_devices_says_how_llvm_comes(monkeypatch, capsys, version):
     assert cli.main(["devices"]) == 0 and "pip brings" not in capsys.readouterr().out
 
 
+def test_devices_says_whether_xatlas_is_there(monkeypatch, capsys):
+    from holopath_addon.engine.light import unwrapping
+
+    for lacking, said in (("", "available"), ("This Python has no xatlas: cells.", "missing")):
+        monkeypatch.setattr(unwrapping, "LACKING", lacking)
+        assert cli.main(["devices"]) == 0
+        (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  xatlas")]
+        assert line.split()[1] == said and line.endswith(lacking)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("python", PYTHONS)
 def test_pip_alone_gives_a_picture(built, tmp_path, python):

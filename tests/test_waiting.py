@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.scenes import FOV, GREEN, Scenes
 from holopath_addon import engine
 from holopath_addon.engine.scene import variants
+from holopath_addon.workflow import pipeline
 
 variants.activate()
 
@@ -61,6 +62,15 @@ field = engine.WaveField(data, large, camera, 0.5)
 encode = lambda progress: engine.encode(field, "joint", progress, max_steps=2)
 found["encode"] = waits(encode)
 found["refocus"] = waits(lambda progress: engine.reconstruct(field, [0.5, 1.0], progress=progress))
+
+one, few = engine.Settings(frames=1), engine.Hologram(256, 256, 8e-6, (GREEN,), 0.5e-3, 2e-3)
+seen = engine.render(box, camera, few, one)
+found["few"] = waits(lambda progress: pipeline.encode(seen, "refine", progress, box, one, max_steps=3))
+lens = engine.Hologram(384, 384, 8e-6, (GREEN,), optics=engine.Optics(lens=engine.Lens(0.1)))
+behind = engine.WaveField(data, lens, camera, 0.5)
+focus = [float(behind.mapping.z_to_depth(z)) for z in (0.0, 1e-3)]
+found["lens"] = waits(lambda progress: engine.encode(behind, "joint", progress, max_steps=2))
+found["refocus behind a lens"] = waits(lambda progress: engine.reconstruct(behind, focus, progress=progress))
 found["cancelled"] = {when: cancelled(encode, when) for when in ("Phases", "Views", "All frames")}
 print(json.dumps(found))
 """
@@ -83,4 +93,7 @@ def test_cancel_is_heard_within_a_second(backend):
     long = {(work, stage): s for work, waits in found.items() for stage, s in waits.items() if s > WORST}
     assert not long
     assert "Radiance" in found["full"] and "Baking light in view" in found["fast"]
+    assert {"Radiance", "Wave tracing", "All frames"} <= set(
+        found["few"]
+    )  # light is found again, then targets
     assert None not in found["cancelled"].values()

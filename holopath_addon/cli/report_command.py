@@ -76,7 +76,8 @@ def _report(args):
     refocus, middle = _refocuser(field), depths[FOCI // 2]
     images = refocus(depths, progress=told["foci"])
     rows += _focus(sections, field, depths, images)
-    rows += _eyebox(sections, refocus, middle, images[FOCI // 2], told["eyebox"])
+    more, through = _eyebox(sections, refocus, middle, images[FOCI // 2], told["eyebox"])
+    rows += more
     seen = _parallax(sections, refocus, middle, told["parallax"])
     if phase is not None:
         rows += _phases(
@@ -85,6 +86,7 @@ def _report(args):
             None if lone else refocus,
             middle,
             images[FOCI // 2 : FOCI // 2 + 1],
+            through,
             told["phases"],
         )
     sections.append(("Bench", f"<figure>{svg_sketch(field.hologram)}</figure>"))
@@ -104,17 +106,11 @@ def _apart(field, share):
     return round(1 / share) if math.prod(field.data.shape[-2:]) >= LARGE else 1
 
 
-def _through(refocus, focus, grid, progress, message):
-    """Of each part of the pupil on a grid its place, itself, and how to look through it."""
+def _through(refocus, focus, grid, progress):
+    """Places on a grid of parts of the pupil, these, and what is seen through them."""
     places = [(row, column) for row, line in enumerate(grid) for column, pupil in enumerate(line) if pupil]
-    for (row, column), told in zip(places, parts(progress, len(places)), strict=True):
-        pupil = grid[row][column]
-        apart = _apart(refocus.field, SHARE)
-
-        def look(refocus, told=told, pupil=pupil, apart=apart):
-            return refocus([focus], pupil, lambda done, _: told(done, message), apart)
-
-        yield row, column, pupil, look
+    chosen = [grid[row][column] for row, column in places]
+    return places, chosen, refocus.through(focus, chosen, progress, _apart(refocus.field, SHARE))
 
 
 def _depths(field):
@@ -149,15 +145,16 @@ def _eyebox(sections, refocus, focus, whole, progress):
     field = refocus.field
     grid = assessment.pupils(field, SHARE, POSITIONS)
     found = np.full((POSITIONS, POSITIONS), math.nan)
-    for row, column, pupil, look in _through(refocus, focus, grid, progress, "Eyebox"):
-        found[row, column] = assessment.brightness(field, look(refocus)[0], whole, pupil)
+    places, chosen, pictures = _through(refocus, focus, grid, lambda done, _: progress(done, "Eyebox"))
+    for place, pupil, image in zip(places, chosen, pictures, strict=True):
+        found[place] = assessment.brightness(field, image, whole, pupil)
     radius = assessment.pupil_radius(field)
     text = (
         f"<p>The pupil that all colors fill is {2e3 * radius:.3g} mm wide. How bright is the picture for an eye whose "
         f"pupil has half of that, wherever it is? 1 is an even eyebox.</p>{value_map(found, '{:.2f}')}"
     )
     sections.append(("Eyebox", text))
-    return _of_map("eyebox brightness", grid, found)
+    return _of_map("eyebox brightness", grid, found), pictures
 
 
 def _parallax(sections, refocus, focus, progress):
@@ -185,7 +182,8 @@ def _tall(lines):
     return np.repeat(np.repeat(lines, 12, axis=0), max(1, 768 // lines.shape[1]), axis=1)
 
 
-def _phases(sections, phase, refocus, focus, whole, progress):
+def _phases(sections, phase, refocus, focus, whole, through, progress):
+    """Beside pictures of the field through the whole pupil, and through its parts."""
     shares = assessment.efficiency(phase, stage(progress, 0.0, 0.2))
     names = [f"{w * 1e9:.4g} nm" for w in phase.hologram.wavelengths]
     cells = "".join(
@@ -201,8 +199,9 @@ def _phases(sections, phase, refocus, focus, whole, progress):
         grid = assessment.pupils(refocus.field, SHARE, POSITIONS)
         found = np.full((POSITIONS, POSITIONS), math.nan)
         at = stage(progress, 0.2, 0.95)
-        for row, column, _, look in _through(refocus, focus, grid, at, "Phases"):
-            (found[row, column],) = assessment.loss(look(shown), look(refocus))
+        places, _, pictures = _through(shown, focus, grid, lambda done, _: at(done, "Phases"))
+        for place, decibels in zip(places, assessment.loss(pictures, through), strict=True):
+            found[place] = decibels
         at = stage(progress, 0.95, 1.0)
         (middle,) = assessment.loss(shown([focus], progress=at), whole)
         more = ""

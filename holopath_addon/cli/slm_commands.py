@@ -599,6 +599,8 @@ def _looking(args, window, planes, distances, size=None):
 
 
 def _devices(args):
+    from ..engine.light.unwrapping import LACKING
+
     print("Mitsuba backends")
     backends = variants.describe()
     _print_rows(backends)
@@ -606,6 +608,9 @@ def _devices(args):
         print(f"  {libraries.described()}")
     if not any(row["available"] for row in backends if row["name"] == variants.LLVM):
         print(f"  pip brings an LLVM:  {llvm_package.command()}")
+    print("Baked light")
+    lays_out = "lays meshes out, with few seams"
+    _print_rows([{"name": "xatlas", "available": not LACKING, "detail": LACKING or lays_out}])
     print("SLM drivers")
     _print_rows(slm.describe())
     print("Monitors")

@@ -15,7 +15,7 @@ from holopath_addon.cli import encode_command
 from holopath_addon.farm import processes
 from holopath_addon.farm.claims import Claims
 from holopath_addon.farm.job import SharedJob
-from tests.farm.test_sharing import ended, refused, stop
+from tests.farm.test_sharing import ended, refused, stop, wait_for
 
 ROOT = Path(__file__).parents[2]
 GREEN = 516.5e-9
@@ -70,6 +70,22 @@ def test_two_share_what_a_killed_one_has_left(more, tmp_path):
     assert sum(made(told)) == left > 0  # none twice
     assert phases(film) == phases(alone) and len(phases(film)) == 12
     assert sorted(os.listdir(film)) == sorted(os.listdir(alone))
+
+
+def test_of_two_at_once_one_is_killed(tmp_path):
+    """The other makes the rest, with the frame that was begun."""
+    alone = film_of(tmp_path / "alone", 12)
+    assert cli.main([*words(alone), "--quiet"]) == 0
+    film = film_of(tmp_path / "film", 12)
+    killed = start(film)
+    stop(killed, lambda: phases(film) and list(film.glob(".claims/frame_*")))
+    there = len(phases(film))
+    other = start(film)
+    wait_for(lambda: len(phases(film)) > there, other)
+    killed.send_signal(signal.SIGKILL)
+    killed.communicate()
+    assert made(ended(other)) == [12 - there]
+    assert phases(film) == phases(alone) and sorted(os.listdir(film)) == sorted(os.listdir(alone))
 
 
 def test_other_words_wait(tmp_path, capfd):

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..encoding.double_phase import even_double_phase
 from ..encoding.phases import Phases
-from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
+from ..waves.phase_fields import FEW_FRAMES, aimed_waves, random_phasors, randomness_for
 from ..waves.supervision import Frames
 from .frame_mean import FrameMean
 
@@ -67,7 +67,8 @@ def phases_for(
         for k in range(colours):
             pictures = pictures_of(k)
             if few:
-                start = randomness * np.angle(random_phasors(frames, *job.shape, seed + k))
+                begun = random_phasors(frames, *job.shape, seed + k, randomness)
+                start = np.angle(begun * aimed_waves(frames, job.shape))
                 start += even_double_phase(job.shape)
             else:
                 start = rng.uniform(0, 2 * math.pi, (frames, *job.shape)).astype(np.float32)

@@ -13,13 +13,14 @@ import numpy as np
 from ..errors import Cancelled, InvalidInput, cancelled
 from ..hologram import AerialImage
 from ..memory import on_card
+from ..pixels import axes, coarsest
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
 from ..waves import arrays
 from ..waves.lens import behind_lens, spread_waves
 from ..waves.modulator import Levels, wrapped
-from ..waves.phase_fields import FEW_FRAMES, random_phasors, randomness_for
+from ..waves.phase_fields import DESIGNED_STARTS, FEW_FRAMES, aimed_waves, random_phasors, randomness_for
 from ..waves.propagation import filtered
 from ..waves.supervision import Frames
 from . import descent
@@ -207,7 +208,7 @@ def eyebox_for(frames: int) -> float:
 
     With three frames parts of the pupil gain nothing from any weight, and the whole loses 2 dB (docs/theory.md).
     """
-    return float(np.clip((frames - FEW_FRAMES + 1) / 3, 0, 1)) ** 2
+    return float(np.clip((frames - FEW_FRAMES) / (DESIGNED_STARTS - FEW_FRAMES), 0, 1)) ** 2
 
 
 @dataclass(frozen=True)
@@ -459,7 +460,9 @@ class _Work:
                 way, grid = self._ways[colour], self._grid.raster(self.field.hologram.wavelengths[colour])
                 rows, columns = grid.shape
                 begun = random_phasors(self._frames, rows, columns, self._asked.effort.seed, randomness)
-                if way is not None:
+                if way is None:
+                    begun *= self._aimed(colour)
+                else:
                     begun = way.back(begun * spread_waves(self._frames, grid.shape))
                 begun = arrays.like(begun, data)
                 # amid a turn, for displays blur phases over its ends
@@ -480,6 +483,15 @@ class _Work:
                 phases[...] = self._xp.remainder(arrays.angle(waves), 2 * math.pi)
             if randomness is not None:  # nothing comes before all frames together
                 self.gains[colour] = self._gain(colour)
+
+    def _aimed(self, colour):
+        """`aimed_waves` of a wavelength through the pupil that all wavelengths fill, within the stop."""
+        hologram, (*shape,) = self.field.hologram, self.field.data.shape[-2:]
+        x, y, radius = hologram.optics.opening
+        sizes = [each / coarsest(hologram.pitch) for each in axes(hologram.pitch)]
+        radius *= min(hologram.wavelengths) / hologram.wavelengths[colour]
+        scale = [radius * size for size in sizes]
+        return aimed_waves(self._frames, shape, scale, (-y * sizes[0], x * sizes[1]))
 
     def sgd(self, colour, on=None):
         """Each frame for itself; `on` goes on with it, from one share of the progress to another until it is over."""
@@ -543,10 +555,10 @@ class _Work:
                 for place, colour in enumerate(numbers):
                     if colour in wanted:
                         counts[colour] += fields.shape[0]
-                        waves = arrays.like(fields[:, place, ...], self.field.data) * (
-                            1 / self._scales[colour]
-                        )
-                        wanted[colour].add(self._wide(self._seen(waves, colour)))
+                        waves = arrays.like(fields[:, place, ...], self.field.data)
+                        seen = self._seen(waves * (1 / self._scales[colour]), colour)
+                        wanted[colour].add(self._wide(seen))
+                        del seen
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):

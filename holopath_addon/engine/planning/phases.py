@@ -6,8 +6,6 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..encoding.axis import on_axis
 from ..encoding.encoder import FIRST, LATEST, TRACED, eyebox_for
 from ..encoding.encoder import LEAST_STEPS as WORTH
@@ -15,7 +13,7 @@ from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
-from ..waves.phase_fields import FEW_FRAMES, SETS, randomness_for
+from ..waves.phase_fields import SETS, randomness_for
 from .planner import resolved
 
 if TYPE_CHECKING:
@@ -217,16 +215,11 @@ def _chosen(plan, settings, method, seconds, along):
         return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
     few = _randomness(settings) is not None
-    more, steps = ALL if most else (ENOUGH[0], _steps(frames))
+    more, steps = ALL if most else (ENOUGH[0], FEW_STEPS if few else ENOUGH[1])
     frames = max(more, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most or few else _upwards(costs.better(*ALL))
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
-
-
-def _steps(frames):
-    """Enough steps: from many to few frames more, so that one frame more nowhere shows much less."""
-    return int(np.interp(frames, (FEW_FRAMES, LEAST), (FEW_STEPS, ENOUGH[1])))
 
 
 def _randomness(settings, eyebox=0.0):
@@ -241,7 +234,7 @@ def _randomness(settings, eyebox=0.0):
 def _few(frames, randomness, eyebox):
     """What few frames show, in words."""
     frames = "one frame averages" if frames == 1 else f"{frames} frames average"
-    looked = f"and {eyebox:g} of its parts" if eyebox else "as a whole"
+    looked = f"and {eyebox:.2g} of its parts" if eyebox else "as a whole"
     return (
         f"{frames} little speckle, so that phases begin with randomness {randomness:g} and the pupil counts "
         f"{looked}"

@@ -13,6 +13,7 @@ from ..memory import available, on_card, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
 from ..progress import named
 from ..scene import variants
+from ..scene.meshes.joining import MANY_INSTANCES, instances_cost
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle, libraries
@@ -425,8 +426,23 @@ def _cautions(survey: Survey) -> list[str]:
             f"Mitsuba's rays start {offset:.1g} m off surfaces here, much for a scene {near:.2g} m from the camera: "
             f"mirrors shift and light leaks; move the scene to the origin, or enlarge it."
         )
+    found += instances_caution(survey.scene)
     farthest = max(survey.z_low, survey.z_high, key=abs)
     lost = survey.hologram.lost_light(farthest)
     if lost:
         found.append(f"{lost}; bring the depth range nearer to {survey.hologram.origin} or use more pixels.")
     return found
+
+
+def instances_caution(scene: mi.Scene) -> list[str]:
+    """What to warn of where a scene has many instances; empty where it has not."""
+    from ..light.atlas import INSTANCE
+
+    count = sum(shape.shape_type() == INSTANCE for shape in scene.shapes())
+    if count < MANY_INSTANCES:
+        return []
+    return [
+        f"The scene has {count} instances: for them each launch of rays takes about {instances_cost(count):.2g} s on a "
+        "slow core, and four times that if they are twice as many; join them (in Blender Make Instances Real, then "
+        "Ctrl J), or show fewer."
+    ]

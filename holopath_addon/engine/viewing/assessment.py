@@ -10,7 +10,6 @@ import numpy as np
 import scipy.fft
 
 from ..optics import Pupil
-from ..progress import parts
 from ..waves.lens import behind_lens
 from .metrics import psnr
 from .reconstruction import to_rgb
@@ -62,17 +61,18 @@ def sharpness(images: np.ndarray) -> np.ndarray:
     numpy.ndarray, shape (focus, `PATCHES`, `PATCHES`)
         From the top and the left; 0 where it is dark.
     """
-    grey = np.asarray(images, np.float64).mean(-1)
-    down, across = np.gradient(grey, axis=(1, 2))
-    square = down**2 + across**2
-    found = np.zeros((len(grey), PATCHES, PATCHES))
-    for row, rows in enumerate(np.array_split(np.arange(grey.shape[1]), PATCHES)):
-        for column, columns in enumerate(np.array_split(np.arange(grey.shape[2]), PATCHES)):
-            patch = np.ix_(range(len(grey)), rows, columns)
-            bright = grey[patch].mean((1, 2)) ** 2
-            found[:, row, column] = np.divide(
-                square[patch].mean((1, 2)), bright, where=bright > 0, out=found[:, row, column]
-            )
+    found = np.zeros((len(images), PATCHES, PATCHES))
+    for values, image in zip(
+        found, images, strict=True
+    ):  # one by one: gradients take more memory than pictures
+        gray = np.asarray(image, np.float64).mean(-1)
+        down, across = np.gradient(gray)
+        square = down**2 + across**2
+        for row, rows in enumerate(np.array_split(np.arange(gray.shape[0]), PATCHES)):
+            for column, columns in enumerate(np.array_split(np.arange(gray.shape[1]), PATCHES)):
+                patch = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+                bright = gray[patch].mean() ** 2
+                values[row, column] = square[patch].mean() / bright if bright > 0 else 0.0
     return found
 
 
@@ -217,11 +217,8 @@ def slices(
     numpy.ndarray, shape (pupil, x, 3)
         Linear RGB.
     """
-    wavelengths, found = refocus.field.hologram.wavelengths, []
-    for pupil, told in zip(seen, parts(progress, len(seen)), strict=True):
-        picture = refocus([focus], pupil, told, apart)[0]
-        found.append(to_rgb(picture, wavelengths)[row // apart])
-    return np.stack(found)
+    pictures = refocus.through(focus, seen, progress, apart)
+    return to_rgb(pictures[:, row // apart], refocus.field.hologram.wavelengths)
 
 
 def efficiency(phase: PhaseHologram, progress: Progress) -> list[float]:

@@ -185,7 +185,7 @@ def test_phases_of_one_modulus_that_get_better(build, camera, method):
             gram = np.abs(np.einsum("mkyx,nkyx->mn", field.data, field.data.conj()))
             gram /= gram[0, 0]
             assert (gram - np.eye(4)).max() < 0.95  # 0.8: few frames begin nearly alike
-    assert quality[4, 100] > quality[4, 1] + 1
+    assert quality[4, 100] > quality[4, 1] + 0.4  # 0.8 of rgbd-sgd at least
     # of the whole pupil one frame at one focus shows nearly as much
     assert quality[4, 100] > quality[1, 100] + (1 if method == "light-field" else -0.5)
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from holopath_addon import engine
+from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.viewing import reconstruction
+from holopath_addon.engine.waves.propagation import circular_band
 
 
 def test_refocusing_in_two_threads(field):
@@ -56,8 +58,50 @@ def test_libraries_of_arrays_agree(other_library, field, view, pupil):
         np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * wanted.max())
 
 
+def test_parts_of_the_pupil_in_other_libraries(other_library, field):
+    pupils = [engine.Pupil(x, 0.0, 1e-3) for x in (-5e-4, 5e-4)]
+    wanted, found = (
+        engine.Refocuser(replace(field, data=data), max_apart=2).through(1.0, pupils, apart=2)
+        for data in (field.data, other_library.asarray(field.data))
+    )
+    np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * wanted.max())
+
+
 def test_pupil_outside_the_light_is_refused(field):
     with pytest.raises(engine.InvalidInput, match="outside the light"):
         engine.reconstruct(field, [0.7], engine.Pupil(1.0, 0, 1e-3))
     with pytest.raises(engine.InvalidInput):
         engine.Pupil(0, 0, 0)
+
+
+def test_several_pupils_at_once(field):
+    """As one after another, those of the far field too."""
+    refocus, radius = engine.Refocuser(field, max_apart=4), 2e-3
+    pupils = [engine.Pupil(x, 0.3e-3, radius) for x in (-0.5e-3, 0.0, 0.5e-3)]
+    for focus in (0.5, math.inf):
+        found = refocus.through(focus, pupils)
+        for pupil, image in zip(pupils, found, strict=True):
+            np.testing.assert_array_equal(image, refocus([focus], pupil)[0])
+
+
+def test_a_pupil_is_the_bins_whose_waves_meet_it():
+    """Wherever it lies, of whatever size, on pixels that are square or not: the formula on all bins."""
+    random, met = np.random.default_rng(5), 0
+    for _ in range(200):
+        shape, pitch = tuple(random.integers(1, 60, 2)), tuple(random.uniform(0.4e-6, 9e-6, 2))
+        mapping = DepthMapping(random.uniform(1e-3, 0.1), random.uniform(1e-4, 0.1), 0.08, 0.0, 0.0)
+        wavelength, reach = random.uniform(4e-7, 7e-7), mapping.beta / mapping.focal
+        x, y = random.normal(size=2) * reach * random.choice([0.0, 0.1, 1.0])
+        pupil = engine.Pupil(x, y, reach * random.choice([0.05, 0.5, 3.0]))
+        fy, fx = (np.fft.fftfreq(n, d) for n, d in zip(shape, pitch[::-1], strict=True))
+        right, up = np.meshgrid(wavelength * fx, -wavelength * fy)
+        cosine = np.sqrt(np.maximum(1 - right**2 - up**2, 1e-12))
+        expected = np.hypot(right / cosine * reach - x, up / cosine * reach - y) <= pupil.diameter / 2
+        try:
+            found = reconstruction.pupil_mask(shape, pitch, wavelength, mapping, pupil)
+        except engine.InvalidInput:
+            assert not (expected & circular_band(shape, pitch)).any()
+            continue
+        np.testing.assert_array_equal(found, expected)
+        met += 1
+    assert met > 100

@@ -7,9 +7,11 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.waves.phase_fields import (
-    FEW_FRAMES,
+    DESIGNED_STARTS,
     GAIN,
+    RING,
     SETS,
+    aimed_waves,
     designed_phasors,
     phasors_of,
     pixel_transmission,
@@ -130,9 +132,25 @@ def test_smooth_fields_end_in_random_ones():
     one, other = phasors_of("smooth", 2, 32, 48, 5, 1.0), phasors_of("random", 2, 32, 48, 5)
     np.testing.assert_array_equal(one, other)
     assert (phasors_of("smooth", 2, 32, 48, 5, 0.0) == 1).all()
-    degrees = [randomness_for(frames) for frames in range(1, FEW_FRAMES)]
-    assert degrees == sorted(degrees) and degrees[0] == 0 and randomness_for(FEW_FRAMES) is None
+    degrees = [randomness_for(frames) for frames in range(1, DESIGNED_STARTS)]
+    assert degrees == sorted(degrees) and degrees[0] == 0 and randomness_for(DESIGNED_STARTS) is None
     assert [randomness_for(3, eyebox) for eyebox in (0, 0.15, 0.3, 1)] == pytest.approx([0.1, 0.55, 1, 1])
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 7])
+def test_each_frame_is_aimed_at_a_place_of_its_own(frames):
+    """By its spectrum: all on one ring, evenly; its radius that of the pupil, of pixels twice as high as wide."""
+    waves = aimed_waves(frames, (60, 60), (1.0, 0.5), (0.2, 0.0))
+    spectra = np.abs(np.fft.fft2(waves, (1200, 1200)))
+    peaks = [np.unravel_index(np.argmax(each), each.shape) for each in spectra]
+    down, across = (np.fft.fftfreq(1200)[np.array(line)] * 2 for line in zip(*peaks, strict=True))
+    places = (down - 0.2) + 2j * across
+    radius = 0 if frames < 3 else RING * (DESIGNED_STARTS - frames) / (DESIGNED_STARTS - 3)
+    np.testing.assert_allclose(abs(places), radius, atol=0.004)
+    if radius:
+        turns = np.diff(np.unwrap(np.angle(places)))
+        np.testing.assert_allclose(turns, 2 * math.pi / frames, atol=0.1)
+    assert aimed_waves(DESIGNED_STARTS, (4, 4)) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("frames", SETS)
