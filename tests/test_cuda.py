@@ -64,7 +64,7 @@ def test_what_is_run_on_a_card():
 @pytest.mark.slow
 def test_the_benchmark_in_small():
     """On whatever computes here: stages of the render, pictures and phases, and both speeds."""
-    told = run("benchmarks", "card", "64x36", "2", "steps=1", backend="")
+    told = run("benchmarks", "card", "64x36", "2", "dpac,sgd", "steps=1", backend="")
     assert told.returncode == 0, told.stderr
     assert "64 x 36" in told.stdout
     for row in (
