@@ -170,16 +170,21 @@ def frames_along(
     Returns
     -------
     int
-        A set where phases will be found towards many frames, and it takes little memory; else 0.
+        Where phases will be found towards many frames, and they take little memory: all of them for a hologram of few
+        frames, whose rays are few beside theirs, else a set. Otherwise 0.
     """
-    set_bytes = 8 * SETS[-1] * hologram.width * hologram.height * len(hologram.wavelengths)
+    frame_bytes = 8 * hologram.width * hologram.height * len(hologram.wavelengths)
     own = resolved(settings)
     # what draws its random numbers by the chunks that fit, would be another field with more frames
     same = own.radiance == "grain" and own.estimator == "lattice"
-    fits = set_bytes <= AT_ONCE and same and not own.despeckle and own.phase_field != "random"
+    fits = SETS[-1] * frame_bytes <= AT_ONCE and same and not own.despeckle and own.phase_field != "random"
     if not fits or method not in ("auto", "refine") or settings.method in BASELINES:
         return 0
-    return SETS[-1] if plan_encoding(plan, settings, method, seconds, SETS[-1]).method == "refine" else 0
+    chosen = plan_encoding(plan, settings, method, seconds, SETS[-1])
+    if chosen.method != "refine":
+        return 0
+    all_of_them = chosen.randomness is not None and seconds is None and chosen.frames * frame_bytes <= AT_ONCE
+    return chosen.frames if all_of_them else SETS[-1]
 
 
 def _chosen(plan, settings, method, seconds, along):
@@ -275,8 +280,9 @@ class _Costs:
         return again + rest * self.each["frame"] + count * self.each["look"]
 
     def refine(self, frames: int, steps: int) -> float:
-        """To its end, with what the render takes longer for frames along."""
-        return self.each["sgd"] + self.along * self.each["frame"] + self._together(frames, steps)
+        """To its end, with what the render takes longer for frames along: one set shares the rays of its own."""
+        rays = max(0, math.ceil(self.along / SETS[-1]) - 1) * self.each["rays"]
+        return self.each["sgd"] + self.along * self.each["frame"] + rays + self._together(frames, steps)
 
     def better(self, frames: int, steps: int) -> float:
         """From which on there are about so many frames, as whole sets, and steps in them."""

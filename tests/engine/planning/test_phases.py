@@ -45,6 +45,9 @@ def test_frames_traced_along_need_no_paths():
     assert chosen().seconds - chosen(along=24).seconds == pytest.approx(COSTS["rays"])
     assert chosen(along=24, seconds=9, traversals=3).frames == 24  # 48 would be there after four tenths of it
     assert chosen(along=120).frames == 120
+    # of few frames all come along: rays by the set, and no paths again
+    all_of_them = COSTS["light"] + COSTS["rays"]
+    assert chosen(frames=1).seconds - chosen(frames=1, along=96).seconds == pytest.approx(all_of_them)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +62,10 @@ def test_frames_traced_along_need_no_paths():
         ("auto", None, {"phase_field": "random"}, 256, 0),
         ("auto", None, {"method": "point"}, 256, 0),
         ("auto", None, {"radiance": "ray"}, 256, 0),
-        ("auto", None, {"frames": 1}, 256, 24),
+        ("auto", None, {"frames": 1}, 256, 96),
+        ("refine", None, {"frames": 3}, 128, 192),
+        ("refine", 20, {"frames": 3}, 256, 24),  # the clock says how many there are in the end
+        ("auto", None, {"frames": 1}, 512, 24),  # all would take 600 MB
         ("auto", None, {"frames": 1, "phase_field": "designed"}, 256, 0),
         ("auto", None, {}, 2048, 0),  # would take 2.4 GB
     ],
