@@ -77,7 +77,7 @@ test-cuda: $(RUN) $(DEV)
 	$(PY) -m pytest -m 'cuda or not (slow or oracle or dense or blender)' $(CUDA_TESTS)
 
 bench-cuda: $(RUN) $(DEV)
-	$(PY) -m benchmarks full_hd
+	$(PY) -m benchmarks card
 
 docs: $(DEV)
 	$(PY) -m documentation site

@@ -61,6 +61,7 @@ ALL = {
 }
 NAMED = {
     "at_random": Benchmark("at_random.run", ("scenes=2",)),
+    "card": Benchmark("card.run", ("32x18 2 dpac,sgd steps=1",)),
     "display_model": Benchmark(
         "display_model.run", ("1 pixels=16 captures=20 foci=2 stages=1", "tuned 1 pixels=16 rounds=1")
     ),

@@ -1,6 +1,7 @@
 """A full HD hologram by stages, and how its rays compare with a bare loop of intersections over as many."""
 
 import time
+from dataclasses import dataclass
 
 import bpy
 import drjit as dr
@@ -18,19 +19,28 @@ from .kernel import bare_loop, full_hit, timed
 FRAMES = 24
 
 
-def run(resolution="1920x1080"):
-    """Seconds of each stage of demo:suzanne in three colours, the second time of two: programs are compiled by then.
+@dataclass
+class Rendered:
+    """A render of demo:suzanne in three colours, the second of two: programs are compiled by then.
 
-    Parameters
+    Attributes
     ----------
-    resolution : str
-        Pixels, such as ``"64x36"``.
-
-    Returns
-    -------
-    str
-        The variant, a row a stage, and million rays a second of the wave rays and of the bare loop.
+    view : tuple
+        Scene, camera, hologram and settings.
+    plan : Plan
+    field : WaveField
+    lines : list of str
+        Seconds of each stage, and million rays a second of the wave rays and of the bare loop.
     """
+
+    view: tuple
+    plan: engine.Plan
+    field: engine.WaveField
+    lines: list
+
+
+def rendered(resolution, frames):
+    """A `Rendered` of a resolution such as ``"64x36"``."""
     width, height = map(int, resolution.split("x"))
     demo.build("suzanne")
     exported = export_scene(bpy.context.evaluated_depsgraph_get(), (width, height))
@@ -39,11 +49,11 @@ def run(resolution="1920x1080"):
     hologram = engine.Hologram(
         width, height, display.pitch, depth_far=display.depth_range[0], depth_near=display.depth_range[1]
     )
-    settings = engine.Settings(frames=FRAMES, method="full")
-    plan = engine.plan(scene, camera, hologram, settings)
+    view = scene, camera, hologram, engine.Settings(frames=frames, method="full")
+    plan = engine.plan(*view)
     for _ in range(2):
         start = time.perf_counter()
-        field = engine.render(scene, camera, hologram, settings, plan)
+        field = engine.render(*view, plan)
         dr.sync_thread()
         seconds = time.perf_counter() - start
     stages, rays = field.report["seconds"], field.report["rays"]["wave rays"]
@@ -58,12 +68,23 @@ def run(resolution="1920x1080"):
     bare()
     limit = width * height * lattice.rays / timed(bare) / 1e6
     traced = rays / stages["wave tracing"] / 1e6
-    lines = [f"full HD: {width} x {height} pixels, {FRAMES} frames, three colors, {mi.variant()}"]
-    lines += [f"  {name:24s} {value:8.2f} s" for name, value in stages.items()]
+    lines = [
+        f"{width} x {height} pixels, {frames} frames, three colors, {mi.variant()}, waves: {plan.library}"
+    ]
+    lines += [row(name, value) for name, value in [*stages.items(), ("all", seconds)]]
     lines += [
-        f"  {'all':24s} {seconds:8.2f} s",
         f"  {'wave rays':24s} {traced:8.0f} Mray/s",
         f"  {'ray_intersect loop':24s} {limit:8.0f} Mray/s",
         f"  wave rays / loop         {traced / limit:8.2f}",
     ]
-    return "\n".join(lines)
+    return Rendered(view, plan, field, lines)
+
+
+def row(name, seconds):
+    """A line of a table of seconds."""
+    return f"  {name:24s} {seconds:8.2f} s"
+
+
+def run(resolution="1920x1080"):
+    """Seconds of each stage of `rendered`, as text."""
+    return "\n".join(rendered(resolution, FRAMES).lines)

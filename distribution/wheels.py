@@ -32,11 +32,11 @@ SYSTEMS = {  # as the module platform calls them
 
 # Blender brings NumPy: 1.24 (Blender 4.2) or later with Python 3.11, 2.x with 3.13 and 3.14. SciPy 1.15 is
 # the last that takes NumPy 1.24. xatlas has no wheel for Python 3.14: it is built for Linux, from `XATLAS`.
-SDL = ("PySDL2==0.9.17", "pysdl2_dll==2.32.10")
+COMMON = ("array_api_compat==1.16.0", "pyserial==3.5", "PySDL2==0.9.17", "pysdl2_dll==2.32.10")
 PYTHONS = {
-    "3.11": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.15.3", "xatlas==0.0.11", "pyserial==3.5", *SDL],
-    "3.13": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "xatlas==0.0.11", "pyserial==3.5", *SDL],
-    "3.14": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "pyserial==3.5", *SDL],
+    "3.11": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.15.3", "xatlas==0.0.11", *COMMON],
+    "3.13": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "xatlas==0.0.11", *COMMON],
+    "3.14": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", *COMMON],
 }
 # Not installed as they are. `llvm`: its package asks for a Python of 3.12 or newer, and its library for none.
 # `cpp_library`: Microsoft's package installs a library where Blender would not find it.

@@ -30,7 +30,7 @@ def run(*words, backend=variants.CUDA):
 
 
 @pytest.mark.skipif(CARD, reason="this machine has an NVIDIA card")
-@pytest.mark.parametrize("words", [("pytest", "tests/test_cuda.py"), ("benchmarks", "full_hd", "64x36")])
+@pytest.mark.parametrize("words", [("pytest", "tests/test_cuda.py"), ("benchmarks", "card", "64x36", "2")])
 def test_without_a_card_one_sentence_and_status_2(words):
     refused = run(*words)
     assert refused.returncode == 2
@@ -63,11 +63,18 @@ def test_what_is_run_on_a_card():
 
 @pytest.mark.slow
 def test_the_benchmark_in_small():
-    """On whatever computes here: stages, and both speeds."""
-    told = run("benchmarks", "full_hd", "64x36", backend="")
+    """On whatever computes here: stages of the render, pictures and phases, and both speeds."""
+    told = run("benchmarks", "card", "64x36", "2", "dpac,sgd", "steps=1", backend="")
     assert told.returncode == 0, told.stderr
     assert "64 x 36" in told.stdout
-    for row in ("radiance", "wave tracing", "propagation"):
+    for row in (
+        "radiance",
+        "wave tracing",
+        "propagation",
+        "reconstruction",
+        "two FFTs of each frame",
+        "dpac",
+    ):
         assert re.search(rf"(?m)^  {row} +\d+\.\d\d s$", told.stdout)
     for row in ("wave rays", "ray_intersect loop"):
         assert float(re.search(rf"(?m)^  {row} +(\d+) Mray/s$", told.stdout)[1]) >= 0

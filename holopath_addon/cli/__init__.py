@@ -13,7 +13,7 @@ from .. import engine
 from ..engine.progress import stage
 from ..engine.viewing.reconstruction import far_from, picture_pitch
 from ..farm.processes import INTERRUPTS
-from ..workflow import failures, output
+from ..workflow import failures, output, pipeline
 from . import (
     cluster_command,
     encode_command,
@@ -284,7 +284,7 @@ def _reconstruct(args):
                 f"{place * 1e3:g} mm from the SLM is in its far field: one Fresnel transform, each of the picture's "
                 f"pixels {pixel * 1e3:.4g} mm wide."
             )
-    images = engine.reconstruct(field, focus, pupil, progress=stage(progress, 0.0, 0.97))
+    images = pipeline.reconstruct(field, focus, pupil, stage(progress, 0.0, 0.97))
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
     alike = output.pupil_of(report) == pupil  # through a smaller part there is less light
     white = (alike and report.get("exposure_white")) or output.exposure(rgb)

@@ -14,6 +14,7 @@ import numpy as np
 from .. import engine, llvm_package, slm
 from ..engine.progress import stage
 from ..engine.scene import variants
+from ..engine.waves import libraries
 from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
@@ -603,6 +604,8 @@ def _devices(args):
     print("Mitsuba backends")
     backends = variants.describe()
     _print_rows(backends)
+    if any(row["available"] for row in backends if row["name"] == variants.CUDA):
+        print(f"  {libraries.described()}")
     if not any(row["available"] for row in backends if row["name"] == variants.LLVM):
         print(f"  pip brings an LLVM:  {llvm_package.command()}")
     print("Baked light")

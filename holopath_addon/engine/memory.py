@@ -1,10 +1,13 @@
-"""How much memory this machine has, and what to say when work does not fit into it."""
+"""How much memory this machine has, or its graphics card, and what to say when work does not fit into it."""
 
 from __future__ import annotations
 
 import os
 import sys
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from .errors import InvalidInput
 
@@ -40,7 +43,47 @@ def available() -> int | None:
     return min(free, installed() or free)
 
 
-def shortage(needed: float, doing: str) -> list[str]:
+def on_card(array: Any) -> tuple[int, int] | None:
+    """Bytes of the graphics card whose memory an array lies in, in all and free now; None where that is the machine's.
+
+    Parameters
+    ----------
+    array : array
+        Of NumPy, CuPy, PyTorch or another library of the Array API standard.
+    """
+    if isinstance(array, np.ndarray):
+        return None
+    import array_api_compat
+
+    if array_api_compat.is_torch_array(array) and array.is_cuda:
+        import torch
+
+        free, whole = torch.cuda.mem_get_info(array.device)
+        pool = torch.cuda.memory_reserved(array.device) - torch.cuda.memory_allocated(array.device)
+        return whole, free + pool
+    if array_api_compat.is_cupy_array(array):
+        import cupy
+
+        with array.device:
+            free, whole = cupy.cuda.runtime.memGetInfo()
+            return whole, free + cupy.get_default_memory_pool().free_bytes()
+    return None
+
+
+def on_processor(array: Any) -> np.ndarray:
+    """NumPy's array of the same numbers; a copy where those are in a card's memory."""
+    if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__"):
+        return np.asarray(array)
+    import array_api_compat
+
+    if array_api_compat.is_torch_array(array):
+        array = array.detach().resolve_conj()
+    if array_api_compat.is_torch_array(array) or array_api_compat.is_cupy_array(array):
+        array = array_api_compat.to_device(array, "cpu")
+    return np.asarray(array)
+
+
+def shortage(needed: float, doing: str, array: Any = None) -> list[str]:
     """What to warn of when memory is short.
 
     Parameters
@@ -49,6 +92,8 @@ def shortage(needed: float, doing: str) -> list[str]:
         Bytes.
     doing : str
         What needs them, as the subject of a sentence.
+    array : array, optional
+        In whose memory they are needed. Default: in the machine's.
 
     Returns
     -------
@@ -58,12 +103,16 @@ def shortage(needed: float, doing: str) -> list[str]:
     Raises
     ------
     InvalidInput
-        If the machine has not as much at all.
+        If the machine, or the card, has not as much at all.
     """
-    whole, free = installed(), available()
+    card = None if array is None else on_card(array)
+    (whole, free), place = (
+        card or (installed(), available()),
+        "this graphics card" if card else "this machine",
+    )
     if whole is not None and needed > whole:
         raise InvalidInput(
-            f"{doing} needs about {_gigabytes(needed)} of memory, and this machine has {_gigabytes(whole)}: choose "
+            f"{doing} needs about {_gigabytes(needed)} of memory, and {place} has {_gigabytes(whole)}: choose "
             f"fewer pixels, frames or wavelengths, or bring the depth range nearer to the SLM."
         )
     if free is not None and needed > free:

@@ -158,6 +158,8 @@ class Plan:
         Estimated peak of the arrays.
     decisions : tuple of Decision
     warnings : tuple of str
+    library : str
+        That computes waves and phases, see `waves.libraries`.
     beside : int
         Pixels beyond each edge of the picture that are traced, too, see `mapping`.
     """
@@ -199,6 +201,7 @@ class Plan:
     memory_bytes: int
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
+    library: str = "numpy"
     beside: int = 0  # as in files of versions that did not have it
 
     @property

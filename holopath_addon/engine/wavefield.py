@@ -13,6 +13,7 @@ from .errors import InvalidInput
 from .files import earlier, whole_folder
 from .hologram import Hologram
 from .mapping import DepthMapping
+from .memory import on_processor
 from .optics import BEAM_FILE, STOP_FILE
 
 FORMAT_VERSION = 1
@@ -24,8 +25,9 @@ class WaveField:
 
     Attributes
     ----------
-    data : numpy.ndarray, complex64, shape (frame, wavelength, y, x)
-        Row 0 is the top. The frame mean of the intensity refocused at a surface is its radiance.
+    data : array, complex64, shape (frame, wavelength, y, x)
+        Of NumPy, or of another library of the Array API standard. Row 0 is the top. The frame mean of the intensity
+        refocused at a surface is its radiance.
     hologram : Hologram
     camera : Camera
     near : float
@@ -71,7 +73,7 @@ class WaveField:
         with whole_folder(
             folder, earlier("a wave field", "field.npy", "meta.json", others=(BEAM_FILE, STOP_FILE))
         ) as part:
-            np.save(part / "field.npy", self.data)
+            np.save(part / "field.npy", on_processor(self.data))
             self.hologram.optics.save(part)
             meta = {
                 "format_version": FORMAT_VERSION,

@@ -11,6 +11,8 @@ from ..engine.hologram import channel
 from ..engine.mapping import DepthMapping, squared
 from ..engine.planning.planner import resolved
 from ..engine.progress import Clock, Compiling, stage
+from ..engine.waves import libraries
+from ..engine.waves.arrays import on_processor
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
@@ -21,6 +23,7 @@ PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
 SEVERAL = 2.5
 COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, where some of the plan's were
 DRAFT_FRAMES = 4  # most
+CARD_BYTES = 2 << 30  # of a card's memory, free beside the field and phases, with which it encodes
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
 
@@ -231,7 +234,7 @@ def _drafted(scene, camera, hologram, draft, depths, pupil, progress, store):
 
     at = stage(told, 0.0, 0.95)
     field = engine.render(scene, camera, hologram, draft.settings, draft.plan, at, store)
-    images = engine.reconstruct(field, depths, pupil, progress=stage(told, 0.95, 1.0))
+    images = reconstruct(field, depths, pupil, stage(told, 0.95, 1.0))
     return Result(draft.plan, field, depths, images, field.report["seconds"])
 
 
@@ -322,8 +325,36 @@ def compute(
         field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
         clock.seconds.update(field.report["seconds"])
     with clock("refocusing"):
-        images = engine.reconstruct(field, depths, pupil, progress=stage(progress, 0.95, 1.0))
+        images = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0))
     return Result(plan, field, depths, images, clock.seconds)
+
+
+def reconstruct(field, focus, pupil, progress):
+    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures."""
+
+    def pictures(data):
+        return on_processor(engine.reconstruct(replace(field, data=data), focus, pupil, progress))
+
+    needed = 2 * field.data.nbytes + 4 * len(focus) * field.data[0].size
+    return libraries.by_card(pictures, field.data, needed)[0]
+
+
+def _encoded(field, method, progress, **options):
+    """`engine.encode` by the card where one computes waves; NumPy's phases."""
+
+    def phases(data):
+        try:
+            phase = engine.encode(replace(field, data=data, more=None), method, progress, **options)
+        except engine.Cancelled as error:
+            if error.kept is not None:
+                error.kept = replace(error.kept, data=on_processor(error.kept.data))
+            raise
+        return replace(phase, data=on_processor(phase.data))
+
+    phase, note = libraries.by_card(phases, field.data, 2 * field.data.nbytes + CARD_BYTES)
+    if note:
+        phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
+    return phase
 
 
 def encode(
@@ -362,7 +393,7 @@ def encode(
     """
     options["seconds"] = seconds
     if scene is None or settings is None:
-        return engine.encode(field, method, progress, eyebox=eyebox, **options)
+        return _encoded(field, method, progress, eyebox=eyebox, **options)
     view = scene, field.camera, field.hologram, settings
     plan = _planned(field) or engine.plan(*view, store, stage(progress, 0.0, 0.0))
     along = 0 if field.more is None else len(field.more)
@@ -379,7 +410,7 @@ def encode(
             yield from engine.many_frames(*view, plan, progress, store, chosen.frames, along, clocked)
 
     try:
-        phase = engine.encode(field, chosen.method, progress, many=many, **options)
+        phase = _encoded(field, chosen.method, progress, many=many, **options)
     except engine.Cancelled as error:
         if error.kept is not None:
             error.kept.report["plan"] = chosen.to_dict()

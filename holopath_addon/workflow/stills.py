@@ -247,7 +247,7 @@ def write(
         with clock("refocusing phases"):
             at = stage(progress, end - 0.02, end)
             light = phase.field(display=still.display)
-            shown = engine.reconstruct(light, result.focus, still.pupil, progress=at)
+            shown = pipeline.reconstruct(light, result.focus, still.pupil, at)
             seen = engine.to_rgb(shown, wavelengths)
         with clock("files"):
             phase.save(folder / "hologram")

@@ -17,6 +17,26 @@ def build(backend):
     return Scenes()
 
 
+LIBRARIES = "array_api_strict", pytest.param("torch", marks=pytest.mark.oracle)
+
+
+@pytest.fixture(params=LIBRARIES)
+def other_library(request):
+    """A library of arrays beside NumPy, whose `asarray` makes its own of NumPy's; one has nothing but the standard."""
+    return found(request.param)
+
+
+@pytest.fixture(params=["numpy", *LIBRARIES])
+def library(request):
+    """NumPy, or another library of arrays."""
+    return np if request.param == "numpy" else found(request.param)
+
+
+def found(library):
+    pytest.importorskip("array_api_compat")
+    return pytest.importorskip(library)
+
+
 @pytest.fixture
 def camera():
     from holopath_addon.engine import Camera

@@ -59,7 +59,7 @@ class FrameMean:
         target = pictures.wanted[number]
         scale = self.gain**2 / len(light)
         error, factor = np.empty((2, *target.shape), light.real.dtype)
-        parts, dark = blocks(target.shape), DARKEST * math.sqrt(target.mean())
+        parts, dark = blocks(target), DARKEST * math.sqrt(target.mean())
 
         def compare(part):
             block = parts[part]
@@ -92,7 +92,7 @@ class FrameMean:
         rows, columns = self.pictures.shape
         waves = self._seen(light, self.pictures.transfer(number))
         image = np.empty((rows, columns), np.float32)
-        parts = blocks(image.shape)
+        parts = blocks(image)
 
         def add(part):
             image[parts[part]] = _intensity(waves[:, parts[part], :columns])

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..waves import arrays
 from .phases import PARTLY
 from .views import intensity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from ..waves.arrays import Array
     from ..waves.modulator import Levels
     from .phases import Phases
     from .targets import AmplitudeTarget, ComplexTarget
@@ -148,7 +150,7 @@ def together(
     queues: list[list[int]] = [[] for _ in views.kinds]
     kept, least = phases.values(), seen.loss
     steps, fixes, done = 0, 1, 0.0
-    even = np.ones(len(phases.light), np.complex64)
+    even = np.ones(phases.light.shape[0])
     # what is free makes up for what has its level, as far away as that may be
     least_rate = 0.0 if levels is None else 0.5 * min(1, FEW_LEVELS / len(levels))
     stage.update(steps=0, loss=seen.loss, psnr_db=seen.psnr)
@@ -197,7 +199,7 @@ class Seen:
 
     Parameters
     ----------
-    light : numpy.ndarray, complex, shape (frame, y, x)
+    light : array, complex, shape (frame, y, x)
     views : Views
     gain : float
         Amplitude of the light sent in, where views are black.
@@ -210,13 +212,15 @@ class Seen:
         Of each view, as it was when last looked at.
     """
 
-    def __init__(self, light: np.ndarray, views: Views, gain: float) -> None:
+    def __init__(self, light: Array, views: Views, gain: float) -> None:
         self.gain, self._views = gain, views
         # energies of the light in each view and of its target, and the scalar product of their amplitudes
         self.losses, self._energies, self._overlaps, self._weights = np.zeros((4, len(views)))
-        self._totals = np.array([wanted.sum(dtype=float) for wanted in views.wanted])
+        self._totals = np.array([arrays.total(wanted) for wanted in views.wanted])
         for kind, numbers in views.kinds:
             self._weights[numbers] = kind.weight / len(numbers)
+        whole = views.kinds[0][1]
+        self._psnrs = {number: _psnr_at_1(views.wanted[number]) for number in whole if self._totals[number]}
         self.look(light)
 
     @property
@@ -227,8 +231,8 @@ class Seen:
     @property
     def psnr(self) -> float:
         """Through the whole pupil, dB."""
-        whole = self._views.kinds[0][1]
-        return _mean_psnr(self.losses[whole], [self._views.wanted[n] for n in whole])
+        reached = [scale - 10 * math.log10(max(self.losses[n], 1e-30)) for n, scale in self._psnrs.items()]
+        return float(np.mean(reached)) if reached else 0.0
 
     @property
     def brightness_gain(self) -> float:
@@ -240,7 +244,7 @@ class Seen:
         energy = float(weights @ self._energies)
         return math.sqrt(float(weights @ self._totals) / energy) if energy > 0 else 0.0
 
-    def look(self, light: np.ndarray) -> None:
+    def look(self, light: Array) -> None:
         """Look at all views."""
         spectra = self._views.spectra(light)
         for number in range(len(self._views)):
@@ -262,32 +266,33 @@ class Seen:
             self._weights, self._totals, out=np.zeros_like(self._weights), where=self._totals > 0
         )
 
-    def gradient(self, light: np.ndarray, chosen: list[tuple[int, float]]) -> np.ndarray:
+    def gradient(self, light: Array, chosen: list[tuple[int, float]]) -> Array:
         """With respect to the light, of the loss in some views: their numbers and weights.
 
         Returns
         -------
-        numpy.ndarray
+        array
             G with dL = 2 Re sum conj(G) du.
         """
-        views, frames = self._views, len(light)
+        views, xp = self._views, arrays.namespace(light)
         spectra = views.spectra(light)
-        gradient = np.zeros_like(spectra)
+        gradient = xp.zeros_like(spectra)
         for number, share in chosen:
-            if not self._totals[number]:
+            whole = float(self._totals[number])
+            if not whole:
                 continue
             waves, image = self._image(spectra, number)
             amplitude, target = self._compare(number, image)
             error = self.gain * amplitude - target
-            self.losses[number] = float((error * error).sum(dtype=float)) / self._totals[number]
-            np.maximum(amplitude, DARKEST * math.sqrt(self._totals[number] / target.size), out=amplitude)
-            slope = np.divide(error, amplitude, out=error)
-            slope = (np.float32(share * self.gain / frames / self._totals[number]) * slope).astype(
-                waves.dtype
-            )
+            self.losses[number] = arrays.total(error * error) / whole
+            darkest = DARKEST * math.sqrt(whole / math.prod(target.shape))
+            amplitude = arrays.into(amplitude, xp.maximum, amplitude, darkest)
+            slope = arrays.into(error, xp.divide, error, amplitude)
+            slope = arrays.as_type(share * self.gain / light.shape[0] / whole * slope, waves.dtype)
             height, width = slope.shape
             waves[:, :height, :width] *= slope
-            waves[:, height:], waves[:, :height, width:] = 0, 0
+            waves[:, height:, :] = 0.0
+            waves[:, :height, width:] = 0.0
             views.back(waves, number, gradient)
         return views.light(gradient)
 
@@ -295,14 +300,14 @@ class Seen:
         """Each frame's wave in a view, and the mean of their intensities."""
         waves = self._views.waves(spectra, number)
         image = intensity(waves, self._views.wanted[number].shape)
-        image *= np.float32(1 / len(waves))
+        image *= 1 / waves.shape[0]
         return waves, image
 
     def _compare(self, number, image):
         """Roots of an intensity in a view, and of its target; their energies are noted."""
-        self._energies[number] = image.sum(dtype=float)
-        amplitude, target = np.sqrt(image, out=image), np.sqrt(self._views.wanted[number])
-        self._overlaps[number] = float(np.einsum("yx,yx->", amplitude, target, dtype=float))
+        xp, self._energies[number] = arrays.namespace(image), arrays.total(image)
+        amplitude, target = arrays.into(image, xp.sqrt, image), xp.sqrt(self._views.wanted[number])
+        self._overlaps[number] = arrays.overlap(amplitude, target)
         return amplitude, target
 
 
@@ -314,14 +319,8 @@ def _flat(losses, window, tolerance):
     return before - now <= tolerance * window * now
 
 
-def _mean_psnr(losses, wanted):
-    """Of pictures that are not black."""
-    reached = [_psnr(e, w) for e, w in zip(losses, wanted, strict=True) if w.any()]
-    return float(np.mean(reached)) if reached else 0.0
-
-
-def _psnr(loss, wanted):
-    """About that of the root of a picture, in dB, from its loss; white is as in `metrics.display_values`."""
-    square = loss * float(wanted.sum(dtype=float)) / wanted.size
+def _psnr_at_1(wanted):
+    """PSNR of the root of a picture, in dB, whose loss is 1; white is about as in `metrics.display_values`."""
+    wanted = arrays.on_processor(wanted)
     white = float(np.percentile(wanted, 95)) or float(wanted.max())
-    return 10 * math.log10(white / max(square, 1e-30))
+    return 10 * math.log10(white * wanted.size / float(wanted.sum(dtype=float)))

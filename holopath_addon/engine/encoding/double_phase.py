@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..waves import arrays
+from ..waves.modulator import wrapped
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
+
+    from ..waves.arrays import Array
 
 CLIPPED = 0.005  # of the energy
 BINS = 1000
@@ -21,9 +26,10 @@ FAINT = 0.2
 SPREAD = math.pi / 4
 
 
-def transmission(waves: np.ndarray, beam: np.ndarray | None) -> np.ndarray:
+def transmission(waves: Array, beam: Array | None) -> Array:
     """What pixels have to let through of a beam, None for an even one, for light to be `waves`."""
-    return waves if beam is None else waves * (np.conj(beam) / np.maximum(np.abs(beam), FAINT) ** 2)
+    xp = arrays.namespace(waves)
+    return waves if beam is None else waves * (xp.conj(beam) / xp.maximum(xp.abs(beam), FAINT) ** 2)
 
 
 def half_band(shape: Sequence[int]) -> np.ndarray:
@@ -37,7 +43,7 @@ def half_band(shape: Sequence[int]) -> np.ndarray:
     return fx[None, :] + fy[:, None] <= 0.5
 
 
-def clipping_level(waves: Iterable[np.ndarray], beam: np.ndarray | None = None) -> float:
+def clipping_level(waves: Array, beam: Array | None = None) -> float:
     """Amplitude beyond which waves are cut: where what is cut off has `CLIPPED` of their energy.
 
     With a beam, waves are what pixels have to let through, and their energy is that of the light.
@@ -45,22 +51,22 @@ def clipping_level(waves: Iterable[np.ndarray], beam: np.ndarray | None = None) 
     The farther an amplitude is under the level, the farther its two phases are apart, and the more light goes astray;
     with the level at the brightest speckle nearly all are.
     """
-    size = np.abs(waves)
-    if not size.any():
+    xp = arrays.namespace(waves)
+    size = xp.abs(waves)
+    if not xp.any(size > 0):
         return 0.0
-    weights = None if beam is None else np.broadcast_to(np.abs(beam) ** 2, size.shape)
-    counts, edges = np.histogram(size, BINS, (0, float(size.max())), weights=weights)
+    weights = None if beam is None else xp.broadcast_to(xp.abs(beam) ** 2, size.shape)
+    counts, edges = arrays.histogram(size, BINS, float(xp.max(size)), weights)
     sizes, levels = (edges[1:] + edges[:-1]) / 2, edges[1:]
     cut = np.array([(counts[sizes > a] * (sizes[sizes > a] - a) ** 2).sum() for a in levels])
     return float(levels[np.argmax(cut <= CLIPPED * (counts * sizes**2).sum())])
 
 
-def double_phase(wave: np.ndarray) -> np.ndarray:
+def double_phase(wave: Array) -> Array:
     """Phases, float32 in [0, 2 pi), of complex amplitudes of magnitude 1 at most, shape (y, x)."""
-    spread = np.arccos(np.minimum(np.abs(wave), 1)) * _checkerboard(wave.shape)
-    turn = np.float32(2 * math.pi)
-    phase = np.mod(np.angle(wave) + spread, turn).astype(np.float32)
-    return np.where(phase < turn, phase, 0)  # the largest float below a turn is rounded to it
+    xp = arrays.namespace(wave)
+    spread = arrays.arccos(xp.minimum(xp.abs(wave), 1.0)) * arrays.like(_checkerboard(wave.shape), wave)
+    return wrapped(arrays.angle(wave) + spread)
 
 
 def even_double_phase(shape: Sequence[int]) -> np.ndarray:
@@ -84,5 +90,5 @@ def even_double_phase(shape: Sequence[int]) -> np.ndarray:
 
 def _checkerboard(shape):
     """1 and -1 in turn."""
-    rows, columns = np.indices(shape, sparse=True)
-    return (1 - 2 * ((rows + columns) % 2)).astype(np.float32)
+    rows, columns = (1 - 2 * (np.arange(n, dtype=np.float32) % 2) for n in shape)
+    return rows[:, None] * columns

@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 
 from ..errors import Cancelled, InvalidInput, cancelled
 from ..hologram import AerialImage
+from ..memory import on_card
 from ..pixels import axes, coarsest
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
+from ..waves import arrays
 from ..waves.lens import behind_lens, spread_waves
 from ..waves.modulator import Levels, wrapped
 from ..waves.phase_fields import DESIGNED_STARTS, FEW_FRAMES, aimed_waves, random_phasors, randomness_for
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
     from ..progress import Progress
     from ..wavefield import WaveField
+    from ..waves.arrays import Array
     from ..waves.display_model import DisplayModel
 
 SUPERVISIONS = ("complex", "amplitude")
@@ -70,7 +72,7 @@ def encode(
     start: str | PhaseHologram = "arg",
     randomness: float | None = None,
     eyebox: float | None = None,
-    many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None = None,
+    many: Callable[[Progress], Iterable[tuple[list[int], Array]]] | None = None,
     seconds: float | None = None,
     tolerance: float = 1e-3,
     max_steps: int | None = None,
@@ -81,6 +83,8 @@ def encode(
     Parameters
     ----------
     field : WaveField
+        Its data may be of another library than NumPy, as for `propagate`: then it is that which encodes, and phases are
+        of it.
     method : str
         One of `ENCODINGS`. ``dpac``: double phase (Hsueh and Sawchuk, Appl. Opt. 17, 3874 (1978); Maimone et al., ACM
         TOG 36(4), 85 (2017)). ``sgd``: Adam on the phases, each frame for itself against its complex field (paper
@@ -142,10 +146,10 @@ def encode(
         If there is no such method, options do not fit, or the field is not finite.
     Cancelled
     """
-    eyebox = eyebox_for(len(field.data)) if eyebox is None else eyebox
-    free, few = randomness is None and start == "arg", randomness_for(len(field.data), eyebox)
+    eyebox = eyebox_for(field.data.shape[0]) if eyebox is None else eyebox
+    free, few = randomness is None and start == "arg", randomness_for(field.data.shape[0], eyebox)
     if method == "auto":
-        method = "joint" if len(field.data) > 1 else "sgd"
+        method = "joint" if field.data.shape[0] > 1 else "sgd"
         if method == "joint" and free:
             randomness = few
     elif method in ("joint", "refine") and free and field.hologram.in_air is not field.hologram:
@@ -221,7 +225,7 @@ class _Asked:
     start: str | PhaseHologram
     randomness: float | None
     eyebox: float
-    many: Callable[[Progress], Iterable[tuple[list[int], np.ndarray]]] | None
+    many: Callable[[Progress], Iterable[tuple[list[int], Array]]] | None
     seconds: float | None
     effort: descent.Effort  # of `sgd`
     together: int  # steps of all frames together, most
@@ -314,8 +318,9 @@ class _Asked:
                 f"The hologram to start with has {_size(self.start.data)}, the field {_size(field.data)}: start with "
                 "another."
             )
-        for frame in field.data:
-            if not np.isfinite(frame).all():
+        xp = arrays.namespace(field.data)
+        for frame in range(field.data.shape[0]):
+            if not xp.all(xp.isfinite(field.data[frame, ...])):
                 raise InvalidInput("The wave field holds values that are not finite: render it again.")
 
 
@@ -340,10 +345,11 @@ class _Work:
         self.field, self._asked, self._tell, self._threads = field, asked, progress, threads
         self._told = 0.0, "Encoding"
         self._begun = time.perf_counter()
-        self.phases = np.zeros(field.data.shape, np.float32)
-        count = field.data.shape[1]
+        self._xp = arrays.namespace(field.data)
+        self.phases = arrays.zeros(field.data.shape, "float32", field.data)
+        self._frames, count, *_ = field.data.shape
         # fields are taken as if their root mean square were 1; what is next to nothing stays dark
-        self._scales = [_root_mean_square(field.data[:, colour]) for colour in range(count)]
+        self._scales = [_root_mean_square(field.data[:, colour, ...]) for colour in range(count)]
         self.colours = [colour for colour in range(count) if self._scales[colour] > DARK * max(self._scales)]
         self.gains = [0.0] * count
         self._levels = asked.levels_of(count)
@@ -360,7 +366,8 @@ class _Work:
             else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN)
             for colour in range(count)
         ]
-        self._beams = [hologram.illumination(colour) for colour in range(count)]
+        beams = [hologram.illumination(colour) for colour in range(count)]
+        self._beams = [beam if beam is None else arrays.like(beam, field.data) for beam in beams]
         self._ways = [behind_lens(hologram, wavelength) for wavelength in hologram.wavelengths]
         self._grid = hologram.in_air
         if self._ways[0] is not None:
@@ -398,14 +405,15 @@ class _Work:
         spectrum, so that neighbors are alike: the correlation of neighbors is that of the field on any plane, as
         propagation keeps the power spectrum (Wiener and Khinchin).
         """
-        data = self.field.data
         energy = alike = 0.0
-        for frame in data:
+        for number in range(self._frames):
+            frame = self.field.data[number, ...]
             if self._ways[0] is not None:
-                frame = np.stack([self._seen(wave, colour) for colour, wave in enumerate(frame)])
-            energy += float(np.vdot(frame, frame).real)
-            alike += abs(np.vdot(frame[..., :-1, :], frame[..., 1:, :]))
-            alike += abs(np.vdot(frame[..., :-1], frame[..., 1:]))
+                waves = (self._seen(frame[colour, ...], colour) for colour in range(frame.shape[0]))
+                frame = self._xp.stack(list(waves))
+            energy += arrays.product(frame, frame).real
+            alike += abs(arrays.product(frame[..., :-1, :], frame[..., 1:, :]))
+            alike += abs(arrays.product(frame[..., :-1], frame[..., 1:]))
         if alike > 2 * SMOOTH * energy > 0:
             self.report["advice"] = (
                 "The field's phases are smooth, of which phases alone show little: amplitude supervision shows more, "
@@ -426,14 +434,14 @@ class _Work:
         """The method dpac; the gain is one for all frames, as their mean intensity counts."""
         frames, count, *shape = self.field.data.shape
         for colour in self.colours:
-            waves = np.empty((frames, *shape), np.complex64)
+            waves = arrays.empty((frames, *shape), "complex64", self.field.data)
             for frame in range(frames):
-                waves[frame] = self._checkered(frame, colour)
+                waves[frame, ...] = self._checkered(frame, colour)
                 self._progress((colour + 0.7 * (frame + 1) / frames) / count, "Encoding")
             waves = self._at_pixels(waves, colour)
             level = clipping_level(waves, self._beams[colour]) or 1
-            for frame, wave in enumerate(waves):
-                self.phases[frame, colour] = double_phase(wave / level)
+            for frame in range(frames):
+                self.phases[frame, colour, ...] = double_phase(waves[frame, ...] / level)
                 self._progress((colour + 0.7 + 0.3 * (frame + 1) / frames) / count, "Encoding")
         self.round()
         for colour in self.colours:  # not the level: what goes astray lights the picture too
@@ -445,48 +453,51 @@ class _Work:
         for colour in self.colours:
             self._heard()
             display = self._displays[colour]
+            phases = self.phases[:, colour, ...]
             if isinstance(start, PhaseHologram):
-                self.phases[:, colour] = start.data[:, colour]
+                phases[...] = arrays.like(start.data[:, colour, ...], data)
             elif randomness is not None:
                 way, grid = self._ways[colour], self._grid.raster(self.field.hologram.wavelengths[colour])
                 rows, columns = grid.shape
-                begun = random_phasors(len(data), rows, columns, self._asked.effort.seed, randomness)
+                begun = random_phasors(self._frames, rows, columns, self._asked.effort.seed, randomness)
                 if way is None:
                     begun *= self._aimed(colour)
                 else:
-                    begun = way.back(begun * spread_waves(len(data), grid.shape))
+                    begun = way.back(begun * spread_waves(self._frames, grid.shape))
+                begun = arrays.like(begun, data)
                 # amid a turn, for displays blur phases over its ends
-                self.phases[:, colour] = math.pi + np.angle(self._at_pixels(begun, colour))
+                phases[...] = math.pi + arrays.angle(self._at_pixels(begun, colour))
                 if way is None:  # behind a lens corners of the Fourier plane are corners of the picture
-                    self.phases[:, colour] += even_double_phase(data.shape[-2:])
+                    phases += arrays.like(even_double_phase(data.shape[-2:]), data)
             elif display is not None:
-                for phases, field in zip(self.phases[:, colour], data[:, colour], strict=True):
-                    phases[:] = np.mod(display.phases_for(self._wide(field)), 2 * math.pi)
+                for frame in range(self._frames):
+                    found = display.phases_for(self._wide(data[frame, colour, ...]))
+                    phases[frame, ...] = self._xp.remainder(found, 2 * math.pi)
             elif start == "dpac":
                 waves = self._at_pixels(self._checkered(slice(None), colour), colour)
                 level = clipping_level(waves, self._beams[colour]) or 1
-                self.phases[:, colour] = [double_phase(wave) for wave in waves / level]
+                for frame in range(self._frames):
+                    phases[frame, ...] = double_phase(waves[frame, ...] / level)
             else:
-                self.phases[:, colour] = np.mod(
-                    np.angle(self._at_pixels(data[:, colour], colour)), 2 * math.pi
-                )
+                waves = self._at_pixels(data[:, colour, ...], colour)
+                phases[...] = self._xp.remainder(arrays.angle(waves), 2 * math.pi)
             if randomness is not None:  # nothing comes before all frames together
                 self.gains[colour] = self._gain(colour)
 
     def _aimed(self, colour):
         """`aimed_waves` of a wavelength through the pupil that all wavelengths fill, within the stop."""
-        hologram, (*shape,) = self.field.hologram, self.field.data.shape[-2:]
+        hologram = self.field.hologram
         x, y, radius = hologram.optics.opening
         sizes = [each / coarsest(hologram.pitch) for each in axes(hologram.pitch)]
         radius *= min(hologram.wavelengths) / hologram.wavelengths[colour]
         scale = [radius * size for size in sizes]
-        return aimed_waves(len(self.field.data), shape, scale, (-y * sizes[0], x * sizes[1]))
+        return aimed_waves(self._frames, self.field.data.shape[-2:], scale, (-y * sizes[0], x * sizes[1]))
 
     def sgd(self, colour, on=None):
         """Each frame for itself; `on` goes on with it, from one share of the progress to another until it is over."""
         field, asked = self.field, self._asked
         white, name = _white(self._fields(0, colour)), self._named(colour)
-        groups = _groups(len(field.data), field.data[0, colour].size * BYTES["sgd"])
+        groups = _groups(self.phases, math.prod(field.data.shape[-2:]) * BYTES["sgd"])
         whole = SHARE.get(asked.method, 1.0)
         place, share = self.colours.index(colour), whole / len(self.colours)
         begin, end = on or (place * share, (place + 1) * share)
@@ -543,9 +554,11 @@ class _Work:
             for numbers, fields in self._asked.many(told):
                 for place, colour in enumerate(numbers):
                     if colour in wanted:
-                        counts[colour] += len(fields)
-                        scale = np.float32(1 / self._scales[colour])
-                        wanted[colour].add(self._wide(self._seen(fields[:, place] * scale, colour)))
+                        counts[colour] += fields.shape[0]
+                        waves = arrays.like(fields[:, place, ...], self.field.data)
+                        seen = self._seen(waves * (1 / self._scales[colour]), colour)
+                        wanted[colour].add(self._wide(seen))
+                        del seen
                 self._check_clock(TRACED if min(counts.values()) else LATEST)
         stage["frames"] = min(counts.values())
         for number, colour in enumerate(self.colours):
@@ -554,7 +567,7 @@ class _Work:
     def _views(self, colour):
         """What all frames together go towards in one wavelength, before frames are counted."""
         hologram, seed = self.field.hologram, self._asked.effort.seed
-        volume, frames = self._volume(colour), len(self.field.data)
+        volume, frames = self._volume(colour), self._frames
         wavelength = hologram.wavelengths[colour]
         grid, places = self._grid, None
         space = self._shape, grid.pitch_at(wavelength), wavelength, *volume
@@ -564,7 +577,9 @@ class _Work:
         elif not grid.plain:
             lines = grid.picture.raster().lines_on(grid.raster(wavelength))
             places = [line._replace(first=line.first + self._margin) for line in lines]
-        return Views(*space, frames, seed, self._asked.eyebox, hologram.optics, places, self._heard)
+        return Views(
+            *space, frames, seed, self._asked.eyebox, hologram.optics, places, self._heard, self.phases
+        )
 
     def _worth(self, views, number):
         """Whether there is time for all frames together in one wavelength; a step of `sgd` is two FFTs of a frame."""
@@ -591,8 +606,8 @@ class _Work:
                 self.sgd(colour, [self._at(begun, number + n) for n in (0, 1)])
             return
         self._progress(self._at(begun, number), "Views of the field")
-        if self._asked.randomness is None or views.frames <= len(self.field.data):
-            for group in _groups(len(self.field.data), math.prod(views.padded) * BYTES["views"]):
+        if self._asked.randomness is None or views.frames <= self._frames:
+            for group in _groups(self.phases, math.prod(views.padded) * BYTES["views"]):
                 views.add(self._fields(group, colour))
         method, name, gains = self._asked.method, self._named(colour), []
         if method == "refine":
@@ -601,7 +616,7 @@ class _Work:
                 views.sharpen()
         effort = replace(self._asked.effort, max_steps=self._asked.together)
         longest = descent.LONGEST if self._asked.randomness is None else descent.LONGEST_SMOOTH
-        groups = _groups(len(self.phases), math.prod(views.padded) * BYTES["together"])
+        groups = _groups(self.phases, math.prod(views.padded) * BYTES["together"])
         left = len(groups) * (len(self.colours) - number)
         for place, group in enumerate(groups):
 
@@ -634,7 +649,7 @@ class _Work:
 
     def _fields(self, which, colour):
         """Complex fields of some frames where light is compared, of root mean square 1 at the SLM over all; a copy."""
-        fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
+        fields = self.field.data[which, colour, ...] * (1 / self._scales[colour])
         return self._wide(self._seen(fields, colour))
 
     def _seen(self, fields, colour):
@@ -647,14 +662,16 @@ class _Work:
         keep = half_band(self.field.data.shape[-2:])
         if self._ways[colour] is None:
             keep &= self._passes[colour]
-        fields = self.field.data[which, colour] * np.float32(1 / self._scales[colour])
-        return filtered(fields, keep)
+        fields = self.field.data[which, colour, ...] * (1 / self._scales[colour])
+        return filtered(fields, arrays.mask(keep, fields))
 
     def _wide(self, fields):
         """With dark around them as wide as the display's margin."""
         if not self._margin:
             return fields
-        return np.pad(fields, [(0, 0)] * (fields.ndim - 2) + [(self._margin, self._margin)] * 2)
+        wide = arrays.zeros((*fields.shape[:-2], *self._shape), fields.dtype, fields)
+        wide[..., self._margin : -self._margin, self._margin : -self._margin] = fields
+        return wide
 
     def _at_pixels(self, waves, colour):
         """What pixels have to let through so that the beam becomes waves; where it is faint, less."""
@@ -669,18 +686,18 @@ class _Work:
 
     def _gain(self, colour):
         """Amplitude with which the light in the band is as much as the field's."""
-        band = self._passes[colour]
+        band, xp = arrays.like(self._passes[colour], self.phases), self._xp
         wanted = shown = 0.0
-        for frame, phase in enumerate(self.phases[:, colour]):
+        for frame in range(self._frames):
             self._heard()
-            wave = scipy.fft.fft2(self._fields(frame, colour), workers=threads())
-            wanted += float((np.abs(wave[band]) ** 2).sum(dtype=float))
-            display = self._displays[colour]
-            light = np.exp(np.complex64(1j) * phase) if display is None else display.light(phase)
+            wave = arrays.fft2(self._fields(frame, colour), workers=threads())
+            wanted += arrays.total(xp.abs(wave[band]) ** 2)
+            display, phase = self._displays[colour], self.phases[frame, colour, ...]
+            light = display.light(phase) if display else xp.exp(1j * arrays.as_type(phase, "complex64"))
             if self._beams[colour] is not None:
                 light *= self._beams[colour]
-            light = self._seen(light, colour)
-            shown += float((np.abs(scipy.fft.fft2(light, workers=threads())[band]) ** 2).sum(dtype=float))
+            light = arrays.fft2(self._seen(light, colour), workers=threads())
+            shown += arrays.total(xp.abs(light[band]) ** 2)
         return math.sqrt(wanted / shown) if shown else 0.0
 
     def round(self):
@@ -690,14 +707,19 @@ class _Work:
         """
         for colour, way in enumerate(self._ways):
             if way is not None:
-                board = math.pi * (np.indices(self.phases.shape[-2:]).sum(0) % 2)
-                beside = np.ones(board.shape, bool)
-                beside[way.used] = False
-                self.phases[:, colour, beside] = board[beside]
+                phases = self.phases[:, colour, ...]
+                board = np.float32(math.pi) * (np.indices(phases.shape[-2:]).sum(0) % 2).astype(np.float32)
+                board = self._xp.broadcast_to(arrays.like(board, phases)[None, ...], phases.shape)
+                used = (slice(None), *way.used)
+                kept = arrays.copied(phases[used])
+                phases[...] = board
+                phases[used] = kept
         for colour, levels in enumerate(self._levels):
             if levels is not None:
-                for frame in self.phases[:, colour]:
-                    frame[:] = wrapped(levels.nearest(frame)[0])
+                for frame in range(self._frames):
+                    phases = self.phases[frame, colour, ...]
+                    nearest, _ = levels.nearest(arrays.on_processor(phases))
+                    phases[...] = arrays.like(wrapped(nearest), phases)
 
     @contextmanager
     def _phases(self, group, colour):
@@ -705,11 +727,12 @@ class _Work:
         levels = self._levels[colour]
         ends = WHOLE if levels is None else levels.ends
         display, beam = self._displays[colour], self._beams[colour]
-        phases = Phases(self.phases[group, colour], self._threads, display, ends, beam, self._ways[colour])
+        begun = self.phases[group, colour, ...]
+        phases = Phases(begun, self._threads, display, ends, beam, self._ways[colour])
         try:
             yield phases
         finally:
-            self.phases[group, colour] = phases.values()
+            begun[...] = phases.values()
 
     @contextmanager
     def _stage(self, name, colour):
@@ -725,12 +748,14 @@ class _Work:
 
 
 def _root_mean_square(fields):
-    return math.sqrt(np.mean([np.square(np.abs(f), dtype=np.float64).mean() for f in fields]))
+    xp = arrays.namespace(fields)
+    sizes = (arrays.as_type(xp.abs(fields[n, ...]), "float64") for n in range(fields.shape[0]))
+    return math.sqrt(np.mean([float(xp.mean(size**2)) for size in sizes]))
 
 
 def _white(wave):
     """Amplitude that counts as white, see `metrics.display_values`."""
-    amplitude = np.abs(wave)
+    amplitude = np.abs(arrays.on_processor(wave))
     return float(np.percentile(amplitude, 95)) or float(amplitude.max()) or 1.0
 
 
@@ -739,8 +764,10 @@ def _spread(low, high, count):
     return np.linspace(low, high, count) if count > 1 else [(low + high) / 2]
 
 
-def _groups(frames, bytes_each):
-    """Slices of frames that fit into memory, about equal."""
-    count = math.ceil(frames / max(1, MOST_BYTES // bytes_each))
+def _groups(phases, bytes_each):
+    """Slices of frames that fit into memory, about equal; into half of what is free where phases lie on a card."""
+    frames, card = phases.shape[0], on_card(phases)
+    most = min(MOST_BYTES, card[1] // 2) if card else MOST_BYTES
+    count = math.ceil(frames / max(1, most // bytes_each))
     ends = [round(i * frames / count) for i in range(count + 1)]
     return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]

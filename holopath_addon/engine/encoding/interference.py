@@ -8,6 +8,7 @@ import numpy as np
 import scipy.fft
 
 from ..errors import InvalidInput
+from ..memory import on_processor
 from .double_phase import transmission
 from .phase_hologram import PhaseHologram
 
@@ -58,10 +59,11 @@ def interference(
         raise InvalidInput(
             "Without a carrier the picture and its twin lie on each other: choose one, such as --carrier 0.5,0."
         )
+    values = on_processor(thing.data[frame, color, ...])
     if isinstance(thing, PhaseHologram):
-        waves, reference = np.exp(1j * thing.data[frame, color]), 1.0
+        waves, reference = np.exp(1j * values), 1.0
     else:
-        field, wavelength = thing.data[frame, color], thing.hologram.wavelengths[color]
+        field, wavelength = values, thing.hologram.wavelengths[color]
         passes = optics.passes(field.shape, thing.hologram.pitch_at(wavelength))
         passed = scipy.fft.ifft2(scipy.fft.fft2(field) * passes)
         waves = transmission(passed, thing.hologram.illumination(color))

@@ -16,6 +16,7 @@ from ..hologram import Hologram
 from ..optics import BEAM_FILE, STOP_FILE
 from ..scene import variants
 from ..wavefield import WaveField
+from ..waves import arrays
 from ..waves.modulator import Modulator, grey_levels, wrapped
 from .shown_light import ShownLight
 
@@ -35,8 +36,8 @@ class PhaseHologram:
 
     Attributes
     ----------
-    data : numpy.ndarray, float32, shape (frame, wavelength, y, x)
-        Radians in [0, 2 pi); row 0 is the top.
+    data : array, float32, shape (frame, wavelength, y, x)
+        Of the library of the field that was encoded. Radians in [0, 2 pi); row 0 is the top.
     hologram : Hologram
     camera : Camera
     near : float
@@ -97,29 +98,30 @@ class PhaseHologram:
             raise InvalidInput(
                 f"There are levels of {len(levels)} wavelengths for {self.data.shape[1]}: give as many."
             )
-        gains = np.asarray(self.gains, np.float32)[:, None, None]
+        gains = arrays.like(np.asarray(self.gains, np.float32)[:, None, None], self.data)
         if display is None:
             light = (modulator or Modulator()).light(self._nearest(levels))
             for colour in range(self.data.shape[1]):
                 illumination = self.hologram.illumination(colour)
                 if illumination is not None:
-                    light[:, colour] *= illumination
+                    light[:, colour, ...] *= arrays.like(illumination, light)
         else:
-            light = np.empty(self.data.shape, np.complex64)
+            light = arrays.empty(self.data.shape, "complex64", self.data)
             for colour, model in enumerate(display):
                 shown = ShownLight(model, self.data.shape[-2:], self.hologram.pitch)
-                for frame, phases in enumerate(self.data[:, colour]):
-                    light[frame, colour] = shown.light(phases)
+                for frame in range(self.data.shape[0]):
+                    light[frame, colour, ...] = shown.light(self.data[frame, colour, ...])
         return WaveField(gains * light, self.hologram, self.camera, self.near, modulated=True)
 
     def _nearest(self, levels):
         if levels is None:
             return self.data
-        shown = np.empty_like(self.data)
+        data = arrays.on_processor(self.data)
+        shown = np.empty_like(data)
         for color, each in enumerate(levels):
-            for frame, phases in enumerate(self.data[:, color]):
+            for frame, phases in enumerate(data[:, color]):
                 shown[frame, color] = wrapped(each.nearest(phases)[0])
-        return shown
+        return arrays.like(shown, self.data)
 
     def save(self, folder: Path | str, progress: Progress | None = None) -> None:
         """Write ``phase.npy``, a picture of 8 bits for each frame and wavelength, and ``meta.json``.
@@ -147,12 +149,13 @@ class PhaseHologram:
             folder,
             earlier("a hologram", "phase.npy", "meta.json", others=("frame_*.png", BEAM_FILE, STOP_FILE)),
         ) as part:
-            np.save(part / "phase.npy", self.data)
+            data = arrays.on_processor(self.data)
+            np.save(part / "phase.npy", data)
             self.hologram.optics.save(part)
-            for m, frame in enumerate(self.data):
+            for m, frame in enumerate(data):
                 for phases, name in zip(frame, picture_names(m, wavelengths), strict=True):
                     mi.Bitmap(grey_levels(phases).astype(np.uint8)).write(str(part / name))
-                progress((m + 1) / len(self.data), "Writing the hologram")
+                progress((m + 1) / len(data), "Writing the hologram")
             meta = {
                 "format_version": FORMAT_VERSION,
                 "axes": ["frame", "wavelength", "y", "x"],

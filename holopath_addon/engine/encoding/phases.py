@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..waves import arrays
 from ..waves.modulator import wrapped
 
 if TYPE_CHECKING:
+    from ..waves.arrays import Array
     from ..waves.lens import Collins
     from ..waves.modulator import Levels
     from ..waves.supervision import Frames
@@ -33,67 +35,71 @@ class Phases:
 
     Parameters
     ----------
-    start : numpy.ndarray, float32 or float64, shape (frame, y, x)
-        Radians. The type is that of all that is computed.
+    start : array, float32 or float64, shape (frame, y, x)
+        Radians. The type and the library are those of all that is computed.
     threads : Frames
     display : ShownLight, optional
         What makes light of phases. Default: an ideal display. Phases then stay between `ends`: neighbours blur, and
         would over a jump from one turn to the next.
     ends : (float, float)
         Least and largest phase, radians, that it has.
-    beam : numpy.ndarray, complex, shape (y, x), optional
+    beam : array, complex, shape (y, x), optional
         Light that falls on an ideal display. Default: 1.
     way : Collins, optional
         From an ideal display to where light is compared. Default: it is compared on the display.
 
     Attributes
     ----------
-    light : numpy.ndarray, complex, shape (frame, y, x)
+    light : array, complex, shape (frame, y, x)
         beam exp(i phase), or what the display or the way makes of it.
     """
 
     def __init__(
         self,
-        start: np.ndarray,
+        start: Array,
         threads: Frames,
         display: ShownLight | None = None,
         ends: tuple[float, float] = WHOLE,
-        beam: np.ndarray | None = None,
+        beam: Array | None = None,
         way: Collins | None = None,
     ) -> None:
-        self._angle = np.array(start, order="C").reshape(len(start), -1)
+        self._xp = xp = arrays.namespace(start)
+        self._angle = xp.reshape(arrays.copied(start), (start.shape[0], -1))
         if display is not None:
-            self._angle = ends[0] + np.mod(self._angle - ends[0], 2 * math.pi, dtype=self._angle.dtype)
-        self._threads, self._shape = threads, start.shape
-        self._beam = None if beam is None else beam.ravel()
-        self._light = np.empty(self._angle.shape, np.result_type(start.dtype, np.complex64))
-        self._means: np.ndarray | None = None
-        self._free: np.ndarray | None = None
+            self._angle = ends[0] + xp.remainder(self._angle - ends[0], 2 * math.pi)
+        self._threads, self._shape = threads, tuple(start.shape)
+        self._beam = None if beam is None else xp.reshape(beam, (-1,))
+        kind = "complex64" if start.dtype == xp.float32 else "complex128"
+        self._light = arrays.empty(self._angle.shape, kind, start)
+        self._means: Array | None = None
+        self._free: Array | None = None
         self._count = 0
         self._local, self._display, self._ends = threading.local(), display, ends
         self._way = way
         self._each(self._show)
 
     @property
-    def light(self) -> np.ndarray:
+    def light(self) -> Array:
         display, way = self._display, self._way
-        if display is None:
-            light = self._light.reshape(self._shape)
-            if way is None:
-                return light
-            return np.array(self._threads.each(lambda frame: way.there(light[frame]), len(light)))
-        return np.array(self._threads.each(lambda frame: display.light(self._turns(frame)), len(self._angle)))
+        if display is not None:
+            return self._frames(lambda frame: display.light(self._turns(frame)))
+        light = self._xp.reshape(self._light, self._shape)
+        return light if way is None else self._frames(lambda frame: way.there(light[frame, ...]))
+
+    def _frames(self, work):
+        """Stack of what there is of each frame."""
+        return self._xp.stack(self._threads.each(work, self._shape[0]))
 
     def _turns(self, frame):
         """Phases of a frame."""
-        return self._angle[frame].reshape(self._shape[1:])
+        return self._xp.reshape(self._angle[frame, :], self._shape[1:])
 
-    def descend(self, back: np.ndarray, factors: np.ndarray, rate: float, memory: float = FULL) -> None:
+    def descend(self, back: Array, factors: np.ndarray, rate: float, memory: float = FULL) -> None:
         """A step of Adam.
 
         Parameters
         ----------
-        back : numpy.ndarray, complex, shape (frame, y, x)
+        back : array, complex, shape (frame, y, x)
             G with dL = 2 Re sum conj(G) du for a change du of the light, so that the phases' slope is 2 Im(conj(u) G).
         factors : sequence of complex
             To be multiplied with each frame of it.
@@ -103,27 +109,26 @@ class Phases:
             Decay of the mean of earlier slopes.
         """
         if self._means is None:
-            self._means = np.zeros((2, *self._angle.shape), self._angle.dtype)
-            self._means[1] = TINY
-        means, free = self._means, self._free
+            self._means = arrays.zeros((2, *self._angle.shape), self._angle.dtype, self._angle)
+            self._means[1, ...] = TINY
+        means, free, xp = self._means, self._free, self._xp
         back, shares = self._at_pixels(back, factors)
         self._count += 1
         first, second = memory, SQUARES
-        real = self._angle.dtype.type
         # sums of slopes and of their squares, not yet means
         scale = (1 - first) / (1 - first**self._count), (1 - second) / (1 - second**self._count)
-        length = real(rate * scale[0] / math.sqrt(scale[1]))
+        length = rate * scale[0] / math.sqrt(scale[1])
 
         def move(frame, block, rows):
             mean, square = means[0, frame, block], means[1, frame, block]
-            slope = self._slope(frame, block, back[frame, rows], shares[frame])
-            mean *= real(first)
+            slope = self._slope(frame, block, back[frame, rows, :], shares[frame])
+            mean *= first
             mean += slope
             slope *= slope
-            square *= real(second)
+            square *= second
             square += slope
-            np.sqrt(square, out=slope)
-            np.divide(mean, slope, out=slope)
+            slope = arrays.into(slope, xp.sqrt, square)
+            slope = arrays.into(slope, xp.divide, mean, slope)
             slope *= length
             if free is not None:
                 slope *= free[frame, block]
@@ -141,10 +146,11 @@ class Phases:
         Where these are most, the others are soon done, and there is time to make up for them.
         """
         if self._free is None:
-            self._free = np.ones(self._angle.shape, bool)
+            self._free = arrays.mask(np.ones(self._angle.shape, bool), self._angle)
 
         def each(frame):
-            angle, free = self._angle[frame], self._free[frame]
+            angle, free = (arrays.on_processor(each[frame, :]) for each in (self._angle, self._free))
+            free = free.astype(bool, copy=False)
             target, gaps = levels.nearest(angle)
             wanting = free & (gaps > FINE)
             fixed = len(angle) - np.count_nonzero(free)
@@ -153,58 +159,61 @@ class Phases:
                 return
             apart = np.where(wanting, np.abs(angle - target), np.inf)
             chosen = wanting & (apart <= np.partition(apart, count - 1)[count - 1])
-            angle[chosen] = target[chosen]
-            free[chosen] = False
+            angle[chosen], free[chosen] = target[chosen], False
+            self._angle[frame, :] = arrays.like(angle, self._angle)
+            self._free[frame, :] = arrays.mask(free, self._angle)
 
-        self._threads.each(each, len(self._angle))
+        self._threads.each(each, self._shape[0])
         self._each(self._show)
 
-    def set(self, values: np.ndarray) -> None:
+    def set(self, values: Array) -> None:
         """Go back to earlier `values`."""
-        self._angle[:] = values.reshape(self._angle.shape)
+        self._angle[...] = self._xp.reshape(values, self._angle.shape)
         self._each(self._show)
 
-    def values(self) -> np.ndarray:
+    def values(self) -> Array:
         """Radians in [0, 2 pi), float32."""
-        return wrapped(self._angle).reshape(self._shape)
+        return self._xp.reshape(wrapped(self._angle), self._shape)
 
     def _at_pixels(self, back, factors):
         """G and factors with respect to exp(i phase), of those with respect to the display's light."""
         display, way = self._display, self._way
         if way is not None:
-            return np.array(self._threads.each(lambda frame: way.back(back[frame]), len(back))), factors
+            return self._frames(lambda frame: way.back(back[frame, ...])), factors
         if display is None:
             return back, factors
-        light = self._light.reshape(self._shape)
+        light = self._xp.reshape(self._light, self._shape)
 
         def each(frame):
-            return 0.5j * light[frame] * display.slope(self._turns(frame), back[frame] * factors[frame])
+            slope = display.slope(self._turns(frame), back[frame, ...] * complex(factors[frame]))
+            return 0.5j * light[frame, ...] * slope
 
-        return np.array(self._threads.each(each, len(light)), light.dtype), [1.0] * len(light)
+        return arrays.as_type(self._frames(each), light.dtype), [1.0] * len(factors)
 
     def _slope(self, frame, block, back, factor):
-        product, slope, _ = self._room(block)
-        np.conjugate(self._light[frame, block], out=product)
-        shaped = product.reshape(back.shape)
-        shaped *= back
+        (product, slope, _), xp = self._room(block), self._xp
+        product = arrays.into(product, xp.conj, self._light[frame, block])
+        shaped = xp.reshape(product, back.shape)
+        product = xp.reshape(arrays.into(shaped, xp.multiply, shaped, back), (-1,))
         factor = complex(factor)
         if factor.imag:
-            product *= product.dtype.type(factor)
+            product *= factor
             factor = 1 + 0j
-        return np.multiply(product.imag, slope.dtype.type(2 * factor.real), out=slope)
+        return arrays.into(slope, xp.multiply, xp.imag(product), 2 * factor.real)
 
     def _show(self, frame, block, rows):
-        _, first, second = self._room(block)
+        (_, first, second), xp = self._room(block), self._xp
         angle, light = self._angle[frame, block], self._light[frame, block]
         if self._display is not None:
-            np.clip(angle, *self._ends, out=angle)
-        light.real = np.cos(angle, out=first)
-        light.imag = np.sin(angle, out=second)
+            arrays.put(angle, xp.clip, angle, *self._ends)
+        arrays.set_parts(light, arrays.into(first, xp.cos, angle), arrays.into(second, xp.sin, angle))
         if self._beam is not None:
             light *= self._beam[block]
 
     def _room(self, block):
-        """Arrays of this thread's own, one complex and two real, to work on a block."""
+        """Arrays of this thread's own, one complex and two real, to work on a block; None but for the processor."""
+        if self._xp is not np:
+            return [None] * 3
         count = block.stop - block.start
         if getattr(self._local, "size", 0) < count:
             self._local.size = count
@@ -214,11 +223,11 @@ class Phases:
     def _each(self, work):
         """``work(frame, block of pixels, the same as rows)`` on all."""
         rows, columns = self._shape[1:]
-        height = max(1, BLOCK // columns)
+        height = max(1, BLOCK // columns) if self._xp is np else rows
 
         def each(frame):
             for first in range(0, rows, height):
                 last = min(first + height, rows)
                 work(frame, slice(first * columns, last * columns), slice(first, last))
 
-        self._threads.each(each, len(self._angle))
+        self._threads.each(each, self._shape[0])

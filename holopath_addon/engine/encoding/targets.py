@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 
 from ..optics import ON_AXIS, Optics
 from ..pixels import Pitch
+from ..waves import arrays
 from ..waves.propagation import JUDGING_GUARD, FreeSpace, padded_shape
 from ..waves.supervision import blocks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..waves.arrays import Array
     from ..waves.supervision import Frames
 
 
@@ -27,7 +29,7 @@ class ComplexTarget:
 
     Parameters
     ----------
-    fields : numpy.ndarray, complex, shape (frame, y, x)
+    fields : array, complex, shape (frame, y, x)
         At the SLM.
     aperture : bool
         Whether light beyond the circle is free, as a stop in the Fourier plane takes it away.
@@ -45,7 +47,7 @@ class ComplexTarget:
 
     def __init__(
         self,
-        fields: np.ndarray,
+        fields: Array,
         aperture: bool,
         threads: Frames,
         optics: Optics = ON_AXIS,
@@ -53,14 +55,15 @@ class ComplexTarget:
     ) -> None:
         shape = fields.shape[-2:]
         self._band = optics.passes(shape, pitch) if aperture else np.ones(shape, bool)
-        self._band = self._band.astype(fields.dtype)
-        self._threads = threads
-        self._targets = threads.each(lambda frame: scipy.fft.fft2(fields[frame]) * self._band, len(fields))
-        self._energies = np.array(threads.each(lambda frame: _square(self._targets[frame]), len(fields)))
+        self._band, self._threads = arrays.like(self._band, fields, fields.dtype), threads
+        self._targets = threads.each(
+            lambda frame: arrays.fft2(fields[frame, ...]) * self._band, fields.shape[0]
+        )
+        self._energies = np.array(threads.each(lambda frame: _square(self._targets[frame]), fields.shape[0]))
         self.energy = float(sum(self._energies))
         self.factors = None
 
-    def gradient(self, light: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    def gradient(self, light: Array) -> tuple[float, Array, np.ndarray]:
         """Loss, and its gradient with respect to the light.
 
         c is that of the step before, and is then made the best one for this light.
@@ -68,15 +71,16 @@ class ComplexTarget:
         Returns
         -------
         loss : float
-        back : numpy.ndarray
+        back : array
             In memory that the next call overwrites; times `factors` it is G with dL = 2 Re sum conj(G) du.
         factors : numpy.ndarray, complex
         """
         if self.factors is None:
-            self.factors, self._waves = np.ones(len(light), light.dtype), np.empty_like(light)
+            self.factors = np.ones(light.shape[0], complex)
+            self._waves = arrays.empty(light.shape, light.dtype, light)
             self.gradient(light)
         used = self.factors
-        sums = self._threads.each(lambda frame: self._compare(light, frame, used[frame]), len(light))
+        sums = self._threads.each(lambda frame: self._compare(light, frame, used[frame]), light.shape[0])
         errors, overlaps = np.array(sums).T
         # of the spectra, from those of the errors: U = (E + T) / c
         energies = (errors.real + 2 * overlaps.real + self._energies) / np.abs(used) ** 2
@@ -84,22 +88,22 @@ class ComplexTarget:
         gain = np.abs(overlaps).sum() / energies.sum()
         self.factors = gain * np.exp(-1j * np.angle(overlaps))
         loss = float(errors.real.sum()) / self.energy
-        return loss, self._waves, np.conj(used) * (light[0].size / self.energy)
+        return loss, self._waves, np.conj(used) * (math.prod(light.shape[1:]) / self.energy)
 
     def _compare(self, light, frame, factor):
         """c U - T, back on the plane, into `_waves`; its square and its product with T."""
-        wave = self._waves[frame]
-        wave[:] = light[frame]
-        wave = scipy.fft.fft2(wave, overwrite_x=True)
+        wave = self._waves[frame, ...]
+        wave[...] = light[frame, ...]
+        wave = arrays.fft2(wave, overwrite=True)
         square = overlap = 0.0
-        for rows in blocks(wave.shape):
-            error, target = wave[rows], self._targets[frame][rows]
-            error *= self._band[rows]
-            error *= wave.dtype.type(factor)
+        for rows in blocks(wave):
+            error, target = wave[rows, :], self._targets[frame][rows, :]
+            error *= self._band[rows, :]
+            error *= complex(factor)
             error -= target
-            square += np.vdot(error, error).real
-            overlap += np.vdot(target, error)
-        self._waves[frame] = scipy.fft.ifft2(wave, overwrite_x=True)
+            square += _square(error)
+            overlap += arrays.product(target, error)
+        self._waves[frame, ...] = arrays.ifft2(wave, overwrite=True)
         return square, overlap
 
 
@@ -110,7 +114,7 @@ class AmplitudeTarget:
 
     Parameters
     ----------
-    fields : numpy.ndarray, complex, shape (frame, y, x)
+    fields : array, complex, shape (frame, y, x)
         At the SLM.
     pitch : float or (float, float)
     wavelength : float
@@ -124,7 +128,7 @@ class AmplitudeTarget:
 
     def __init__(
         self,
-        fields: np.ndarray,
+        fields: Array,
         pitch: Pitch,
         wavelength: float,
         distances: Sequence[float],
@@ -135,45 +139,48 @@ class AmplitudeTarget:
         farthest = max(map(abs, distances))
         # its own loss is the PSNR that is told
         self._padded = padded_shape(self._shape, pitch, wavelength, farthest, JUDGING_GUARD)
-        space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded, pitch))
-        self._transfers = [space(z).astype(fields.dtype) for z in distances]
+        space = FreeSpace(self._padded, pitch, wavelength, optics.passes(self._padded, pitch), on=fields)
+        self._transfers = [arrays.as_type(space(z), fields.dtype) for z in distances]
         rows, columns = self._shape
+        xp = arrays.namespace(fields)
 
         def amplitudes(frame):
-            spectrum = scipy.fft.fft2(fields[frame], self._padded)
-            return [np.abs(scipy.fft.ifft2(spectrum * t)[:rows, :columns]) for t in self._transfers]
+            spectrum = arrays.fft2(fields[frame, ...], self._padded)
+            return [xp.abs(arrays.ifft2(spectrum * t)[:rows, :columns]) for t in self._transfers]
 
-        self._amplitudes = threads.each(amplitudes, len(fields))
-        self.energy = float(sum((a.astype(float) ** 2).sum() for planes in self._amplitudes for a in planes))
+        self._amplitudes = threads.each(amplitudes, fields.shape[0])
+        squares = (arrays.as_type(a, "float64") ** 2 for planes in self._amplitudes for a in planes)
+        self.energy = sum(map(arrays.total, squares))
         self.gain = None
 
-    def gradient(self, light: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    def gradient(self, light: Array) -> tuple[float, Array, np.ndarray]:
         """As `ComplexTarget.gradient`."""
         if self.gain is None:
-            self.gain, self._waves = 1.0, np.empty_like(light)
+            self.gain, self._waves = 1.0, arrays.empty(light.shape, light.dtype, light)
             self.gradient(light)
-        gain, rows, columns = self.gain, *self._shape
-        errors, matches, energies = np.zeros((3, len(light)))
+        (gain, rows, columns), xp = (self.gain, *self._shape), arrays.namespace(light)
+        errors, matches, energies = np.zeros((3, light.shape[0]))
 
         def compare(frame):
-            spectrum, back = scipy.fft.fft2(light[frame], self._padded), 0
+            spectrum, back = arrays.fft2(light[frame, ...], self._padded), 0
             for transfer, amplitude in zip(self._transfers, self._amplitudes[frame], strict=True):
-                wave = scipy.fft.ifft2(spectrum * transfer, overwrite_x=True)
+                wave = arrays.ifft2(spectrum * transfer, overwrite=True)
                 seen = wave[:rows, :columns]
-                size = np.abs(seen)
+                size = xp.abs(seen)
                 error = gain * size - amplitude
-                errors[frame] += float(np.vdot(error, error))
-                matches[frame] += float(np.vdot(size, amplitude))
-                energies[frame] += float(np.vdot(size, size))
-                seen *= gain * error / np.maximum(size, 1e-20)
-                wave[rows:], wave[:rows, columns:] = 0, 0
-                back = back + np.conj(transfer) * scipy.fft.fft2(wave, overwrite_x=True)
-            self._waves[frame] = scipy.fft.ifft2(back, overwrite_x=True)[:rows, :columns]
+                errors[frame] += _square(error)
+                matches[frame] += arrays.product(size, amplitude).real
+                energies[frame] += _square(size)
+                seen *= gain * error / xp.maximum(size, 1e-20)
+                wave[rows:, :] = 0.0
+                wave[:rows, columns:] = 0.0
+                back = back + xp.conj(transfer) * arrays.fft2(wave, overwrite=True)
+            self._waves[frame, ...] = arrays.ifft2(back, overwrite=True)[:rows, :columns]
 
-        self._threads.each(compare, len(light))
-        self.gain = matches.sum() / energies.sum()
-        return errors.sum() / self.energy, self._waves, np.full(len(light), 1 / self.energy, light.dtype)
+        self._threads.each(compare, light.shape[0])
+        self.gain = float(matches.sum() / energies.sum())
+        return errors.sum() / self.energy, self._waves, np.full(light.shape[0], 1 / self.energy, complex)
 
 
 def _square(wave):
-    return float(np.vdot(wave, wave).real)
+    return arrays.product(wave, wave).real

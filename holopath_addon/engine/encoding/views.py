@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
+from ..memory import on_processor
 from ..optics import ON_AXIS, Optics
 from ..pixels import EvenSteps, Pitch, axes, coarsest
 from ..scene.variants import threads
+from ..waves import arrays
+from ..waves.arrays import PROCESSOR, Array
 from ..waves.pictures import Vantage
 from ..waves.propagation import TEACHING_GUARD, FreeSpace, commensurate, padded_shape
 
@@ -121,12 +124,14 @@ class Views:
         FFTs allow that. Default: the fields' own.
     heard : callable
         Called several times a second while views are looked at; may raise `Cancelled`.
+    on : array, optional
+        In whose namespace views are looked at, where that one lies. Default: NumPy's.
 
     Attributes
     ----------
     kinds : list of (ViewKind, list of int)
         Each kind, and the numbers of its views; the whole pupil first.
-    wanted : list of numpy.ndarray, float32, shape (y, x)
+    wanted : list of array, float32, shape (y, x)
         Intensity of each view.
     vantages : list of Vantage
         Of each view.
@@ -151,6 +156,7 @@ class Views:
         optics: Optics = ON_AXIS,
         places: Sequence[EvenSteps] | None = None,
         heard: Callable[[], object] = lambda: None,
+        on: Array = PROCESSOR,
     ) -> None:
         self.shape, self._places, self._heard = shape, places, heard
         farthest = max(abs(low), abs(high))
@@ -160,9 +166,9 @@ class Views:
         self.kinds: list[tuple[ViewKind, list[int]]] = [(kind, []) for kind in kinds_for(eyebox)]
         self.wanted = []
         self._optics = optics
-        self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded, pitch))
+        self._space = FreeSpace(self.padded, pitch, wavelength, optics.passes(self.padded, pitch), on)
         self._views: list[_View] = []
-        self._transfers: dict[float, np.ndarray] = {}
+        self._transfers: dict[float, Array] = {}
         self.frames = 0
         x, y, radius = optics.opening
         slope = radius * math.tan(math.asin(wavelength / (2 * coarsest(pitch))))
@@ -179,12 +185,12 @@ class Views:
                 if part is not None:
                     part = (radius * part[0] + x / 2, radius * part[1] - y / 2, radius * part[2])
                 vantage = Vantage(float(distance), part)
-                self._views.append(_View(vantage, kind.apart, self.padded, pitch, places))
+                self._views.append(_View(vantage, kind.apart, self.padded, pitch, places, on))
         for view in self._views:
             size = tuple(-(-n // view.apart) for n in shape)
             if places is not None and view.vantage.part is None:
                 size = tuple(line.count for line in places)
-            self.wanted.append(np.zeros(size, np.float32))
+            self.wanted.append(arrays.zeros(size, "float32", on))
 
     @property
     def vantages(self) -> list[Vantage]:
@@ -193,18 +199,17 @@ class Views:
     def __len__(self) -> int:
         return len(self._views)
 
-    def add(self, fields: np.ndarray) -> None:
+    def add(self, fields: Array) -> None:
         """Count frames towards the wanted means; fields of shape (frames, y, x)."""
-        before, self.frames = self.frames, self.frames + len(fields)
+        before, self.frames = self.frames, self.frames + fields.shape[0]
         for wanted in self.wanted:
-            wanted *= np.float32(before)
-        together = max(1, TOGETHER // (8 * math.prod(self.padded)))
-        for first in range(0, len(fields), together):
-            spectra = self.spectra(fields[first : first + together])
+            wanted *= float(before)
+        for some in _parts_of(fields.shape[0], self.padded):
+            spectra = self.spectra(fields[some, ...])
             for number, wanted in enumerate(self.wanted):
                 wanted += intensity(self.waves(spectra, number), wanted.shape)
         for wanted in self.wanted:
-            wanted *= np.float32(1 / self.frames)
+            wanted *= 1 / self.frames
 
     def unvignette(self) -> None:
         """Want views as bright near their edges as if the fields had none; once, when all frames are counted.
@@ -220,7 +225,7 @@ class Views:
             rows, columns = (np.arange(0, n, apart) for n in self.shape)
             if self._places is not None and view.vantage.part is None:
                 rows, columns = map(_nearest, self._places, self.shape)
-            self.wanted[number] /= met[distance][np.ix_(rows, columns)]
+            self.wanted[number] /= arrays.like(met[distance][np.ix_(rows, columns)], self.wanted[number])
 
     def sharpen(self) -> None:
         """Want what a thin lens would show through the stop instead of what it blurs; once, after `unvignette`.
@@ -234,29 +239,29 @@ class Views:
             if view.vantage.part is None:
                 self._heard()
                 own = 1.0 if self._places is not None else self._pitch
-                self.wanted[number] = _deblurred(self.wanted[number], self._optics, own)
+                sharp = _deblurred(on_processor(self.wanted[number]), self._optics, own)
+                self.wanted[number] = arrays.like(sharp, self.wanted[number])
 
-    def spectra(self, light: np.ndarray) -> np.ndarray:
+    def spectra(self, light: Array) -> Array:
         """Padded spectra of light; both of shape (frame, y, x)."""
-        spectra = np.empty((len(light), *self.padded), np.result_type(light, np.complex64))
+        spectra = arrays.empty((light.shape[0], *self.padded), light.dtype, light)
         for some in self._few(spectra):
-            spectra[some] = scipy.fft.fft2(light[some], self.padded, workers=threads())
+            spectra[some, ...] = arrays.fft2(light[some, ...], self.padded, workers=threads())
         return spectra
 
-    def light(self, spectra: np.ndarray) -> np.ndarray:
+    def light(self, spectra: Array) -> Array:
         """The inverse of `spectra`; overwrites them."""
         for some in self._few(spectra):
-            spectra[some] = scipy.fft.ifft2(spectra[some], overwrite_x=True, workers=threads())
+            spectra[some, ...] = arrays.ifft2(spectra[some, ...], overwrite=True, workers=threads())
         return spectra[:, : self.shape[0], : self.shape[1]]
 
     def _few(self, spectra):
         """Slices of frames that are transformed at once, with a look at who may want to cancel before each."""
-        together = max(1, TOGETHER // spectra[:1].nbytes)
-        for first in range(0, len(spectra), together):
+        for some in _parts_of(spectra.shape[0], spectra.shape[1:]):
             self._heard()
-            yield slice(first, first + together)
+            yield some
 
-    def waves(self, spectra: np.ndarray, number: int) -> np.ndarray:
+    def waves(self, spectra: Array, number: int) -> Array:
         """The waves in a view, on its own padded grid, of padded spectra; both of shape (frame, y, x)."""
         view = self._views[number]
         transfer = self._transfer(view)
@@ -266,17 +271,16 @@ class Views:
             part = view.cut(spectra)
             part *= transfer
         for some in self._few(part):
-            part[some] = scipy.fft.ifft2(part[some], overwrite_x=True, workers=threads())
+            part[some, ...] = arrays.ifft2(part[some, ...], overwrite=True, workers=threads())
         return part
 
-    def back(self, waves: np.ndarray, number: int, gradient: np.ndarray) -> None:
+    def back(self, waves: Array, number: int, gradient: Array) -> None:
         """The adjoint of `waves` times the spectrum's number of bins, added to `gradient`; overwrites the waves."""
         view = self._views[number]
         for some in self._few(waves):
-            waves[some] = scipy.fft.fft2(waves[some], overwrite_x=True, workers=threads())
-        part = waves
-        part *= np.conj(self._transfer(view)) * np.float32(1 / view.share)
-        view.put(part, gradient)
+            waves[some, ...] = arrays.fft2(waves[some, ...], overwrite=True, workers=threads())
+        waves *= arrays.namespace(waves).conj(self._transfer(view)) * (1 / view.share)
+        view.put(waves, gradient)
 
     def _transfer(self, view):
         """From the spectrum's bins that a view has to its own spectrum; zero beyond its part of the pupil."""
@@ -284,20 +288,16 @@ class Views:
         whole = self._transfers.get(distance)
         if whole is None:
             whole = self._space(distance)
-            if (len(self._transfers) + 1) * whole.nbytes <= MOST_BYTES:
+            if (len(self._transfers) + 1) * 8 * math.prod(self.padded) <= MOST_BYTES:
                 self._transfers[distance] = whole
         if view.passes is None:
             return whole
-        return view.cut(whole[None])[0] * view.passes
+        return view.cut(whole[None, ...])[0, ...] * view.passes
 
 
-def intensity(waves: np.ndarray, shape: Sequence[int]) -> np.ndarray:
+def intensity(waves: Array, shape: Sequence[int]) -> Array:
     """Sum over frames, of the part of waves that is not padding."""
-    seen = waves[:, : shape[0], : shape[1]]
-    # real and imaginary parts side by side
-    parts = seen.view(seen.real.dtype)
-    total = np.einsum("fyx,fyx->yx", parts, parts)
-    return total[:, ::2] + total[:, 1::2]
+    return arrays.total_intensity(waves[:, : shape[0], : shape[1]])
 
 
 class _View:
@@ -309,13 +309,13 @@ class _View:
         Pixels between samples.
     share : float
         Samples over bins of the padded spectrum.
-    passes : numpy.ndarray or None
+    passes : array or None
         What the part lets through of its bins of the padded spectrum, times `share`; in FFT order around the middle of
         the part. At other places than the fields' own also what brings the first of them to the first sample. None for
         the whole pupil at the fields' own.
     """
 
-    def __init__(self, vantage, apart, padded, pitch, places=None):
+    def __init__(self, vantage, apart, padded, pitch, places, on):
         self.vantage, self.apart, self.passes, self.share = vantage, apart, None, 1 / apart**2
         passes = vantage.passes(padded, pitch)
         if passes is None and places is not None:
@@ -335,13 +335,15 @@ class _View:
             self._shape = len(rows), len(columns)
             self._set_blocks(rows, columns)
             self.passes = passes[np.ix_(rows, columns)] * np.float32(self.share)
+        if self.passes is not None:
+            self.passes = arrays.like(self.passes, on)
 
     def _set_blocks(self, rows, columns):
         self._blocks = [(a, b) for a in _runs(rows) for b in _runs(columns)]
 
     def cut(self, spectra):
         """Its part's bins of spectra, shape (frame, y, x). Blocks are copied much faster than by index."""
-        part = np.empty((len(spectra), *self._shape), spectra.dtype)
+        part = arrays.empty((spectra.shape[0], *self._shape), spectra.dtype, spectra)
         for (rows, to_rows), (columns, to_columns) in self._blocks:
             part[:, to_rows, to_columns] = spectra[:, rows, columns]
         return part
@@ -373,6 +375,12 @@ def _deblurred(blurred, optics, pitch):
     for _ in range(SHARPER):
         picture *= blur(blurred / np.maximum(blur(picture), least or 1))
     return np.maximum(picture, 0)[BESIDE : BESIDE + rows, BESIDE : BESIDE + columns]
+
+
+def _parts_of(frames, shape):
+    """Slices of frames that are looked at together."""
+    together = max(1, TOGETHER // (8 * math.prod(shape)))
+    return [slice(first, min(first + together, frames)) for first in range(0, frames, together)]
 
 
 def _bins(count, apart):

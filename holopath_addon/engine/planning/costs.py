@@ -275,11 +275,7 @@ def memory(
     """Estimated bytes of the arrays at most, with so many slabs and bins of the radiance map; see `stages`."""
     settings = survey.settings
     pixels, frames, colours = _numbers(survey)
-    images = any(plane.sees == "images" for plane in planes)  # which are brought to the others
-    fields = pixels * frames * (colours * (1 + images) + 1) * 8
-    if settings.despeckle:
-        # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
-        fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
+    fields = _fields(survey, planes)
     tables = 0 if settings.estimator == "paper" else LEVELS[1] * margin**2 * 8 * colours
     surfaces = SURFACES * (1 + (bins**2 - 1) * survey.seen.binned) * CELL_BYTES
     cells = 0 if settings.radiance == "ray" else columns_of(survey, margin)
@@ -289,6 +285,22 @@ def memory(
     # sums of a launch; a card's are brought to the processor in one piece
     sums = min((chunks_at_once() - 1) * CHUNK_BYTES // 2, 8 * pixels * frames * colours)
     return fields + tables + radiance + texels + CHUNK_BYTES + sums + moving
+
+
+def waves_memory(survey: Survey, planes: Sequence[RecordingPlane]) -> float:
+    """Estimated bytes of a card's memory that waves take: fields, one on its way, and sums of a launch with a copy."""
+    return _fields(survey, planes) + 2 * chunks_at_once() * CHUNK_BYTES + _moving(survey, 1)
+
+
+def _fields(survey, planes):
+    """Bytes of the fields on recording planes, and of what takes speckle out of them."""
+    settings, (pixels, frames, colours) = survey.settings, _numbers(survey)
+    images = any(plane.sees == "images" for plane in planes)  # which are brought to the others
+    fields = pixels * frames * (colours * (1 + images) + 1) * 8
+    if settings.despeckle:
+        # a batch and its spectra, or the fields, Adam's memory, spectra, waves and slopes of a colour
+        fields += pixels * 8 * max(SETS[-1] * (colours + 1), 7 * frames) + pixels * colours * 40 * 4
+    return fields
 
 
 def _moving(survey, frames):

@@ -14,9 +14,9 @@ from functools import lru_cache, reduce
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import scipy.fft
 
 from ..scene import variants
+from ..waves import arrays, libraries
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -85,6 +85,7 @@ def _slowness(folder, now):
     import mitsuba
 
     versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
+    variant = " ".join([variant, *filter(libraries.ON_CARDS.get, libraries.chosen()[:1])])
     made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()} {USUAL}"
     file, least = folder and folder / FILE, Slowness(math.inf, math.inf, math.inf)
     if file is not None:
@@ -179,6 +180,8 @@ def _programs():
 
 
 def _transforms():
-    waves = np.ones((SIDE, SIDE), np.complex64)
+    on = libraries.beginning(libraries.chosen()[0])
+    waves = arrays.like(np.ones((SIDE, SIDE), np.complex64), on)
     for _ in range(TRANSFORMS):
-        waves = scipy.fft.fft2(waves, workers=variants.threads(), norm="ortho")
+        waves = arrays.fft2(waves, workers=variants.threads(), norm="ortho")
+    arrays.on_processor(waves[:1, :1])  # a card is waited for

@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..memory import AT_ONCE, shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
-from ..waves.phase_fields import SETS, randomness_for
+from ..waves.phase_fields import DESIGNED_STARTS, SETS, randomness_for
 from .planner import resolved
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def _chosen(plan, settings, method, seconds, along):
         return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
     few = _randomness(settings) is not None
-    more, steps = ALL if most else (ENOUGH[0], FEW_STEPS if few else ENOUGH[1])
+    more, steps = ALL if most else (ENOUGH[0], FEW_STEPS if frames < DESIGNED_STARTS else ENOUGH[1])
     frames = max(more, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
     better = None if most or few else _upwards(costs.better(*ALL))

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 from ..errors import InvalidInput
 from ..hologram import AerialImage
 from ..mapping import DepthMapping, traced
-from ..memory import available, shortage
+from ..memory import available, on_card, shortage
 from ..plan import Decided, Decision, Plan, gathered_on
 from ..progress import named
 from ..scene import variants
 from ..scene.meshes.joining import MANY_INSTANCES, instances_cost
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
-from ..waves import despeckle
+from ..waves import despeckle, libraries
 from ..waves.lens import behind_lens
 from ..waves.phase_fields import (
     FEW_FRAMES,
@@ -126,6 +126,7 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
     cells = light.radiance_map(survey, margin)
     rays = light.wavelengths(survey)
     frames, chunk, padding = _frames(survey), _chunk(settings), _padding(survey.hologram, planes.value)
+    library = _library(costs.waves_memory(survey, planes.value))
     choices = (
         _depth(survey),
         _window(survey),
@@ -140,6 +141,7 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
         chunk,
         _propagation(survey.hologram),
         padding,
+        library,
     )
     (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
     what = planes.value, margin, slabs, bins, cached
@@ -186,6 +188,7 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
         memory_bytes=memory,
         decisions=tuple(decision for choice in choices for decision in choice.decisions),
         warnings=tuple(warnings),
+        library=library.value,
         beside=survey.beside,
     )
 
@@ -366,6 +369,21 @@ def _chunk(settings: Settings) -> Decided[int]:
         reason = "an eighth of what is free at most"
     chunk, reason = (asked, "as asked") if asked else (chunk, reason)
     return Decided(chunk, (Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason),))
+
+
+def _library(needed: float) -> Decided[str]:
+    """What computes waves and phases; that the processor does it without a card needs no words."""
+    name, advice = libraries.chosen()
+    if name == libraries.NUMPY:
+        return Decided(name, warnings=(advice,) if advice else ())
+    known, memory = libraries.ON_CARDS[name], on_card(libraries.beginning(name))
+    if memory and memory[1] < needed:
+        free = f"of which {memory[1] / 1e9:.3g} are free"
+        reason = f"{known} would need {needed / 1e9:.3g} GB of the card's memory, {free}"
+        return Decided(libraries.NUMPY, (Decision("waves", "processor", reason),))
+    return Decided(
+        name, (Decision("waves", known, "fields and phases stay in the memory where it computes"),)
+    )
 
 
 def _propagation(hologram: Hologram) -> Decided[None]:

@@ -14,6 +14,7 @@ from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
 from ..settings import BASELINES, Settings
 from ..wavefield import WaveField
+from ..waves import libraries
 from .fields import Tracing, at_slm
 from .many import along
 from .planned import PlannedRender, added, report_of
@@ -95,6 +96,8 @@ def render(
     for group, at in zip(planned.groups, parts(stages["waves"], len(planned.groups)), strict=True):
         with planned.recording(group) as recording:
             fields.append(_waves(recording, sets, planned.straight, hologram, at))
+        if recording.plan.library != plan.library:
+            plan = replace(plan, library=recording.plan.library, warnings=(*plan.warnings, libraries.RAN_OUT))
         errors.append(recording.error)
         passes, rays = recording.passes, added(rays, recording.rays_traced)
     field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
@@ -113,6 +116,12 @@ def _waves(recording, sets, straight, display, progress):
     lighting(0.0)
     radiance = recording.radiance(lighting)
     tracing = Tracing(recording, radiance, *sets, straight=straight)
+    try:
+        return at_slm(recording, tracing, display, stages["fields"])
+    except Exception as error:
+        if not libraries.out_of_memory(error):
+            raise
+    recording.plan = replace(recording.plan, library=libraries.NUMPY)
     return at_slm(recording, tracing, display, stages["fields"])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..hologram import AerialImage
 from ..pixels import Raster, beyond
 from ..progress import Stages, named, parts, stage
-from ..waves import despeckle, lens
+from ..waves import arrays, despeckle, lens, libraries
 from ..waves.phase_fields import pixel_transmission, recordable_fraction
 from ..waves.propagation import carrier, commensurate, moved, padded_shape, transfer_function
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from ..tracing.grains import RadianceMap
     from ..tracing.recording import Recording
+    from ..waves.arrays import Array
 
 # How much of the fields is done when each stage ends, with steps against speckle and without.
 DESPECKLED = {"tracing": 0.25, "despeckling": 0.97, "to the SLM": 1.0}
@@ -76,19 +77,19 @@ class Tracing:
             kept = [recordable_fraction(each) * passed for each in sets]
         return np.repeat(kept, [len(each) for each in sets])
 
-    def add(self, number: int, plane: RecordingPlane, out: np.ndarray, progress: Progress) -> None:
+    def add(self, number: int, plane: RecordingPlane, out: Array, progress: Progress) -> None:
         """Add the wave field on a plane to `out`, which has a margin, shape (frames, wavelengths, y, x)."""
         first, count = 0, self.frames(number)
         for phasors in self._phasors(number):
             last = first + len(phasors)
             told = named(stage(progress, first / count, last / count), "Wave tracing")
             straight = self._straight if number == OWN and not first else 0.0
-            self._recording.record(plane, self._radiance, phasors, told, out[first:last], straight)
+            self._recording.record(plane, self._radiance, phasors, told, out[first:last, ...], straight)
             first = last
 
 
 def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: Progress) -> np.ndarray:
-    """The wave field at the SLM.
+    """The wave field at the SLM. Waves are those of the plan's library until they are there.
 
     Parameters
     ----------
@@ -114,30 +115,30 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
         _despeckle(recording, tracing, field, stages["despeckling"])
     out, pixels = field, None if behind_lens or display.plain else display
     if pixels is not None:
-        out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
+        out = arrays.empty((*field.shape[:2], display.height, display.width), "complex64", field)
+    frames = field.shape[0]
     with recording.clock("propagation"):
         for k, m, wave in _moved(field, hologram, -recording.plan.z_gathered, display=pixels):
-            out[m, k] = wave
-            step = (k * len(field) + m + 1) / (len(field) * len(hologram.wavelengths))
+            out[m, k, ...] = wave
+            step = (k * frames + m + 1) / (frames * len(hologram.wavelengths))
             stages["to the SLM"](step, "To the SLM")
-    if out is not field:
-        return out
-    edge = recording.beyond + recording.plan.beside
-    field = field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
-    if not behind_lens:
-        return field
-    with recording.clock("propagation"):
-        return _through_lens(field, hologram.wavelengths, display)
+        if out is not field:
+            return arrays.on_processor(out)
+        edge = recording.beyond + recording.plan.beside
+        field = field[..., edge : field.shape[-2] - edge, edge : field.shape[-1] - edge]
+        return arrays.on_processor(
+            _through_lens(field, hologram.wavelengths, display) if behind_lens else field
+        )
 
 
 def _through_lens(field, wavelengths, display):
     """Fields on the plane of an `AerialImage`, on the pixels of their wavelengths, at the SLM of its display."""
-    out = np.empty((*field.shape[:2], display.height, display.width), np.complex64)
+    out = arrays.empty((*field.shape[:2], display.height, display.width), "complex64", field)
     for k, wavelength in enumerate(wavelengths):
         way = lens.behind_lens(display, wavelength)
         assert way is not None
-        for frame, wave in zip(out[:, k], field[:, k], strict=True):
-            frame[:] = way.back(wave)
+        for frame in range(field.shape[0]):
+            out[frame, k, ...] = way.back(field[frame, k, ...])
     return out
 
 
@@ -149,31 +150,32 @@ def _in_scene(recording, tracing, number, progress):
     """
     hologram, planes = recording.hologram, recording.plan.planes
     shape = tracing.frames(number), len(hologram.wavelengths), *recording.canvas
-    field, z = np.zeros(shape, np.complex64), planes[0].z
+    on = libraries.beginning(recording.plan.library)
+    field, z = arrays.zeros(shape, "complex64", on), planes[0].z
     for index, (plane, told) in enumerate(zip(planes, parts(progress, len(planes)), strict=True)):
         moving = named(told, "Between planes")
         if plane.sees == "images":
             # straight rays tell which of them are seen
-            images = np.zeros_like(field)
+            images = arrays.zeros(shape, "complex64", on)
             tracing.add(number, plane, images, told)
             with recording.clock("propagation"):
                 for k, m, wave in _moved(images, hologram, z - plane.z, carried=False):
                     moving(1.0)
-                    field[m, k] += wave
+                    field[m, k, ...] += wave
             continue
         if index:
             # what lies behind passes the surfaces of this slab as a wave, there where they begin
-            clear = np.sqrt(1 - recording.silhouette(plane))
+            clear = arrays.like(np.sqrt(1 - recording.silhouette(plane)), on)
             with recording.clock("propagation"):
                 for k, m, wave in _moved(field, hologram, plane.low - z, carried=False):
                     moving(0.0)
-                    field[m, k] = wave * clear
+                    field[m, k, ...] = wave * clear
                 for k, m, wave in _moved(field, hologram, plane.z - plane.low, carried=False):
                     moving(0.0)
-                    field[m, k] = wave
+                    field[m, k, ...] = wave
         z = plane.z
         tracing.add(number, plane, field, told)
-    field *= np.float32(1 / np.sqrt(tracing.recordable(number))).reshape(-1, 1, 1, 1)
+    field *= arrays.like(np.float32(1 / np.sqrt(tracing.recordable(number))).reshape(-1, 1, 1, 1), on)
     return field
 
 
@@ -182,7 +184,7 @@ def _despeckle(recording, tracing, field, progress):
     hologram, plan, settings = recording.hologram, recording.plan, recording.settings
     low, high = (z - plan.z_gathered for z in (plan.z_low, plan.z_high))
     targets = [
-        despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed)
+        despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed, field)
         for wavelength in hologram.wavelengths
     ]
     stages = Stages(progress, DESPECKLING)
@@ -190,11 +192,11 @@ def _despeckle(recording, tracing, field, progress):
         many = _in_scene(recording, tracing, OWN + 1 + batch, told)
         with recording.clock("despeckle"):
             for k, target in enumerate(targets):
-                target.add(many[:, k])
+                target.add(many[:, k, ...])
     with recording.clock("despeckle"):
         for k, (target, told) in enumerate(zip(targets, parts(stages["steps"], len(targets)), strict=True)):
-            field[:, k] = despeckle.despeckle(
-                field[:, k], target, settings.despeckle, settings.seed, named(told, "Despeckling")
+            field[:, k, ...] = despeckle.despeckle(
+                field[:, k, ...], target, settings.despeckle, settings.seed, named(told, "Despeckling")
             )
 
 
@@ -212,8 +214,8 @@ def _moved(field, hologram, distance, carried=True, display=None) -> Iterator[tu
             guard = beyond(places, shape)
         padded = padded_shape(shape, hologram.pitch, wavelength, distance, guard)
         padded = padded if places is None else commensurate(padded, places)
-        transfer = transfer_function(padded, hologram.pitch, wavelength, distance)
+        transfer = transfer_function(padded, hologram.pitch, wavelength, distance, on=field)
         if carried:
             transfer = transfer * carrier(wavelength, distance)
-        for m, wave in enumerate(moved(field[:, k], transfer, places)):
+        for m, wave in enumerate(moved(field[:, k, ...], transfer, places)):
             yield k, m, wave

@@ -97,6 +97,13 @@ def activate(prefer: str | None = None) -> str:
         return wanted
 
 
+def on_card() -> bool:
+    """Whether the variant that is set computes on a graphics card, or the one that `activate` would set."""
+    with _lock:
+        wanted = _current_variant() or os.environ.get("HOLOPATH_BACKEND")
+        return wanted == CUDA or (not wanted and _cuda_device()[0])
+
+
 def activate_for(scene: mi.Scene) -> str:
     """Set the Mitsuba variant that a scene was loaded with; see `activate`.
 

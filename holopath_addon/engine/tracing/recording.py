@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..plan import Plan, RecordingPlane
     from ..progress import Clock, PartProgress
     from ..settings import Settings
+    from ..waves.arrays import Array
     from .grains import RadianceMap
 
 SIDE = 4  # rays across a pixel that a silhouette's edge is found by
@@ -112,7 +113,7 @@ class Recording:
         radiance: RadianceMap | PathsPerRay,
         phasors: np.ndarray,
         progress: PartProgress,
-        out: np.ndarray,
+        out: Array,
         straight: float = 0.0,
     ) -> None:
         """Add the wave field on a recording plane, see `wave_tracer.trace_blocks` and `add_pixels`.
@@ -129,8 +130,8 @@ class Recording:
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
         what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.settings.seed
         with ThreadPoolExecutor(threads()) as executor, self.clock("wave tracing"):
-            for block, pixels, values in trace_blocks(*what, chunk, progress):
-                add_pixels(out[block.start : block.stop], self.hologram, pixels, values, executor)
+            for block, pixels, values in trace_blocks(*what, chunk, progress, out):
+                add_pixels(out[block.start : block.stop, ...], self.hologram, pixels, values, executor)
 
     def _regions(self, plane, radiance):
         """The `Region`s of a plane."""

@@ -20,6 +20,8 @@ from ..progress import Pace
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, loaded, packed_phasors
 from ..scene.rays import PACKET
 from ..scene.variants import CUDA, activate, chunks_at_once, units_at_first, units_at_once
+from ..waves import arrays, libraries
+from ..waves.arrays import PROCESSOR, Array
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -130,7 +132,8 @@ def trace_blocks(
     seed: int,
     chunk: int,
     progress: PartProgress,
-) -> Iterator[tuple[Block, np.ndarray, np.ndarray]]:
+    on: Array = PROCESSOR,
+) -> Iterator[tuple[Block, np.ndarray, Array]]:
     """The wave field on the recording plane, block by block: all wavelengths from one traversal.
 
     Blocks side by side are traced as one while that is quick, with the same result.
@@ -152,13 +155,15 @@ def trace_blocks(
         As of `blocks_of`.
     progress : callable
         ``progress(done)``, may raise.
+    on : array, optional
+        Of the library whose arrays values of a card are: without a copy if it computes there. Default: NumPy's.
 
     Yields
     ------
     block : Block
     pixels : numpy.ndarray of uint32
         Numbers, row by row.
-    values : numpy.ndarray, complex64, shape (frames of the block, wavelengths, pixels)
+    values : array, complex64, shape (frames of the block, wavelengths, pixels)
         Unfiltered: energy outside the circular band is junk, which `propagation` cuts.
     """
     width, colours = hologram.width, len(hologram.wavelengths)
@@ -217,7 +222,7 @@ def trace_blocks(
         limit = dr.opaque(mi.UInt32, part.rays_per_pixel)
         state = (mi.UInt32(0), field, random, sampler)
         _, field, _, _ = dr.while_loop(state, lambda step, *_: step < limit, body, label="wave path tracer")
-        return _as_numpy(field, frames, colours, size)
+        return _sums(field, frames, colours, size, on)
 
     work, done, packed = sum(block.work for block in blocks), 0, (-1, None)
     most = chunks_at_once() * chunk // (8 * colours)  # pixels of one frame in a launch
@@ -258,12 +263,12 @@ def _apart(kernel, aside, column):
     return turned
 
 
-def _as_numpy(field, frames, colours, size):
+def _sums(field, frames, colours, size, on):
     """Sums of a launch, real and imaginary parts of each wavelength's frames, as complex64 (frames, colours, size).
 
-    A graphics card puts them in order in its own memory and sends them in one piece. Copied one by one they take the
-    processor eight times as long as all rays take the card (docs/measurements.md). The processor's own lie in its
-    memory as they are.
+    A graphics card puts them in order in its own memory. Where its arrays compute waves they stay there, and else it
+    sends them in one piece. Copied one by one they take the processor eight times as long as all rays take the card
+    (docs/measurements.md). The processor's own lie in its memory as they are.
     """
     scale = 1 / PHASOR_SCALE
     if activate() == CUDA:
@@ -275,7 +280,7 @@ def _as_numpy(field, frames, colours, size):
             place = (m * colours + k) * across + pixel
             # without this mode Dr.Jit would trace anew for each
             dr.scatter(ordered, wave, place, mode=dr.ReduceMode.NoConflicts)
-        return np.asarray(ordered).view(np.complex64).reshape(frames, colours, size)
+        return libraries.from_drjit(ordered, on).reshape(frames, colours, size)
     dr.eval(field)
     values = np.empty((frames, colours, size), np.complex64)
     for k, m in np.ndindex(colours, frames):
@@ -298,25 +303,26 @@ def _joined(blocks, most):
     return joined
 
 
-def add_pixels(
-    out: np.ndarray, hologram: Hologram, pixels: np.ndarray, values: np.ndarray, executor: Executor
-) -> None:
+def add_pixels(out: Array, hologram: Hologram, pixels: np.ndarray, values: Array, executor: Executor) -> None:
     """Add the values of some of the hologram's pixels.
 
     Parameters
     ----------
-    out : numpy.ndarray, complex64, shape (frames, wavelengths, height, width)
-        With a margin around the hologram's pixels or without.
+    out : array, complex64, shape (frames, wavelengths, height, width)
+        Of NumPy, CuPy or PyTorch. With a margin around the hologram's pixels or without.
     hologram : Hologram
     pixels : numpy.ndarray of uint32
         Numbers, row by row.
-    values : numpy.ndarray, complex64, shape (frames, wavelengths, pixels)
+    values : array, complex64, shape (frames, wavelengths, pixels)
     executor : concurrent.futures.Executor
         Of threads, by frames.
     """
     across, flat = out.shape[-1], out.reshape(*out.shape[:2], -1)
     begin = (out.shape[-2] - hologram.height) // 2 * across + (across - hologram.width) // 2
     places = (begin + pixels // hologram.width * across + pixels % hologram.width).astype(np.intp)
+    if not isinstance(out, np.ndarray):
+        flat[..., arrays.like(places, out)] += arrays.like(values, out)
+        return
 
     def add(frame):
         for wave, more in zip(flat[frame], values[frame], strict=True):

@@ -15,6 +15,7 @@ from ..memory import shortage
 from ..optics import ON_AXIS, Optics
 from ..pixels import Pitch, averaged, axes, beyond, coarsest, frequencies
 from ..progress import stage
+from ..waves import arrays
 from ..waves.lens import Collins, behind_lens
 from ..waves.panels import at_panel
 from ..waves.propagation import (
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from ..optics import Pupil
     from ..progress import Progress
     from ..wavefield import WaveField
+    from ..waves.arrays import Array
 
 MOST_BYTES = (
     1 << 29
@@ -159,7 +161,7 @@ class Refocuser:
         pupil: Pupil | None = None,
         progress: Progress | None = None,
         apart: int = 1,
-    ) -> np.ndarray:
+    ) -> Array:
         """Pictures at several distances, as `reconstruct`, of every pixel or those `apart`; one thread at a time.
 
         Light through half of the pupil has half of the bandwidth, so that every second pixel holds it, and its FFTs
@@ -175,7 +177,7 @@ class Refocuser:
 
     def through(
         self, focus: float, pupils: Sequence[Pupil], progress: Progress | None = None, apart: int = 1
-    ) -> np.ndarray:
+    ) -> Array:
         """Pictures at one distance through several pupils: as by as many calls, in less time.
 
         Raises
@@ -211,14 +213,15 @@ class Refocuser:
             told = stage(progress, done / len(views), (done + len(some)) / len(views))
             if far:
                 distances = np.array([views[number][0] for number in some])
-                found = self._far(distances, pupil, told)[:, ::apart, ::apart]
+                found = self._far(distances, pupil, told)[:, ::apart, ::apart, :]
             else:
                 found = self._near([views[number] for number in some], told, apart)
             if len(some) == len(views):
                 return found
             if images is None:
-                images = np.empty((len(views), *found.shape[1:]), np.float32)
-            images[some] = found
+                images = arrays.empty((len(views), *found.shape[1:]), "float32", found)
+            for number, place in enumerate(some):
+                images[place, ...] = found[number, ...]
             done += len(some)
         return images
 
@@ -236,28 +239,29 @@ class Refocuser:
         """By one transform each, of pixels as wide as `picture_pitch` says, which have the light that meets them."""
         hologram, data, size = self._grid, self.field.data, self.field.hologram.picture
         frames, colours, *shape = data.shape
-        images, done = np.zeros((len(distances), size.height, size.width, colours), np.float32), 0
+        images = arrays.zeros((len(distances), size.height, size.width, colours), "float32", data)
+        done = 0
         for k, wavelength in enumerate(hologram.wavelengths):
             padded = self._padded(k, 0.0)
             mask = self._mask(k, padded, pupil)
             pitch, own = hologram.pitch_at(wavelength), hologram.distance_at(wavelength)
-            mask = circular_band(padded, pitch) if mask is None else mask
+            mask = arrays.mask(circular_band(padded, pitch) if mask is None else mask, data)
             ways = [
                 Collins(shape, pitch, wavelength, 1.0, z - own, images.shape[1:3], picture_pitch(hologram, z))
                 for z in distances
             ]
             for m in range(frames):
                 wave = field_of(self._spectrum(k, m, padded) * mask, shape, overwrite=True)
-                for image, way in zip(images, ways, strict=True):
-                    there = way.there(wave)
-                    image[..., k] += (there.real**2 + there.imag**2) / frames
+                for place, way in enumerate(ways):
+                    images[place, ..., k] += arrays.intensity(way.there(wave)) / frames
                 done += len(ways)
                 progress(done / (len(distances) * frames * colours), "Refocusing")
         # beyond that pixels send the same once more
         for axis, d in ((1, hologram.pitch_y), (2, hologram.pitch_x)):
             n = images.shape[axis]
-            beyond = np.abs(np.arange(n) - (n - 1) / 2) > hologram.shorter_side / d / 2
-            np.moveaxis(images, axis, 0)[beyond] = 0
+            within = np.abs(np.arange(n) - (n - 1) / 2) <= hologram.shorter_side / d / 2
+            within = arrays.mask(within, data)
+            images *= within[None, :, None, None] if axis == 1 else within[None, None, :, None]
         return images
 
     def _near(self, views, progress, apart):
@@ -269,10 +273,10 @@ class Refocuser:
         for wavelength in grid.wavelengths:
             needed = grid_bytes(shape, grid.pitch_at(wavelength), wavelength, farthest, self._guard)
             needed += 4 * len(views) * colours * math.prod(shape)
-            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}")
+            shortage(needed, f"Refocusing {farthest * 1e3:.3g} mm from {grid.origin}", self.field.data)
         whole = shape if self._own and self._ways[0] is None else grid.picture.raster().shape
         size = [-(-n // apart) for n in whole]
-        images, done = np.empty((len(views), *size, colours), np.float32), 0
+        images, done = arrays.empty((len(views), *size, colours), "float32", self.field.data), 0
         for k in range(colours):
             padded, places, lines = self._padded(k, farthest), self._places(k), self._lines(k)
             masks = {pupil: self._mask(k, padded, pupil) for pupil in {pupil for _, pupil in views}}
@@ -288,24 +292,27 @@ class Refocuser:
                 for distance, pupil in some:
                     progress(done / (len(views) * frames * colours), "Refocusing")
                     transfers.append(self._transfer(k, padded, distance, masks[pupil], bins[pupil], apart))
-                sums = np.zeros((len(some), *(size if lines is None else shape)), np.float32)
+                seen = size if lines is None else shape
+                sums = [arrays.zeros(seen, "float32", transfer) for transfer in transfers]
                 for m in range(frames):
                     spectrum_ = self._spectrum(k, m, padded)
                     for total, transfer, (_, pupil) in zip(sums, transfers, some, strict=True):
                         own = bins[pupil]
-                        waves = (spectrum_ if own is None else spectrum_[own]) * transfer
+                        waves = (spectrum_ if own is None else arrays.at(spectrum_, *own)) * transfer
                         if places is not None:
                             at_focus = sampled(waves, places)
                         else:
                             at_focus = field_of(waves, shape if own is None else size, overwrite=True)
                         if own is None and lines is None:
                             at_focus = at_focus[::apart, ::apart]
-                        total += at_focus.real**2 + at_focus.imag**2
+                        total += arrays.intensity(at_focus)
                         done += 1
                         progress(done / (len(views) * frames * colours), "Refocusing")
-                if lines is not None:
-                    sums = averaged(sums, lines)[:, ::apart, ::apart]
-                images[first : first + together, ..., k] = sums / frames
+                for number, total in enumerate(sums, first):
+                    if lines is not None:
+                        mean = averaged(arrays.on_processor(total), lines)[::apart, ::apart]
+                        total = arrays.like(mean, total, "float32")
+                    images[number, ..., k] = total / frames
         return images
 
     def _padded(self, k, distance):
@@ -345,22 +352,24 @@ class Refocuser:
         if self._transfers.get(k, (None,))[0] != key:
             wavelength = grid.wavelengths[k]
             away = distance - grid.distance_at(wavelength)
-            self._transfers[k] = key, transfer_function(padded, grid.pitch_at(wavelength), wavelength, away)
+            what = padded, grid.pitch_at(wavelength), wavelength, away
+            self._transfers[k] = key, transfer_function(*what, on=self.field.data)
         transfer = self._transfers[k][1]
         if bins is not None:
-            return transfer[bins] * (mask[bins] * np.float32(1 / apart**2))
-        return transfer if mask is None else transfer * mask
+            passes = mask[np.ix_(*bins)] * np.float32(1 / apart**2)
+            return arrays.at(transfer, *bins) * arrays.like(passes, transfer)
+        return transfer if mask is None else transfer * arrays.mask(mask, transfer)
 
     def _spectrum(self, k, m, padded):
         kept = self._spectra.get((k, m, padded))
         if kept is not None:
             return kept
-        wave = self.field.data[m, k]
+        wave = self.field.data[m, k, ...]
         if self._ways[k] is not None:
             wave = self._ways[k].there(wave)
         waves = spectrum(wave, padded)
-        held = sum(wave.nbytes for wave in self._spectra.values())
-        if padded == self._padded(k, 0.0) and held + waves.nbytes <= self._most_bytes:
+        held = sum(8 * math.prod(shape) for _, _, shape in (*self._spectra, (k, m, padded)))
+        if padded == self._padded(k, 0.0) and held <= self._most_bytes:
             self._spectra[k, m, padded] = waves
         return waves
 
@@ -382,7 +391,7 @@ def _bins(mask, apart):
         place = np.empty(size, int)
         place[own % size] = own % count
         found.append(place)
-    return np.ix_(*found)
+    return found
 
 
 def _fast_multiple(count, of):
@@ -397,7 +406,7 @@ def _fast_multiple(count, of):
 
 def reconstruct(
     field: WaveField, focus: Sequence[float], pupil: Pupil | None = None, progress: Progress | None = None
-) -> np.ndarray:
+) -> Array:
     """Time-averaged intensity of a wave field, focused at world depths.
 
     Depths from `far_from` the SLM on are of its far field, where a pixel is as wide as `picture_pitch` says and holds
@@ -406,6 +415,7 @@ def reconstruct(
     Parameters
     ----------
     field : WaveField
+        Its data may be of another library than NumPy, as for `propagate`.
     focus : sequence of float
         World depths along the camera's axis, metres; `math.inf` for the far end.
     pupil : Pupil, optional
@@ -415,8 +425,9 @@ def reconstruct(
 
     Returns
     -------
-    numpy.ndarray, float32, shape (focus, y, x, wavelength)
-        In the scene's radiance units, row 0 at the top; on the grid `Hologram.picture`.
+    array, float32, shape (focus, y, x, wavelength)
+        Of the library of the field's data, in the scene's radiance units, row 0 at the top; on the grid
+        `Hologram.picture`.
 
     Raises
     ------

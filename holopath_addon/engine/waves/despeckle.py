@@ -6,8 +6,9 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 
+from . import arrays
+from .arrays import PROCESSOR, Array
 from .phase_fields import SETS, designed_phasors
 from .pictures import Pictures, spread_vantages
 from .supervision import Adam, Frames, supervise
@@ -27,20 +28,24 @@ def batch_phasors(number: int) -> np.ndarray:
 
 
 def targets(
-    shape: tuple[int, int], pitch: Pitch, wavelength: float, low: float, high: float, seed: int
+    shape: tuple[int, int],
+    pitch: Pitch,
+    wavelength: float,
+    low: float,
+    high: float,
+    seed: int,
+    on: Array = PROCESSOR,
 ) -> Pictures:
     """Pictures of one wavelength, at depths from `low` to `high` beyond the fields' plane, see `spread_vantages`."""
-    return Pictures(shape, pitch, wavelength, spread_vantages(pitch, wavelength, low, high, seed))
+    return Pictures(shape, pitch, wavelength, spread_vantages(pitch, wavelength, low, high, seed), on=on)
 
 
-def despeckle(
-    fields: np.ndarray, targets: Pictures, steps: int, seed: int, progress: PartProgress
-) -> np.ndarray:
+def despeckle(fields: Array, targets: Pictures, steps: int, seed: int, progress: PartProgress) -> Array:
     """Fields moved towards the wanted pictures.
 
     Parameters
     ----------
-    fields : numpy.ndarray, complex64, shape (frames, y, x)
+    fields : array, complex64, shape (frames, y, x)
         Of one wavelength.
     targets : Pictures
     steps : int
@@ -51,31 +56,30 @@ def despeckle(
 
     Returns
     -------
-    numpy.ndarray, complex64, as `fields`
+    array, complex64, as `fields`
     """
     rows, columns = targets.shape
     if not targets.energy:
         return fields
-    rng = np.random.default_rng(seed)
-    fields = np.array(fields, order="C")
-    values = fields.view(np.float32)
-    adam = Adam(values.shape)
-    longest = RATE * math.sqrt(float(np.mean(values**2)))
+    rng, frames = np.random.default_rng(seed), fields.shape[0]
+    values = arrays.pairs(arrays.copied(fields))
+    adam = Adam(values.shape, on=values)
+    longest = RATE * math.sqrt(float(arrays.namespace(values).mean(values**2)))
     energy = targets.energy
     with Frames() as threads:
         for step in range(steps):
-            spectra = targets.spectra(fields, threads)
+            spectra = targets.spectra(arrays.of_pairs(values), threads)
             chosen = [targets.target(number) for number in rng.choice(len(targets), VIEWS, replace=False)]
-            _, gradient = supervise(spectra, chosen, energy, {len(fields): 1.0}, threads)
+            _, gradient = supervise(spectra, chosen, energy, {frames: 1.0}, threads)
 
             def slope(frame, gradient=gradient):
-                part = scipy.fft.ifft2(gradient[frame], norm="forward")[:rows, :columns]
-                return 2 * np.ascontiguousarray(part).view(np.float32)
+                part = arrays.ifft2(gradient[frame, ...], norm="forward")[:rows, :columns]
+                return 2 * arrays.pairs(part)
 
-            slopes = threads.each(slope, len(fields))
+            slopes = threads.each(slope, frames)
             adam.step(values, slopes, Adam.rate(step, steps, longest), threads)
             progress((step + 1) / steps)
         # the loss leaves the scale of the fields free
-        spectra = targets.spectra(fields, threads)
-    now = sum(float(np.vdot(s, s).real) for s in spectra) / (targets.space.band.size * len(fields))
-    return fields * np.float32(math.sqrt(energy / now))
+        spectra = targets.spectra(arrays.of_pairs(values), threads)
+    now = sum(arrays.product(s, s).real for s in spectra) / (targets.space.band.size * frames)
+    return arrays.of_pairs(values) * math.sqrt(energy / now)

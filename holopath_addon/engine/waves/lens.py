@@ -19,12 +19,14 @@ import scipy.fft
 
 from ..hologram import AerialImage
 from ..pixels import axes
+from . import arrays
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..hologram import Hologram
     from ..pixels import Pitch
+    from .arrays import Array
 
 WHOLE = 1e-9  # of a turn, by which steps may differ from those of a Fourier transform
 ROUND = (1 - math.sqrt(0.5)) / 2  # k of `spread_waves`: the picture's corners meet the disc's rim
@@ -78,22 +80,22 @@ class Collins:
         """Rows and columns of the first plane whose light counts."""
         return tuple(axis.used for axis in self._axes)
 
-    def there(self, fields: np.ndarray) -> np.ndarray:
+    def there(self, fields: Array) -> Array:
         """Fields on the other plane.
 
         Parameters
         ----------
-        fields : numpy.ndarray, complex, shape (..., y, x)
+        fields : array, complex, shape (..., y, x)
 
         Returns
         -------
-        numpy.ndarray, complex64, or complex128 of such fields
+        array, complex64, or complex128 of such fields
         """
         for axis, place in zip(self._axes, (-2, -1), strict=True):
             fields = axis.there(fields, place)
         return fields
 
-    def back(self, fields: np.ndarray) -> np.ndarray:
+    def back(self, fields: Array) -> Array:
         """The adjoint of `there`: fields on the first plane, whose light on the other is what can be sent there."""
         for axis, place in zip(self._axes, (-2, -1), strict=True):
             fields = axis.back(fields, place)
@@ -136,34 +138,37 @@ class _Axis:
         self._ends = [_phasor(turns).astype(np.complex64) for turns in (first, last)]
 
     def there(self, fields, place):
-        fields = np.moveaxis(fields, place, -1)[..., self.used]
+        xp = arrays.namespace(fields)
+        fields = xp.moveaxis(fields, place, -1)[..., self.used]
         first, last = self._ends
         if self._mirrored:
-            fields = self._along(fields.conj(), first, last, self._count).conj()
+            fields = xp.conj(self._along(xp.conj(fields), first, last, self._count))
         else:
             fields = self._along(fields, first, last, self._count)
-        return np.moveaxis(fields, -1, place)
+        return xp.moveaxis(fields, -1, place)
 
     def back(self, fields, place):
-        fields, (first, last) = np.moveaxis(fields, place, -1), self._ends
-        used = self.used.stop - self.used.start
+        xp, (first, last) = arrays.namespace(fields), self._ends
+        fields, used = xp.moveaxis(fields, place, -1), self.used.stop - self.used.start
         # what lies between the two chirps is symmetric, so its adjoint is its conjugate
         if self._mirrored:
             fields = self._along(fields, last, first, used)
         else:
-            fields = self._along(fields.conj(), last, first, used).conj()
+            fields = xp.conj(self._along(xp.conj(fields), last, first, used))
         if used < self._n:
-            dark = [(0, 0)] * (fields.ndim - 1) + [(self.used.start, self._n - self.used.stop)]
-            fields = np.pad(fields, dark)
-        return np.moveaxis(fields, -1, place)
+            wide = arrays.zeros((*fields.shape[:-1], self._n), fields.dtype, fields)
+            wide[..., self.used] = fields
+            fields = wide
+        return xp.moveaxis(fields, -1, place)
 
     def _along(self, fields, first, last, count):
         """The last axis times one chirp, transformed, times the other."""
+        first, last = arrays.like(first, fields), arrays.like(last, fields)
         waves = fields * first
         if self.whole:
-            return scipy.fft.fft(waves, norm="ortho", overwrite_x=True) * last
-        waves = scipy.fft.fft(waves, self._bins) * self._chirp
-        return scipy.fft.ifft(waves, overwrite_x=True)[..., :count] * last
+            return arrays.fft(waves, norm="ortho", overwrite=True) * last
+        waves = arrays.fft(waves, self._bins) * arrays.like(self._chirp, fields)
+        return arrays.ifft(waves, overwrite=True)[..., :count] * last
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:

@@ -5,12 +5,17 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.ndimage
 
 from ..errors import InvalidInput
+from . import arrays
 from .propagation import filtered
+
+if TYPE_CHECKING:
+    from .arrays import Array
 
 VARIES = 0.5, 2.0  # times its mean response that a pixel's may be
 MIN_LEVELS = 32  # in a turn, of which the others of a panel of more than a turn are not needed
@@ -56,9 +61,13 @@ class Modulator:
         if not (0 <= self.crosstalk < 10):
             raise InvalidInput(f"The crosstalk is 0 to 10 pixels, not {self.crosstalk:g}.")
 
-    def shown(self, phases: np.ndarray) -> np.ndarray:
+    def shown(self, phases: Array) -> Array:
         """Phases that the pixels have when sent these, radians, float32, shape (..., y, x)."""
-        phases = np.asarray(phases, np.float32)
+        if self.bits is None and not self.crosstalk:
+            return arrays.as_type(arrays.known(phases), "float32")
+        return arrays.like(self._shown(arrays.on_processor(phases).astype(np.float32)), phases)
+
+    def _shown(self, phases):
         if self.bits is not None:
             phases = (grey_levels(phases, self.bits) * (2 * math.pi / 2**self.bits)).astype(np.float32)
         if self.crosstalk:
@@ -66,24 +75,25 @@ class Modulator:
             phases = scipy.ndimage.gaussian_filter(phases, sigma, mode="nearest")
         return phases
 
-    def light(self, phases: np.ndarray) -> np.ndarray:
+    def light(self, phases: Array) -> Array:
         """Field of amplitude 1 at most that leaves the pixels, complex64, shape (..., y, x).
 
         The envelope of the pixels' shape is applied to the sampled field, whose frequencies lie within the SLM's own
         range: higher orders are left out, as a stop in the Fourier plane takes them away.
         """
-        light = np.exp(1j * self.shown(phases)).astype(np.complex64)
+        shown = self.shown(phases)
+        light = arrays.namespace(shown).exp(1j * arrays.as_type(shown, "complex64"))
         if self.unmodulated:
-            light *= np.float32(math.sqrt(1 - self.unmodulated))
-            light += np.float32(math.sqrt(self.unmodulated))
+            light *= math.sqrt(1 - self.unmodulated)
+            light += math.sqrt(self.unmodulated)
         return light if self.fill_factor is None else self._pixels(light, self.fill_factor)
 
     def _pixels(self, light, area):
         side = math.sqrt(area)
         fy, fx = (np.sinc(side * np.fft.fftfreq(n)) for n in light.shape[-2:])
-        envelope = (area * fy[:, None] * fx[None, :]).astype(np.float32)
+        envelope = arrays.like((area * fy[:, None] * fx[None, :]).astype(np.float32), light)
         for index in np.ndindex(light.shape[:-2]):
-            light[index] = filtered(light[index], envelope)
+            light[(*index, ...)] = filtered(light[(*index, ...)], envelope)
         return light
 
 
@@ -271,11 +281,11 @@ def varying(variation: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(variation, np.float32)
 
 
-def wrapped(phases: np.ndarray) -> np.ndarray:
+def wrapped(phases: Array) -> Array:
     """Phases in [0, 2 pi), float32."""
-    turn = np.float32(2 * math.pi)
-    phases = np.mod(phases, 2 * math.pi).astype(np.float32)
-    return np.where(phases < turn, phases, np.float32(0))  # the largest float below a turn is rounded to it
+    xp, turn = arrays.namespace(phases), float(np.float32(2 * math.pi))
+    phases = arrays.as_type(xp.remainder(phases, 2 * math.pi), "float32")
+    return xp.where(phases < turn, phases, 0.0)  # the largest float below a turn is rounded to it
 
 
 def grey_levels(phases: np.ndarray, bits: int = 8) -> np.ndarray:

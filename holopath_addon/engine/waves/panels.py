@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..optics import COLORS
 from ..pixels import beyond, coarsest, frequencies
+from . import arrays
 from .propagation import carrier, commensurate, moved, padded_shape, transfer_function
 
 if TYPE_CHECKING:
@@ -44,16 +45,17 @@ def at_panel(field: WaveField, optics: Optics) -> WaveField:
     before, after = field.hologram, replace(field.hologram, optics=optics)
     if all(getattr(before.optics, name) == getattr(optics, name) for name in COLORS):
         return replace(field, hologram=after)
-    data, shape = np.empty(field.data.shape, np.complex64), field.data.shape[-2:]
+    data, shape = arrays.empty(field.data.shape, "complex64", field.data), field.data.shape[-2:]
     for k, wavelength in enumerate(before.wavelengths):
         pitch = before.pitch_at(wavelength)
         lines = after.raster(wavelength).lines_on(before.raster(wavelength))
         distance = after.distance_at(wavelength) - before.distance_at(wavelength)
         padded = commensurate(padded_shape(shape, pitch, wavelength, distance, beyond(lines, shape)), lines)
-        transfer = transfer_function(padded, pitch, wavelength, distance) * carrier(wavelength, distance)
+        transfer = transfer_function(padded, pitch, wavelength, distance, on=data)
+        transfer *= carrier(wavelength, distance)
         fy, fx = frequencies(padded, pitch)
         edge = 0.5 * coarsest(pitch) / coarsest(after.pitch_at(wavelength))
-        transfer *= np.hypot(fy[:, None], fx) <= edge
-        for m, wave in enumerate(moved(field.data[:, k], transfer, lines)):
-            data[m, k] = wave
+        transfer *= arrays.mask(np.hypot(fy[:, None], fx) <= edge, data)
+        for m, wave in enumerate(moved(field.data[:, k, ...], transfer, lines)):
+            data[m, k, ...] = wave
     return replace(field, data=data, hologram=after, more=None)

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 
 from ..pixels import Pitch, coarsest, frequencies
+from . import arrays
+from .arrays import PROCESSOR, Array
 from .propagation import FreeSpace, padded_shape
 from .supervision import Frames, TargetPicture, relative
 
@@ -87,10 +88,12 @@ class Pictures:
     vantages : list of Vantage
     guard : int
         Pixels more around the fields, `TEACHING_GUARD` for phases that are to show the pictures.
+    on : array, optional
+        In whose namespace they are computed, where that one lies. Default: NumPy's.
 
     Attributes
     ----------
-    wanted : numpy.ndarray, float32, shape (vantage, y, x)
+    wanted : array, float32, shape (vantage, y, x)
         Frame-mean intensities.
     energy : float
         Sum over pixels of the intensity of a frame whose pictures these are.
@@ -103,19 +106,20 @@ class Pictures:
         wavelength: float,
         vantages: list[Vantage],
         guard: int = 0,
+        on: Array = PROCESSOR,
     ) -> None:
         self.shape, self.vantages = shape, list(vantages)
         farthest = max(abs(vantage.distance) for vantage in vantages)
         self.padded = padded_shape(shape, pitch, wavelength, farthest, guard)
-        self.space = FreeSpace(self.padded, pitch, wavelength)
-        self.wanted = np.zeros((len(self.vantages), *shape), np.float32)
+        self.space = FreeSpace(self.padded, pitch, wavelength, on=on)
+        self.wanted = arrays.zeros((len(self.vantages), *shape), "float32", on)
         self.energy, self._frames = 0.0, 0
         self._transfers = {}
 
     def __len__(self) -> int:
         return len(self.vantages)
 
-    def transfer(self, number: int) -> np.ndarray:
+    def transfer(self, number: int) -> Array:
         """From the fields' spectra to the spectrum of a picture, complex64; not to be changed."""
         kept = self._transfers.get(number)
         if kept is not None:
@@ -123,8 +127,8 @@ class Pictures:
         vantage = self.vantages[number]
         transfer, passes = self.space(vantage.distance), vantage.passes(self.padded, self.space.pitch)
         if passes is not None:
-            transfer *= passes
-        if (len(self._transfers) + 1) * transfer.nbytes <= MOST_BYTES:
+            transfer *= arrays.mask(passes, transfer)
+        if (len(self._transfers) + 1) * 8 * math.prod(self.padded) <= MOST_BYTES:
             self._transfers[number] = transfer
         return transfer
 
@@ -133,36 +137,37 @@ class Pictures:
         passes = self.vantages[number].passes(self.padded, self.space.pitch)
         return 1.0 if passes is None else float((passes & self.space.band).sum() / self.space.band.sum())
 
-    def spectra(self, fields: np.ndarray, threads: Frames) -> list[np.ndarray]:
+    def spectra(self, fields: Array, threads: Frames) -> list[Array]:
         """Spectra of fields of shape (frames, y, x), cut to the band."""
-        return threads.each(lambda n: scipy.fft.fft2(fields[n], self.padded) * self.space.band, len(fields))
+        band = arrays.mask(self.space.band, fields)
+        return threads.each(lambda n: arrays.fft2(fields[n, ...], self.padded) * band, fields.shape[0])
 
-    def add(self, fields: np.ndarray) -> None:
+    def add(self, fields: Array) -> None:
         """Count frames towards the wanted pictures; fields of shape (frames, y, x)."""
         rows, columns = self.shape
-        before, self._frames = self._frames, self._frames + len(fields)
+        before, self._frames = self._frames, self._frames + fields.shape[0]
         with Frames() as threads:
             spectra = self.spectra(fields, threads)
 
             def picture(number):
-                transfer, total = self.transfer(number), np.float32(before) * self.wanted[number]
+                transfer, total = self.transfer(number), float(before) * self.wanted[number, ...]
                 for spectrum in spectra:
-                    wave = scipy.fft.ifft2(spectrum * transfer, overwrite_x=True)[:rows, :columns]
-                    total += wave.real**2 + wave.imag**2
-                self.wanted[number] = total / np.float32(self._frames)
+                    wave = arrays.ifft2(spectrum * transfer, overwrite=True)[:rows, :columns]
+                    total += arrays.intensity(wave)
+                self.wanted[number, ...] = total / float(self._frames)
 
             threads.each(picture, len(self))
-        energy = sum(float(np.vdot(s, s).real) for s in spectra) / self.space.band.size
+        energy = sum(arrays.product(s, s).real for s in spectra) / self.space.band.size
         self.energy = (self.energy * before + energy) / self._frames
 
-    def weight(self, number: int) -> np.ndarray:
+    def weight(self, number: int) -> Array:
         """Of the squared error of each pixel of a picture."""
-        return relative(self.wanted[number])
+        return relative(self.wanted[number, ...])
 
     def target(self, number: int) -> TargetPicture:
         """A picture as `supervise` takes it; what lies outside the fields does not count."""
         rows, columns = self.shape
-        target, weight = np.zeros((2, *self.padded), np.float32)
-        target[:rows, :columns] = self.wanted[number]
+        target, weight = (arrays.zeros(self.padded, "float32", self.wanted) for _ in range(2))
+        target[:rows, :columns] = self.wanted[number, ...]
         weight[:rows, :columns] = self.weight(number)
         return TargetPicture(self.transfer(number), target, weight)

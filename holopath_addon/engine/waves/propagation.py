@@ -16,6 +16,8 @@ import scipy.fft
 from ..memory import installed
 from ..pixels import EvenSteps, Pitch, axes, coarsest, frequencies
 from ..scene.variants import threads
+from . import arrays
+from .arrays import PROCESSOR, Array
 
 BLOCK = 1 << 18  # numbers that are worked on at a time
 MOVING = 1 / 16  # of the machine's memory, at most, that fields take that are moved at once
@@ -61,7 +63,8 @@ def transfer_function(
     distance: float,
     band: str = "circular",
     tilt: Sequence[float] = (0.0, 0.0),
-) -> np.ndarray:
+    on: Array = PROCESSOR,
+) -> Array:
     """Carrier-free transfer function exp(i z (kz - k)) of free space.
 
     The phase is written -(2 pi z / wavelength) u / (1 + sqrt(1 - u)), which keeps its digits where
@@ -78,30 +81,34 @@ def transfer_function(
         Keep the recordable circle, or every wave that is not evanescent.
     tilt : (float, float)
         Sines to +x and +y of a plane wave, relative to which frequencies are those of the grid.
+    on : array, optional
+        In whose namespace it is computed, where that one lies. Default: NumPy's.
 
     Returns
     -------
-    numpy.ndarray, complex64, `shape`, in FFT order
+    array, complex64, `shape`, in FFT order
     """
     pixel = coarsest(pitch)
-    fy, fx = (
+    scale, turns = float((wavelength / pixel) ** 2), float(-2 * math.pi / wavelength * distance)
+    lines = (
         f + pixel / wavelength * sine for f, sine in zip(frequencies(shape, pitch), tilt[::-1], strict=True)
     )
-    rows, columns = representable(shape, pitch, wavelength, distance)
-    transfer = np.empty(shape, np.complex64)
-    height = max(1, BLOCK // shape[1])
+    down, across = (arrays.like(line**2, on) for line in lines)
+    rows, columns = (arrays.like(each, on) for each in representable(shape, pitch, wavelength, distance))
+    transfer, xp = arrays.empty(shape, "complex64", on), arrays.namespace(on)
+    height = max(1, BLOCK // shape[1]) if xp is np else shape[0]
 
     def fill(first):  # double precision, of a few rows at a time
         part = slice(first, first + height)
-        square = fx[None, :] ** 2 + fy[part, None] ** 2
-        u = (wavelength / pixel) ** 2 * square
+        square = across[None, :] + down[part, None]
+        u = scale * square
         keep = square <= 0.25 if band == "circular" else u < 1
         keep &= rows[part, None] & columns[None, :]
-        phase = (-2 * math.pi / wavelength * distance) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
+        phase = turns * u / (1 + xp.sqrt(xp.maximum(1 - u, 0)))
         # whole turns taken off in double precision, the rest is exact to 1e-6 rad in single
-        phase = np.remainder(phase, 2 * math.pi).astype(np.float32)
-        transfer[part].real = np.where(keep, np.cos(phase), 0)
-        transfer[part].imag = np.where(keep, np.sin(phase), 0)
+        phase = arrays.as_type(xp.remainder(phase, 2 * math.pi), "float32")
+        cosine, sine = (xp.where(keep, wave(phase), 0.0) for wave in (xp.cos, xp.sin))
+        arrays.set_parts(transfer[part, :], cosine, sine)
 
     parts = range(0, shape[0], height)
     if len(parts) == 1:
@@ -130,24 +137,30 @@ class FreeSpace:
         Metres.
     passes : numpy.ndarray of bool, optional
         FFT bins that pass a stop, see `Optics.passes`. Default: all of the band.
+    on : array, optional
+        As for `transfer_function`.
     """
 
     def __init__(
-        self, shape: Sequence[int], pitch: Pitch, wavelength: float, passes: np.ndarray | None = None
+        self,
+        shape: Sequence[int],
+        pitch: Pitch,
+        wavelength: float,
+        passes: np.ndarray | None = None,
+        on: Array = PROCESSOR,
     ) -> None:
         self.shape, self.pitch, self.wavelength = shape, pitch, wavelength
         self.band = circular_band(shape, pitch) if passes is None else passes
-        self._lag = lag(shape, pitch, wavelength).astype(np.float32)
+        self._lag = arrays.like(lag(shape, pitch, wavelength), on, "float32")
+        self._passes = arrays.mask(self.band, on)
 
-    def __call__(self, distance: float) -> np.ndarray:
+    def __call__(self, distance: float) -> Array:
         """Transfer function, complex64, in FFT order."""
-        phase = np.float32(-distance) * self._lag
-        transfer = np.empty(self.shape, np.complex64)
-        np.cos(phase, out=transfer.real)
-        np.sin(phase, out=transfer.imag)
-        transfer *= self.band
+        transfer = arrays.phasors(float(-distance) * self._lag)
+        transfer *= self._passes
         for axis, within in enumerate(representable(self.shape, self.pitch, self.wavelength, distance)):
             if not within.all():
+                within = arrays.mask(within, transfer)
                 transfer *= within[:, None] if axis == 0 else within[None, :]
         return transfer
 
@@ -196,25 +209,24 @@ def _at_once(grid, fields):
     return max(1, min(threads(), fields, int(MOVING * (installed() or 0) / grid)))
 
 
-def moved(
-    fields: Sequence[np.ndarray], transfer: np.ndarray, places: Sequence[EvenSteps] | None = None
-) -> Iterator[np.ndarray]:
-    """Each of some fields times a transfer function; several are moved at once.
+def moved(fields: Array, transfer: Array, places: Sequence[EvenSteps] | None = None) -> Iterator[Array]:
+    """Each of some fields times a transfer function; several are moved at once by the processor.
 
     Parameters
     ----------
-    fields : sequence of numpy.ndarray, shape (y, x)
+    fields : array, shape (field, y, x)
         None may change before it has come.
-    transfer : numpy.ndarray, complex64
+    transfer : array, complex64
         On a grid of `padded_shape`.
     places : (EvenSteps, EvenSteps), optional
         Rows and columns at which the result is wanted, see `sampled`. Default: the fields' own.
 
     Yields
     ------
-    numpy.ndarray, complex64, shape (y, x)
+    array, complex64, shape (y, x)
         In order.
     """
+    each = (fields[n, ...] for n in range(fields.shape[0]))
 
     def one(field, workers):
         waves = spectrum(field, transfer.shape, workers)
@@ -223,14 +235,14 @@ def moved(
             return sampled(waves, places)
         return field_of(waves, field.shape, workers, overwrite=True)
 
-    count = _at_once(BYTES * transfer.size, len(fields))
-    if count == 1:
-        yield from (one(field, threads()) for field in fields)
+    count = _at_once(BYTES * math.prod(transfer.shape), fields.shape[0])
+    if count == 1 or not isinstance(fields, np.ndarray):
+        yield from (one(field, threads()) for field in each)
         return
     with ThreadPoolExecutor(count) as pool:
         coming = deque()
         try:
-            for field in fields:
+            for field in each:
                 coming.append(pool.submit(one, field, 1))
                 if len(coming) > count:
                     yield coming.popleft().result()
@@ -240,35 +252,35 @@ def moved(
             pool.shutdown(cancel_futures=True)
 
 
-def spectrum(field: np.ndarray, shape: Sequence[int], workers: int | None = None) -> np.ndarray:
+def spectrum(field: Array, shape: Sequence[int], workers: int | None = None) -> Array:
     """FFT of the last two axes, zero-padded to `shape`; complex64. Rows of zeros are not transformed.
 
     `workers` is how many threads do it: by default all.
     """
-    field, workers = np.asarray(field, np.complex64), workers or threads()
-    rows = scipy.fft.fft(field, shape[1], workers=workers)
+    field, workers = arrays.as_type(arrays.known(field), "complex64"), workers or threads()
+    rows = arrays.fft(field, shape[1], workers=workers)
     if shape[0] > field.shape[-2]:
-        padded = np.zeros((*field.shape[:-2], *shape), np.complex64)
+        padded = arrays.zeros((*field.shape[:-2], *shape), "complex64", field)
         padded[..., : field.shape[-2], :] = rows
         rows = padded
-    return scipy.fft.fft(rows, axis=-2, overwrite_x=True, workers=workers)
+    return arrays.fft(rows, axis=-2, overwrite=True, workers=workers)
 
 
-def filtered(field: np.ndarray, response: np.ndarray) -> np.ndarray:
+def filtered(field: Array, response: Array) -> Array:
     """The field with its spectrum times `response`, without padding; over the last two axes."""
-    return scipy.fft.ifft2(scipy.fft.fft2(field, workers=threads()) * response, workers=threads())
+    return arrays.ifft2(arrays.fft2(field, workers=threads()) * response, workers=threads())
 
 
 def field_of(
-    spectrum_: np.ndarray, shape: Sequence[int], workers: int | None = None, overwrite: bool = False
-) -> np.ndarray:
+    spectrum_: Array, shape: Sequence[int], workers: int | None = None, overwrite: bool = False
+) -> Array:
     """Inverse of `spectrum`, cropped to the window `shape`, whose rows alone are transformed.
 
     `workers` is how many threads do it, by default all; with `overwrite` the spectrum's memory is used for it.
     """
     workers = workers or threads()
-    columns = scipy.fft.ifft(spectrum_, axis=-2, overwrite_x=overwrite, workers=workers)
-    rows = scipy.fft.ifft(columns[..., : shape[0], :], overwrite_x=True, workers=workers)
+    columns = arrays.ifft(spectrum_, axis=-2, overwrite=overwrite, workers=workers)
+    rows = arrays.ifft(columns[..., : shape[0], :], overwrite=True, workers=workers)
     return rows[..., : shape[1]]
 
 
@@ -311,23 +323,23 @@ def _work(count):
     return count if scipy.fft.next_fast_len(count) == count else 3 * count
 
 
-def sampled(spectrum_: np.ndarray, places: Sequence[EvenSteps]) -> np.ndarray:
+def sampled(spectrum_: Array, places: Sequence[EvenSteps]) -> Array:
     """Inverse of `spectrum` at places that may lie between the pixels; exact for what these can sample.
 
     Sums of waves at evenly spaced places are an FFT of another length where their steps are whole parts of the grid,
     and else a chirp-z transform along each axis (Rabiner, Schafer and Rader, IEEE Trans. Audio Electroacoust. 17, 86
-    (1969)).
+    (1969)), which the processor computes.
 
     Parameters
     ----------
-    spectrum_ : numpy.ndarray, complex64, shape (y, x)
+    spectrum_ : array, complex64, shape (y, x)
         In FFT order.
     places : (EvenSteps, EvenSteps)
         Rows and columns.
 
     Returns
     -------
-    numpy.ndarray, complex64, of as many rows and columns
+    array, complex64, of as many rows and columns
     """
     rows, columns = places
     return _at_places(_at_places(spectrum_, columns).T, rows).T
@@ -337,16 +349,17 @@ def _at_places(spectra, line):
     """The last axis at the places of a line."""
     n = spectra.shape[1]
     if _off(n, line.step) >= WHOLE:
-        return _by_chirps(spectra, line)
+        return arrays.like(_by_chirps(arrays.on_processor(spectra), line), spectra)
     m = round(n / line.step)
     low = min(n, m) // 2  # of the bins that both lengths have, from -low to high - 1
     high = min(n, m) - low
-    wide = np.zeros((len(spectra), m), np.complex64)
+    wide = arrays.zeros((spectra.shape[0], m), "complex64", spectra)
     bins = scipy.fft.fftfreq(n, 1 / n)
-    turn = (np.exp(2j * math.pi * np.mod(bins * (line.first / n), 1.0)) * (m / n)).astype(np.complex64)
+    turn = np.exp(2j * math.pi * np.mod(bins * (line.first / n), 1.0)) * (m / n)
+    turn = arrays.like(turn, spectra, "complex64")
     wide[:, :high] = spectra[:, :high] * turn[:high]
     wide[:, m - low :] = spectra[:, n - low :] * turn[n - low :]
-    return scipy.fft.ifft(wide, overwrite_x=True, workers=threads())[:, : line.count]
+    return arrays.ifft(wide, overwrite=True, workers=threads())[:, : line.count]
 
 
 def _by_chirps(spectra, line):
@@ -367,20 +380,20 @@ def _by_chirps(spectra, line):
     return out
 
 
-def carrier(wavelength: float, distance: float) -> np.complex64:
-    """exp(i k z), the phase that `transfer_function` leaves out, from double precision."""
-    return np.complex64(np.exp(2j * math.pi * math.fmod(distance / wavelength, 1.0)))
+def carrier(wavelength: float, distance: float) -> complex:
+    """exp(i k z), the phase that `transfer_function` leaves out, in the digits of complex64."""
+    return complex(np.complex64(np.exp(2j * math.pi * math.fmod(distance / wavelength, 1.0))))
 
 
 def propagate(
-    field: np.ndarray, distance: float, pitch: Pitch, wavelength: float, band: str = "circular"
-) -> np.ndarray:
+    field: Array, distance: float, pitch: Pitch, wavelength: float, band: str = "circular"
+) -> Array:
     """Propagate fields by a distance along z with the band-limited angular spectrum method.
 
     Parameters
     ----------
-    field : array_like, complex, shape (..., y, x)
-        On a grid of `pitch`; zero outside.
+    field : array, complex, shape (..., y, x)
+        Of NumPy, CuPy, PyTorch or another library of the Array API standard; on a grid of `pitch`; zero outside.
     distance : float
         Metres; negative goes back.
     pitch : float or (float, float)
@@ -391,13 +404,15 @@ def propagate(
 
     Returns
     -------
-    numpy.ndarray, complex64, same shape
+    array, complex64, same shape
+        Of the same library, and on the same device.
     """
-    field = np.asarray(field)
+    field = arrays.known(field)
     shape = field.shape[-2:]
     padded = padded_shape(shape, pitch, wavelength, distance, JUDGING_GUARD)
-    transfer = transfer_function(padded, pitch, wavelength, distance, band) * carrier(wavelength, distance)
-    out = np.empty((math.prod(field.shape[:-2]), *shape), np.complex64)
-    for place, wave in zip(out, moved(field.reshape(out.shape), transfer), strict=True):
-        place[:] = wave
-    return out.reshape(field.shape)
+    transfer = transfer_function(padded, pitch, wavelength, distance, band, on=field)
+    transfer = transfer * carrier(wavelength, distance)
+    out, xp = arrays.empty((math.prod(field.shape[:-2]), *shape), "complex64", field), arrays.namespace(field)
+    for number, wave in enumerate(moved(xp.reshape(field, out.shape), transfer)):
+        out[number, ...] = wave
+    return xp.reshape(out, field.shape)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 
 from ..scene.variants import threads
+from . import arrays
+from .arrays import PROCESSOR, Array
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,17 +27,17 @@ class TargetPicture:
 
     Attributes
     ----------
-    transfer : numpy.ndarray, complex64, shape (y, x)
+    transfer : array, complex64, shape (y, x)
         From the fields' spectra to the spectrum in the picture's plane, pupil included; FFT order.
-    target : numpy.ndarray, float32, shape (y, x)
+    target : array, float32, shape (y, x)
         Wanted intensity.
-    weight : numpy.ndarray, float32, shape (y, x)
+    weight : array, float32, shape (y, x)
         Of the squared error of each pixel; zero where nothing is known.
     """
 
-    transfer: np.ndarray
-    target: np.ndarray
-    weight: np.ndarray
+    transfer: Array
+    target: Array
+    weight: Array
 
 
 class Frames:
@@ -54,38 +55,40 @@ class Frames:
         return list(self.pool.map(work, range(count)))
 
 
-def blocks(shape: Sequence[int]) -> list[slice]:
-    """Slices of rows that stay in a processor's cache from one operation to the next."""
-    height = max(1, (1 << 15) // shape[1])
+def blocks(wave: Array) -> list[slice]:
+    """Slices of rows that stay in a processor's cache from one operation to the next; elsewhere all of them."""
+    shape = wave.shape
+    height = max(1, (1 << 15) // shape[1]) if isinstance(wave, np.ndarray) else shape[0]
     return [slice(first, min(first + height, shape[0])) for first in range(0, shape[0], height)]
 
 
-def relative(target: np.ndarray) -> np.ndarray:
+def relative(target: Array) -> Array:
     """Weight of a squared error so that independent frames have the loss 1/m in any picture.
 
     One over the intensity, as in the variance of its root, which is how pictures are looked at.
 
     Parameters
     ----------
-    target : numpy.ndarray, float32
+    target : array, float32
 
     Returns
     -------
-    numpy.ndarray, float32, same shape
+    array, float32, same shape
         Zeros for a black picture.
     """
-    if not target.any():
-        return np.zeros_like(target)
-    return 1 / ((target + DARK * target.mean()) * target.sum())
+    xp = arrays.namespace(target)
+    if not xp.any(target != 0):
+        return xp.zeros_like(target)
+    return 1 / ((target + DARK * xp.mean(target)) * xp.sum(target))
 
 
 def supervise(
-    spectra: Sequence[np.ndarray],
+    spectra: Sequence[Array],
     pictures: Sequence[TargetPicture],
     energy: float,
     stages: dict[int, float],
     threads: Frames,
-) -> tuple[dict[int, float], np.ndarray]:
+) -> tuple[dict[int, float], Array]:
     """Loss of the frame mean over pictures, and its gradient with respect to the spectra.
 
     L = sum over pictures and m of stages[m] (sum over pixels of weight (I / b - target)^2 + BRIGHTNESS (b / c - 1)^2),
@@ -95,7 +98,7 @@ def supervise(
 
     Parameters
     ----------
-    spectra : sequence of numpy.ndarray, complex64, shape (y, x)
+    spectra : sequence of array, complex64, shape (y, x)
         U_n = FFT of each frame's field, cut to the recordable band.
     pictures : sequence of TargetPicture
     energy : float
@@ -108,52 +111,55 @@ def supervise(
     -------
     losses : dict of int to float
         By m, without brightness and the factor in `stages`.
-    gradient : numpy.ndarray, complex64, shape (frames, y, x)
+    gradient : array, complex64, shape (frames, y, x)
         G_n with dL = 2 Re sum conj(G_n) dU_n.
     """
-    frames, shape, pixels = len(spectra), spectra[0].shape, spectra[0].size
+    frames, shape, xp = len(spectra), spectra[0].shape, arrays.namespace(spectra[0])
+    pixels = math.prod(shape)
     energies = threads.each(
-        lambda frame: float(np.vdot(spectra[frame], spectra[frame]).real) / pixels, frames
+        lambda frame: arrays.product(spectra[frame], spectra[frame]).real / pixels, frames
     )
     scales = np.cumsum(energies) / energy  # m c
     losses = dict.fromkeys(stages, 0.0)
     drift = np.zeros(frames)
-    waves, gradient = np.empty((2, frames, *shape), np.complex64)
+    waves, gradient = (arrays.empty((frames, *shape), "complex64", spectra[0]) for _ in range(2))
     for number, picture in enumerate(pictures):
         _look(waves, spectra, picture.transfer, threads)
         slopes: list = [None] * frames
-        seen = (picture.weight > 0).astype(np.float32)
-        wanted = float((picture.target * seen).sum(dtype=np.float64))
+        seen = arrays.as_type(picture.weight > 0, "float32")
+        wanted = arrays.total(picture.target * seen)
         for count, total in _sums(waves, stages, threads).items():
             last, stage = count - 1, stages[count]
-            brightness = float((total * seen).sum(dtype=np.float64)) / wanted  # m b
-            image = total / np.float32(brightness)
+            brightness = arrays.total(total * seen) / wanted  # m b
+            image = total / brightness
             error = image - picture.target
             weighted = error * picture.weight
-            losses[count] += float((error * weighted).sum(dtype=np.float64))
-            excess = brightness / scales[last] - 1
-            even = BRIGHTNESS * excess / scales[last]
-            even -= float((image * weighted).sum(dtype=np.float64)) / brightness
-            slopes[last] = np.float32(2 * stage / brightness) * weighted
-            slopes[last] += np.float32(2 * stage * even / wanted) * seen
+            losses[count] += arrays.total(error * weighted)
+            excess = float(brightness / scales[last] - 1)
+            even = BRIGHTNESS * excess / float(scales[last])
+            even -= arrays.total(image * weighted) / brightness
+            slopes[last] = 2 * stage / brightness * weighted
+            slopes[last] += 2 * stage * even / wanted * seen
             drift[last] += 2 * stage * BRIGHTNESS * excess * brightness / scales[last] ** 2 / energy
-        factors, adjoint = _of_frames(slopes), np.conj(picture.transfer)
+        factors, adjoint = _of_frames(slopes), xp.conj(picture.transfer)
 
         def back(frame, first=number == 0, factors=factors, adjoint=adjoint):
-            waves[frame] *= factors[frame]
-            part = scipy.fft.fft2(waves[frame], overwrite_x=True)
+            wave, slope = waves[frame, ...], gradient[frame, ...]
+            wave *= factors[frame]
+            part = arrays.fft2(wave, overwrite=True)
             if first:
-                np.multiply(part, adjoint, out=gradient[frame])
+                arrays.put(slope, xp.multiply, part, adjoint)
             else:
                 part *= adjoint
-                gradient[frame] += part
+                slope += part
 
         threads.each(back, frames)
     drift = np.cumsum(drift[::-1])[::-1]
 
     def scale(frame):
-        gradient[frame] -= np.float32(drift[frame]) * spectra[frame]
-        gradient[frame] *= np.float32(1 / pixels)
+        slope = gradient[frame, ...]
+        slope -= float(drift[frame]) * spectra[frame]
+        slope *= 1 / pixels
 
     threads.each(scale, frames)
     return losses, gradient
@@ -163,36 +169,39 @@ def _look(waves, spectra, transfer, threads):
     """Each frame's wave in a picture's plane, into `waves`."""
 
     def look(frame):
-        np.multiply(spectra[frame], transfer, out=waves[frame])
-        waves[frame] = scipy.fft.ifft2(waves[frame], overwrite_x=True)
+        wave = waves[frame, ...]
+        arrays.put(wave, arrays.namespace(wave).multiply, spectra[frame], transfer)
+        waves[frame, ...] = arrays.ifft2(wave, overwrite=True)
 
-    threads.each(look, len(waves))
+    threads.each(look, len(spectra))
 
 
 def _of_frames(slopes):
     """Slopes by frame, of slopes by the last frame of a mean: a frame shows in every mean that includes it."""
-    total, factor, factors = None, np.complex64(0), []
+    total, factor, factors = None, 0j, []
     for slope in reversed(slopes):
         if slope is not None:
             total = slope if total is None else total + slope
-            factor = total.astype(np.complex64)  # a product of unlike numbers is slower
+            factor = arrays.as_type(total, "complex64")  # a product of unlike numbers is slower
         factors.append(factor)
     return factors[::-1]
 
 
 def _sums(waves, stages, threads):
     """Intensities of the first frames, summed, by how many: the numbers in `stages`."""
-    sums = {count: np.empty(waves.shape[1:], np.float32) for count in sorted(stages)}
-    parts = blocks(waves.shape[1:])
+    sums = {count: arrays.empty(waves.shape[1:], "float32", waves) for count in sorted(stages)}
+    xp = arrays.namespace(waves)
+    parts = blocks(waves[0, ...])
 
     def add(part):
         rows = parts[part]
-        total = np.zeros((rows.stop - rows.start, waves.shape[2]), np.float32)
-        for count, wave in enumerate(waves[:, rows], 1):
-            total += wave.real**2
-            total += wave.imag**2
+        total = arrays.zeros((rows.stop - rows.start, waves.shape[2]), "float32", waves)
+        for count in range(1, waves.shape[0] + 1):
+            wave = waves[count - 1, rows, :]
+            total += xp.real(wave) ** 2
+            total += xp.imag(wave) ** 2
             if count in sums:
-                sums[count][rows] = total
+                sums[count][rows, :] = total
 
     threads.each(add, len(parts))
     return sums
@@ -209,10 +218,11 @@ class Adam:
 
     WARM_UP = 50  # steps
 
-    def __init__(self, shape: tuple[int, ...], first: float = 0.9, second: float = 0.99) -> None:
+    def __init__(
+        self, shape: tuple[int, ...], first: float = 0.9, second: float = 0.99, on: Array = PROCESSOR
+    ) -> None:
         self.decays = first, second
-        self.mean = np.zeros(shape, np.float32)
-        self.square = np.zeros(shape, np.float32)
+        self.mean, self.square = (arrays.zeros(shape, "float32", on) for _ in range(2))
         self.count = 0
 
     @classmethod
@@ -220,17 +230,17 @@ class Adam:
         """Length of step number `step` of `steps`."""
         return highest * min(1, (step + 1) / cls.WARM_UP) * 0.5 * (1 + math.cos(math.pi * step / steps))
 
-    def step(self, values: np.ndarray, gradient: Sequence[np.ndarray], rate: float, threads: Frames) -> None:
+    def step(self, values: Array, gradient: Sequence[Array], rate: float, threads: Frames) -> None:
         """Move `values`, an array of the shape given, against the gradient, a sequence of frames, in place."""
         self.count += 1
         first, second = self.decays
-        length = np.float32(rate / (1 - first**self.count))
-        spread = np.float32(1 / (1 - second**self.count))
+        length, spread = rate / (1 - first**self.count), 1 / (1 - second**self.count)
+        xp = arrays.namespace(values)
 
         def move(frame):
-            mean, square, slope = self.mean[frame], self.square[frame], gradient[frame]
-            mean += np.float32(1 - first) * (slope - mean)
-            square += np.float32(1 - second) * (slope * slope - square)
-            values[frame] -= length * mean / (np.sqrt(square * spread) + np.float32(1e-12))
+            mean, square, slope = self.mean[frame, ...], self.square[frame, ...], gradient[frame]
+            mean += (1 - first) * (slope - mean)
+            square += (1 - second) * (slope * slope - square)
+            values[frame, ...] -= length * mean / (xp.sqrt(square * spread) + 1e-12)
 
-        threads.each(move, len(values))
+        threads.each(move, len(gradient))

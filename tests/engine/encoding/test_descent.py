@@ -17,6 +17,7 @@ from holopath_addon.engine.encoding.phases import Phases
 from holopath_addon.engine.encoding.targets import AmplitudeTarget, ComplexTarget
 from holopath_addon.engine.encoding.views import Views
 from holopath_addon.engine.pixels import EvenSteps
+from holopath_addon.engine.waves.display_model import DisplayModel
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
@@ -129,10 +130,11 @@ def test_amplitude_supervision_tells_what_is_true():
 @pytest.mark.parametrize(
     "kind", ["aperture", "no aperture", "amplitude", "frame mean", "views", "views elsewhere"]
 )
-def test_gradient_against_finite_differences(kind, threads):
+def test_gradient_against_finite_differences(library, kind, threads):
     """Along random directions, in double precision, on sides that are odd and unequal."""
     rng = np.random.default_rng(3)
     fields = band_limited((27, 40), frames=3)[:, 0]
+    made = library.asarray if kind != "frame mean" else np.asarray
     start = rng.uniform(0, 2 * np.pi, fields.shape)
     if kind == "frame mean":
         vantages = [Vantage(2e-3), Vantage(-1e-3, (0.1, -0.05, 0.2))]
@@ -147,20 +149,21 @@ def test_gradient_against_finite_differences(kind, threads):
         pitch, places = PITCH, None
         if kind == "views elsewhere":
             pitch, places = (0.8 * PITCH, PITCH), (EvenSteps(-0.4, 1.02, 27), EvenSteps(0.3, 1.25, 32))
-        views = Views(fields.shape[-2:], pitch, GREEN, -1e-3, 2e-3, 3, 0, places=places)
+        whole = made(fields.astype(np.complex64))
+        views = Views(fields.shape[-2:], pitch, GREEN, -1e-3, 2e-3, 3, 0, places=places, on=whole)
         chosen = [
             (numbers[-1], share) for (_, numbers), share in zip(views.kinds, (0.5, 0.3, 0.2), strict=True)
         ]
-        views.add(fields)
+        views.add(whole)
 
         def gradient(light):
             seen = descent.Seen(light, views, 1.0)
             seen.gain = 1.3
             back = seen.gradient(light, chosen)
-            return sum(share * seen.losses[n] for n, share in chosen), back, np.ones(len(light))
+            return sum(share * seen.losses[n] for n, share in chosen), back, np.ones(3)
     else:
-        target = targets_of(kind, fields, threads)
-        target.gradient(Phases(start, threads).light)
+        target = targets_of(kind, made(fields), threads)
+        target.gradient(Phases(made(start), threads).light)
         held = vars(target).copy()
 
         def gradient(light):  # the scale stays as it is: it follows a step later
@@ -169,17 +172,18 @@ def test_gradient_against_finite_differences(kind, threads):
                     setattr(target, name, held[name])
             return target.gradient(light)
 
-    loss, back, factors = gradient(Phases(start, threads).light)
-    phases = Phases(start, threads)
-    slope = 2 * (phases.light.conj() * back * np.reshape(factors, (-1, 1, 1))).imag
+    loss, back, factors = gradient(Phases(made(start), threads).light)
+    phases = Phases(made(start), threads)
+    light, slopes = np.asarray(phases.light), np.asarray(back) * np.reshape(factors, (-1, 1, 1))
+    slope = 2 * (light.conj() * slopes).imag
     assert slope.dtype == np.float64 and loss > 0
     phases.descend(back, factors, 1e-3)  # Adam's first step is as long for all
-    moved = np.angle(np.exp(1j * (phases.values() - start)))
+    moved = np.angle(np.exp(1j * (np.asarray(phases.values()) - start)))
     np.testing.assert_allclose(moved, -1e-3 * np.sign(slope), atol=1e-5)
     for _ in range(3):
         direction, step = rng.normal(size=start.shape), 1e-5
-        ahead = gradient(Phases(start + step * direction, threads).light)[0]
-        behind = gradient(Phases(start - step * direction, threads).light)[0]
+        ahead = gradient(Phases(made(start + step * direction), threads).light)[0]
+        behind = gradient(Phases(made(start - step * direction), threads).light)[0]
         assert (ahead - behind) / (2 * step) == pytest.approx((slope * direction).sum(), rel=1e-4)
 
 
@@ -203,6 +207,44 @@ def test_free_space_in_single_precision(distance):
     shape = (200, 300)
     exact = transfer_function(shape, PITCH, GREEN, distance)
     np.testing.assert_allclose(FreeSpace(shape, PITCH, GREEN)(distance), exact, atol=1e-4)
+
+
+BENCHES = {
+    "plain": {},
+    "lens": {"optics": engine.Optics(engine.Beam("gaussian", (0.3e-3,)), lens=engine.Lens(0.1, 0.1))}
+    | {"depth_far": -1e-3, "depth_near": 1e-3},
+    "off axis": {"optics": engine.Optics(carrier="auto")},
+}
+
+
+@pytest.mark.parametrize(
+    ("bench", "options"),
+    [
+        ("plain", {"method": "dpac"}),
+        ("plain", {"method": "sgd"}),
+        ("plain", {"method": "sgd", "start": "dpac", "bits": 1}),
+        ("plain", {"method": "sgd", "supervision": "amplitude", "compared_planes": 2}),
+        ("plain", {"method": "joint", "bits": 2}),
+        ("plain", {"method": "refine", "randomness": 0.3}),
+        ("lens", {"method": "dpac"}),
+        ("lens", {"method": "joint"}),
+        ("off axis", {"method": "sgd", "bits": 3}),
+        ("plain", {"method": "joint", "display": [DisplayModel(GREEN, falloff=0.2, crosstalk=0.4)] * 2}),
+        ("off axis", {"method": "refine"}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "-".join(map(str, value.values()))[:24],
+)
+def test_libraries_of_arrays_agree(other_library, bench, options):
+    """Whose phases are a library's own, and show what NumPy's show; roundings grow a little from step to step."""
+    data = band_limited((24, 33), frames=2, colours=2, radius=0.3).astype(np.complex64)
+    field, own = wave_field(data, **BENCHES[bench]), other_library.asarray(data)
+    options = {"max_steps": 3, "many": many(data[:, :, ::-1])} | options
+    wanted, found = (engine.encode(replace(field, data=each), **options) for each in (data, own))
+    assert isinstance(found.data, type(own)) and found.gains == pytest.approx(wanted.gains, rel=1e-5)
+    apart = np.abs(np.exp(1j * np.asarray(found.data)) - np.exp(1j * wanted.data))
+    assert np.median(apart) < 1e-6 and np.quantile(apart, 0.999) < 1e-3
+    images = [engine.reconstruct(phase.field(), [1.0]) for phase in (wanted, found)]
+    np.testing.assert_allclose(np.asarray(images[1]), images[0], atol=1e-4 * images[0].max())
 
 
 def test_neither_phase_nor_gain_of_the_target_counts():

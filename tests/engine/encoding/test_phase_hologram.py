@@ -1,5 +1,7 @@
 """Phases on disk."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,17 @@ def test_round_trip(field, tmp_path):
     with pytest.raises(engine.InvalidInput, match="something other"):
         phase.save(tmp_path / "other")
     assert (tmp_path / "other" / "diary.txt").read_text() == "mine"
+
+
+def test_arrays_of_other_libraries_are_saved(other_library, field, tmp_path):
+    """The field and the phases, whole."""
+    own = replace(field, data=other_library.asarray(field.data))
+    own.save(tmp_path / "wavefield")
+    np.testing.assert_array_equal(engine.WaveField.load(tmp_path / "wavefield").data, field.data)
+    phase = engine.encode(own, "dpac")
+    phase.save(tmp_path / "hologram")
+    stored = engine.PhaseHologram.load(tmp_path / "hologram")
+    np.testing.assert_array_equal(stored.data, np.asarray(phase.data))
 
 
 def test_what_is_beside_phases_is_not_lost(field, tmp_path):

@@ -13,7 +13,7 @@ from holopath_addon.engine.waves.despeckle import despeckle, targets
 GREEN = 516.5e-9
 
 
-def test_slopes_against_finite_differences():
+def test_slopes_against_finite_differences(library):
     """In double precision, from the definition; two views, prefixes, pixels that do not count."""
     rng = np.random.default_rng(0)
     n, frames, energy, stages = 32, 3, 900.0, {1: 0.3, 3: 2.0}
@@ -43,14 +43,35 @@ def test_slopes_against_finite_differences():
                 value += stage * supervision.BRIGHTNESS * (bright / whole - 1) ** 2
         return value
 
+    made = [library.asarray(each) for each in spectra]
+    seen = [supervision.TargetPicture(*map(library.asarray, vars(view).values())) for view in views]
     with supervision.Frames() as threads:
-        _, gradient = supervision.supervise(spectra, views, energy, stages, threads)
+        _, gradient = supervision.supervise(made, seen, energy, stages, threads)
+    gradient = np.asarray(gradient)
     exact = [s.astype(complex) for s in spectra]
     for _ in range(5):
         step = [1e-4 * wave() for _ in range(frames)]
         ahead, back = (loss([s + sign * d for s, d in zip(exact, step, strict=True)]) for sign in (1, -1))
         slope = 2 * sum(np.vdot(g, d).real for g, d in zip(gradient, step, strict=True))
         assert ahead - back == pytest.approx(2 * slope, rel=1e-4)
+
+
+def test_libraries_of_arrays_agree(other_library):
+    """Frames are counted, and steps taken; roundings differ alone."""
+    rng = np.random.default_rng(0)
+    frames = [
+        (rng.normal(size=(n, 40, 52)) + 1j * rng.normal(size=(n, 40, 52))).astype(np.complex64)
+        for n in (3, 5, 2)
+    ]
+    found = []
+    for made in (np.asarray, other_library.asarray):
+        field, *batches = map(made, frames)
+        pictures = targets((40, 52), 8e-6, GREEN, -1e-3, 1e-3, 0, on=field)
+        for batch in batches:
+            pictures.add(batch)
+        found.append(np.asarray(despeckle(field, pictures, 4, 1, lambda done: None)))
+    assert np.abs(found[0] - frames[0]).max() > 1e-3
+    np.testing.assert_allclose(found[1], found[0], atol=2e-6 * np.abs(found[0]).max())
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 
+from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves import propagation
 
 PITCH, WAVELENGTH, N = 8e-6, 516.5e-9, 256
@@ -42,11 +43,30 @@ DISTANCES = [2e-3, 10e-3, 30e-3, 100e-3]
 
 @pytest.mark.parametrize("waist", [0.1e-3, 0.25e-3])
 @pytest.mark.parametrize("distance", [-30e-3, *DISTANCES])
-def test_gaussian_beam(waist, distance):
+def test_gaussian_beam(library, waist, distance):
     """Amplitude and phase, wherever the beam is; it fills a quarter of the window at most."""
-    there = propagation.propagate(beam(waist, 0).astype(np.complex64), distance, PITCH, WAVELENGTH)
+    field = library.asarray(beam(waist, 0).astype(np.complex64))
+    there = propagation.propagate(field, distance, PITCH, WAVELENGTH)
+    assert type(there) is type(field) and there.dtype == field.dtype
     wanted = beam(waist, distance)
-    assert np.linalg.norm(there - wanted) < 1e-4 * np.linalg.norm(wanted)
+    assert np.linalg.norm(np.asarray(there) - wanted) < 1e-4 * np.linalg.norm(wanted)
+
+
+def test_libraries_of_arrays_agree(other_library):
+    """Stacks, real amplitudes, both bands, a distance of NumPy's, and places between pixels: roundings differ alone."""
+    rng, pitch = np.random.default_rng(0), (8e-6, 9e-6)
+    field = (rng.normal(size=(2, 3, 40, 50)) + 1j * rng.normal(size=(2, 3, 40, 50))).astype(np.complex64)
+    for data in (field, np.ascontiguousarray(field.real)):
+        for band in ("circular", "full"):
+            way = np.float64(2e-3), pitch, WAVELENGTH, band
+            found = propagation.propagate(other_library.asarray(data), *way)
+            wanted = propagation.propagate(data, *way)
+            np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * np.abs(wanted).max())
+    for step in (0.8, 0.777):  # by FFTs, and by chirps
+        lines = [EvenSteps(1.3, step, 30)] * 2
+        found = propagation.sampled(other_library.asarray(field[0, 0]), lines)
+        wanted = propagation.sampled(field[0, 0], lines)
+        np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * np.abs(wanted).max())
 
 
 def test_light_of_phases_does_not_come_round():
@@ -125,6 +145,19 @@ def test_agrees_with_torchoptics(make, distance):
 def test_the_record_is_torchoptics_own(distance):
     field = torchoptics_field(random_field(), distance)
     np.testing.assert_allclose(field[ROWS, COLUMNS], RECORD[distance], atol=1e-7)
+
+
+@pytest.mark.oracle
+def test_torch_finds_gradients():
+    """Of the energy that a window sees, with respect to the field: twice what goes back from there."""
+    torch = pytest.importorskip("torch")
+    field = torch.asarray(random_field(64)).requires_grad_()
+    seen = torch.zeros((64, 64))
+    seen[20:40, 10:30] = 1
+    there = propagation.propagate(field, 2e-3, PITCH, WAVELENGTH)
+    (there.abs() ** 2 * seen).sum().backward()
+    back = propagation.propagate((there * seen).detach(), -2e-3, PITCH, WAVELENGTH)
+    assert torch.linalg.norm(field.grad - 2 * back) < 1e-5 * torch.linalg.norm(back)
 
 
 def test_zero_distance_is_the_identity():

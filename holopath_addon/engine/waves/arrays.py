@@ -1,0 +1,274 @@
+"""Arrays of NumPy, CuPy, PyTorch and other libraries of the Array API standard: what the standard lacks.
+
+What computes with waves does it in the namespace of the arrays that it is given, and on the device where they lie.
+Namespaces are those of array-api-compat, and arrays must be such that parts of them can be written to. NumPy is taken
+as it is, with SciPy's FFTs: these have threads, and use memory again. Where types of numbers are named, names are those
+of the standard, such as ``"complex64"``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.fft
+
+from ..memory import on_processor
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+Array = Any  # of one of the libraries
+PROCESSOR = np.empty(0)  # to name NumPy's namespace with
+
+
+def namespace(array: Array) -> Any:
+    """The functions of the standard for an array."""
+    if isinstance(array, np.ndarray):
+        return np
+    import array_api_compat
+
+    return array_api_compat.array_namespace(array)
+
+
+def known(array: ArrayLike) -> Array:
+    """An array of a library, as it is; of all else, such as a list, one of NumPy."""
+    return array if hasattr(array, "__dlpack__") else np.asarray(array)
+
+
+def as_type(array: Array, kind: Any) -> Array:
+    """An array of another type of numbers, a name or a type of its namespace; the same one where it has that type."""
+    if isinstance(array, np.ndarray):
+        return array.astype(kind, copy=False)
+    return namespace(array).astype(array, _type(array, kind), copy=False)
+
+
+def like(values: ArrayLike, array: Array, kind: Any = None) -> Array:
+    """Numbers in the namespace of an array, and where it lies; those that are there already as they are."""
+    if isinstance(array, np.ndarray):
+        return np.asarray(on_processor(values), kind)
+    if type(values) is type(array):
+        return values
+    return _made(array, "asarray", np.array(values, order="C"), kind)
+
+
+def copied(array: Array) -> Array:
+    """A copy, whose numbers lie one after the other."""
+    if isinstance(array, np.ndarray):
+        return np.array(array, order="C")
+    return namespace(array).asarray(array, copy=True)
+
+
+def mask(passes: np.ndarray, array: Array) -> Array:
+    """What passes, of which waves in the namespace of an array can be made a product."""
+    return passes if isinstance(array, np.ndarray) else like(passes, array, "float32")
+
+
+def empty(shape: Sequence[int], kind: Any, array: Array) -> Array:
+    """Memory in the namespace of an array, and where it lies."""
+    return (
+        np.empty(shape, kind) if isinstance(array, np.ndarray) else _made(array, "empty", tuple(shape), kind)
+    )
+
+
+def zeros(shape: Sequence[int], kind: Any, array: Array) -> Array:
+    """Zeros in the namespace of an array, and where it lies."""
+    return (
+        np.zeros(shape, kind) if isinstance(array, np.ndarray) else _made(array, "zeros", tuple(shape), kind)
+    )
+
+
+def _made(array, maker, what, kind):
+    import array_api_compat
+
+    make = getattr(namespace(array), maker)
+    return make(what, dtype=_type(array, kind), device=array_api_compat.device(array))
+
+
+def _type(array, kind):
+    return getattr(namespace(array), kind) if isinstance(kind, str) else kind
+
+
+def fft(
+    array: Array,
+    count: int | None = None,
+    axis: int = -1,
+    norm: str = "backward",
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Array:
+    """FFT of one axis, cut or padded to `count`.
+
+    `workers` is how many threads of the processor do it, by default one; `overwrite` allows it to use the array's
+    memory.
+    """
+    if isinstance(array, np.ndarray):
+        return scipy.fft.fft(array, count, axis, norm, overwrite, workers)
+    return namespace(array).fft.fft(array, n=count, axis=axis, norm=norm)
+
+
+def ifft(
+    array: Array,
+    count: int | None = None,
+    axis: int = -1,
+    norm: str = "backward",
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Array:
+    """Inverse of `fft`."""
+    if isinstance(array, np.ndarray):
+        return scipy.fft.ifft(array, count, axis, norm, overwrite, workers)
+    return namespace(array).fft.ifft(array, n=count, axis=axis, norm=norm)
+
+
+def fft2(
+    array: Array,
+    shape: Sequence[int] | None = None,
+    norm: str = "backward",
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Array:
+    """FFT of the last two axes, padded to `shape`; see `fft`."""
+    if isinstance(array, np.ndarray):
+        return scipy.fft.fft2(array, shape, (-2, -1), norm, overwrite, workers)
+    return namespace(array).fft.fftn(array, s=shape, axes=(-2, -1), norm=norm)
+
+
+def ifft2(array: Array, norm: str = "backward", overwrite: bool = False, workers: int | None = None) -> Array:
+    """Inverse of `fft2`."""
+    if isinstance(array, np.ndarray):
+        return scipy.fft.ifft2(array, None, (-2, -1), norm, overwrite, workers)
+    return namespace(array).fft.ifftn(array, axes=(-2, -1), norm=norm)
+
+
+def into(memory: Array, function: Any, *values: Any) -> Array:
+    """What an elementwise function gives, on the processor in the memory of an array."""
+    return function(*values, out=memory) if isinstance(memory, np.ndarray) else function(*values)
+
+
+def put(memory: Array, function: Any, *values: Any) -> None:
+    """Have an array hold what an elementwise function gives."""
+    if isinstance(memory, np.ndarray):
+        function(*values, out=memory)
+    else:
+        memory[...] = function(*values)
+
+
+def pairs(waves: Array) -> Array:
+    """Real and imaginary parts along an axis more, the last one; in the same memory where the library has that."""
+    xp = namespace(waves)
+    if hasattr(xp, "view_as_real"):
+        return xp.view_as_real(waves)
+    if hasattr(waves, "view"):
+        return waves.view(waves.real.dtype).reshape(*waves.shape, 2)
+    return xp.stack([xp.real(waves), xp.imag(waves)], axis=-1)
+
+
+def of_pairs(parts: Array) -> Array:
+    """Complex64 numbers of their `pairs`; in the same memory where the library has that."""
+    xp = namespace(parts)
+    if hasattr(xp, "view_as_complex"):
+        return xp.view_as_complex(parts)
+    if hasattr(parts, "view"):
+        return parts.view(np.complex64)[..., 0]
+    waves = empty(parts.shape[:-1], "complex64", parts)
+    set_parts(waves, parts[..., 0], parts[..., 1])
+    return waves
+
+
+def set_parts(array: Array, real: Array, imaginary: Array) -> None:
+    """Set the real and the imaginary parts of complex numbers, in their memory."""
+    if hasattr(array, "real"):
+        array.real[...], array.imag[...] = real, imaginary
+    else:
+        array[...] = as_type(real, array.dtype) + 1j * as_type(imaginary, array.dtype)
+
+
+def phasors(angles: Array) -> Array:
+    """exp(i angle), complex64."""
+    xp, out = namespace(angles), empty(angles.shape, "complex64", angles)
+    if isinstance(angles, np.ndarray):
+        np.cos(angles, out=out.real)
+        np.sin(angles, out=out.imag)
+    else:
+        set_parts(out, xp.cos(angles), xp.sin(angles))
+    return out
+
+
+def intensity(waves: Array) -> Array:
+    """Squares of absolute values."""
+    xp = namespace(waves)
+    return xp.real(waves) ** 2 + xp.imag(waves) ** 2
+
+
+def total_intensity(waves: Array) -> Array:
+    """Sum over frames, the first axis, of squares of absolute values."""
+    if isinstance(waves, np.ndarray):
+        parts = waves.view(waves.real.dtype)  # real and imaginary parts side by side
+        total = np.einsum("fyx,fyx->yx", parts, parts)
+        return total[:, ::2] + total[:, 1::2]
+    return namespace(waves).sum(intensity(waves), axis=0)
+
+
+def angle(waves: Array) -> Array:
+    """Phases, radians from -pi to pi."""
+    if isinstance(waves, np.ndarray):
+        return np.angle(waves)
+    xp = namespace(waves)
+    return xp.atan2(xp.imag(waves), xp.real(waves))
+
+
+def arccos(values: Array) -> Array:
+    """Radians from 0 to pi."""
+    return np.arccos(values) if isinstance(values, np.ndarray) else namespace(values).acos(values)
+
+
+def product(first: Array, second: Array) -> complex:
+    """Scalar product of all numbers, of which the first ones are conjugated."""
+    if isinstance(first, np.ndarray):
+        return complex(np.vdot(first, second))
+    xp = namespace(first)
+    return complex(
+        xp.sum((xp.conj(first) if xp.isdtype(first.dtype, "complex floating") else first) * second)
+    )
+
+
+def total(values: Array) -> float:
+    """Sum of all real numbers, in double precision."""
+    xp = namespace(values)
+    return float(xp.sum(values, dtype=xp.float64))
+
+
+def overlap(first: Array, second: Array) -> float:
+    """Sum of all products of real numbers, in double precision."""
+    if isinstance(first, np.ndarray):
+        return float(np.einsum("yx,yx->", first, second, dtype=float))
+    return total(first * second)
+
+
+def histogram(
+    values: Array, bins: int, top: float, weights: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Counts, or sums of weights, in bins from 0 to the largest value, and the bins' edges; NumPy's arrays."""
+    if isinstance(values, np.ndarray):
+        return np.histogram(values, bins, (0, top), weights=weights)
+    xp, edges = namespace(values), np.linspace(0, top, bins + 1)
+    values = xp.reshape(values, (-1,))
+    order = xp.argsort(values)
+    places = xp.searchsorted(xp.take(values, order), like(edges[1:-1], values, values.dtype))
+    places = np.concatenate([[0], on_processor(places), [order.shape[0]]])
+    if weights is None:
+        return np.diff(places), edges
+    sums = xp.cumulative_sum(xp.take(xp.reshape(weights, (-1,)), order), dtype=xp.float64)
+    ends = on_processor(xp.take(sums, like(np.maximum(places - 1, 0), values))) * (places > 0)
+    return np.diff(ends), edges
+
+
+def at(array: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Some of the rows and columns, the last two axes; a copy."""
+    if isinstance(array, np.ndarray):
+        return array[..., rows[:, None], columns]
+    xp = namespace(array)
+    return xp.take(xp.take(array, like(rows, array), axis=-2), like(columns, array), axis=-1)

@@ -1,0 +1,183 @@
+"""Which library computes waves: what is installed, what is named, what a card's memory holds, and Dr.Jit's numbers."""
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine import memory
+from holopath_addon.engine.planning import planner
+from holopath_addon.engine.scene import variants
+from holopath_addon.engine.waves import libraries
+from holopath_addon.workflow import pipeline
+
+
+@pytest.fixture
+def card(monkeypatch):
+    """A machine with a card, and libraries that are said to be there."""
+    monkeypatch.delenv(libraries.VARIABLE, raising=False)
+    monkeypatch.setattr(variants, "on_card", lambda: True)
+
+    def with_(*names, problem=""):
+        monkeypatch.setattr(libraries, "find_spec", lambda name: name in names or None)
+        monkeypatch.setattr(libraries, "_problem", lambda name, device: problem)
+
+    return with_
+
+
+def test_a_card_without_a_library(card):
+    """One sentence with what to do; the processor computes."""
+    card()
+    name, advice = libraries.chosen()
+    assert name == "numpy" and advice == libraries.described()
+    assert "neither CuPy nor PyTorch is installed" in advice and "pip install 'holopath[cuda]'" in advice
+    assert planner._library(1e9).warnings == (advice,)
+
+
+def test_the_library_that_is_installed_computes(card):
+    card("torch")
+    assert libraries.chosen() == ("torch", "") and "by PyTorch" in libraries.described()
+    card("cupy", "torch", problem="CuPy cannot compute there (CUDA driver version is insufficient)")
+    name, advice = libraries.chosen()
+    assert name == "numpy" and "driver version is insufficient" in advice
+
+
+def test_without_a_card_the_processor_computes(monkeypatch):
+    monkeypatch.delenv(libraries.VARIABLE, raising=False)
+    monkeypatch.setattr(variants, "on_card", lambda: False)
+    assert libraries.chosen() == ("numpy", "")
+    assert libraries.beginning("numpy") is libraries.PROCESSOR
+    assert planner._library(1e9) == planner.Decided("numpy")
+
+
+@pytest.mark.parametrize(
+    ("named", "says"), [("jax", "set it to one of"), ("cupy", "CuPy is not installed: `pip")]
+)
+def test_what_is_named_and_cannot_be(monkeypatch, named, says):
+    monkeypatch.setenv(libraries.VARIABLE, named)
+    monkeypatch.setattr(libraries, "_problem", lambda name, device: "CuPy is not installed")
+    with pytest.raises(engine.InvalidInput, match=says) as refused:
+        libraries.chosen()
+    assert str(refused.value).count(".") == 1
+
+
+def test_a_card_that_is_too_small(card, monkeypatch):
+    """Is left alone, and the plan says so."""
+    card("torch")
+    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    for module in (libraries, planner):
+        monkeypatch.setattr(module, "on_card", lambda array: (8 << 30, 1 << 30))
+    library = planner._library(2e9)
+    assert library.value == "numpy" and not library.warnings
+    assert "PyTorch would need 2 GB" in str(library.decisions[0]) and "1.07 are free" in str(
+        library.decisions[0]
+    )
+    assert planner._library(1e9).value == "torch"
+    data = np.ones(3)
+    assert libraries.by_card(lambda given: given is data, data, 2e9) == (True, "")
+
+
+class OutOfMemoryError(RuntimeError):
+    """As those of CuPy and PyTorch are called."""
+
+
+def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
+    """The processor goes on, and a sentence says so; other errors are as they are."""
+    card("torch")
+    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "on_card", lambda array: None)
+    monkeypatch.setattr(libraries, "like", lambda data, array: None)
+    errors = [OutOfMemoryError(), ValueError()]
+
+    def work(data):
+        if data is None:
+            raise errors.pop(0)
+        return data.sum()
+
+    assert libraries.by_card(work, np.ones(3), 0) == (3, libraries.RAN_OUT)
+    with pytest.raises(ValueError):
+        libraries.by_card(work, np.ones(3), 0)
+
+    encoded = engine.encode
+
+    def on_a_full_card(field, *rest, **options):
+        if field.data is None:
+            raise OutOfMemoryError
+        return encoded(field, *rest, **options)
+
+    monkeypatch.setattr(engine, "encode", on_a_full_card)
+    phase = pipeline.encode(field, "dpac", lambda done, message: None)
+    assert phase.report["advice"].endswith(libraries.RAN_OUT)
+    np.testing.assert_array_equal(phase.data, encoded(field, "dpac").data)
+
+
+def test_memory_of_the_machine_is_no_card_s():
+    assert memory.on_card(np.ones(3)) is None
+    assert memory.on_card(pytest.importorskip("array_api_strict").ones(3)) is None
+
+
+@pytest.mark.oracle
+def test_numbers_go_between_dr_jit_and_torch_without_a_copy(backend):
+    torch, mi = pytest.importorskip("torch"), pytest.importorskip("mitsuba")
+    on = torch.empty(0, dtype=torch.complex64)
+    values = mi.Float(np.arange(10, dtype=np.float32))
+    waves = libraries.from_drjit(values, on)
+    wanted = np.arange(0, 10, 2) + 1j * np.arange(1, 10, 2)
+    np.testing.assert_array_equal(np.asarray(waves), wanted)
+    np.testing.assert_array_equal(libraries.from_drjit(values, libraries.PROCESSOR), wanted)
+    if variants.activate() == variants.LLVM:
+        assert waves.data_ptr() == np.asarray(values).ctypes.data
+    ones = torch.ones(8)
+    there = mi.Float(ones)
+    assert np.array_equal(np.asarray(there), np.ones(8))
+
+
+@pytest.mark.oracle
+def test_a_torch_for_processors_is_no_card_s():
+    torch = pytest.importorskip("torch")
+    if torch.cuda.is_available():
+        pytest.skip("this machine has a card")
+    assert "PyTorch cannot compute there" in libraries._problem("torch", "cuda")
+    assert libraries._problem("torch", "cpu") == ""
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("despeckle", [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch, despeckle):
+    """From rays to phases, where PyTorch computes waves on the processor; several planes, and speckle taken out."""
+    pytest.importorskip("torch")
+    scene, settings = (
+        build.three_planes(),
+        engine.Settings(frames=2, despeckle=despeckle, planes=2, max_depth=1),
+    )
+    found = []
+    for name in ("numpy", "torch"):
+        monkeypatch.setenv(libraries.VARIABLE, name)
+        plan = engine.plan(scene, camera, small, settings)
+        assert plan.library == name
+        field = engine.render(scene, camera, small, settings, plan)
+        assert field.plan["library"] == name and isinstance(field.data, np.ndarray)
+        phase = pipeline.encode(field, "sgd", lambda done, message: None, max_steps=2)
+        seen = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
+        found.append((field.data, seen, np.exp(1j * phase.data)))
+    for wanted, values in zip(*found, strict=True):
+        assert isinstance(values, np.ndarray)
+        assert np.linalg.norm(values - wanted) < 1e-4 * np.linalg.norm(wanted)
+
+
+def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkeypatch):
+    """The processor begins the waves anew, and the field's plan says so."""
+    from holopath_addon.engine.rendering import fields
+
+    scene, settings = build.three_planes(), engine.Settings(frames=1, max_depth=1, quality="draft")
+    plan = engine.plan(scene, camera, small, settings)
+    wanted = engine.render(scene, camera, small, settings, plan)
+
+    def beginning(name):
+        if name == "torch":
+            raise OutOfMemoryError
+        return libraries.PROCESSOR
+
+    monkeypatch.setattr(fields.libraries, "beginning", beginning)
+    field = engine.render(scene, camera, small, settings, engine.Plan(**vars(plan) | {"library": "torch"}))
+    np.testing.assert_array_equal(field.data, wanted.data)
+    assert field.plan["library"] == "numpy" and libraries.RAN_OUT in field.plan["warnings"]
