@@ -84,7 +84,6 @@ def left_over(folder):
         (["{xml}", "--pitch", "0"], "pitch"),
         (["{xml}", "--pitch", "8,0"], "pitch must be positive"),
         (["{xml}", "--pitch", "8x9"], "'8x9' is no pixel pitch.*X,Y"),
-        (["{xml}", "--pitch", "8,9", "--method", "focal-stack"], "finds phases of square pixels"),
         (["{xml}", "--pitch", "0.2"], "too small for 640 nm"),
         (["{xml}", "--wavelengths", "red"], "nanometers"),
         (["{xml}", "--wavelengths", "5"], "5 nm"),
