@@ -45,18 +45,23 @@ def test_equal_wavelengths_have_frames_each(build, camera):
     assert numbers == [0, 1] and fields.shape[:2] == (8, 2)
 
 
-def test_a_render_traces_the_first_of_them_along(build, camera, small):
-    """Its own frames and these are what they are one after another; the next follow."""
-    settings = engine.Settings(frames=2, quality="preview")
+@pytest.mark.parametrize("field", ["designed", "smooth"])
+def test_a_render_traces_the_first_of_them_along(build, camera, small, field):
+    """Its own frames and these are what they are one after another; the next follow, or none where all come along."""
+    settings = engine.Settings(frames=2, quality="preview", phase_field=field)
     view = build.two_planes(build.diffuse), camera, small, settings
-    plan = engine.plan(*view)
-    alone, both = engine.render(*view, plan), engine.render(*view, plan, more=24)
+    plan, count = engine.plan(*view), 30
+    first = 24 if field == "designed" else count
+    alone, both = engine.render(*view, plan), engine.render(*view, plan, more=first)
     assert alone.more is None
     np.testing.assert_array_equal(both.data, alone.data)
-    first, rest = (fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=30))
-    np.testing.assert_array_equal(both.more, first)
-    ((_, after),) = engine.many_frames(*view, plan, lambda *_: None, count=30, begin=24)
-    np.testing.assert_array_equal(after, rest)
+    many, *rest = (fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=count))
+    np.testing.assert_array_equal(both.more, many)
+    after = [
+        fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=count, begin=first)
+    ]
+    np.testing.assert_equal(after, rest)
+    assert len(rest) == (field == "designed")
 
 
 def test_other_methods_have_none(camera):

@@ -173,18 +173,34 @@ def frames_along(
         Where phases will be found towards many frames, and they take little memory: all of them for a hologram of few
         frames, whose rays are few beside theirs, else a set. Otherwise 0.
     """
-    frame_bytes = 8 * hologram.width * hologram.height * len(hologram.wavelengths)
     own = resolved(settings)
     # what draws its random numbers by the chunks that fit, would be another field with more frames
     same = own.radiance == "grain" and own.estimator == "lattice"
-    fits = SETS[-1] * frame_bytes <= AT_ONCE and same and not own.despeckle and own.phase_field != "random"
+    fits = _fit(SETS[-1], hologram) and same and not own.despeckle and own.phase_field != "random"
     if not fits or method not in ("auto", "refine") or settings.method in BASELINES:
         return 0
     chosen = plan_encoding(plan, settings, method, seconds, SETS[-1])
     if chosen.method != "refine":
         return 0
-    all_of_them = chosen.randomness is not None and seconds is None and chosen.frames * frame_bytes <= AT_ONCE
-    return chosen.frames if all_of_them else SETS[-1]
+    return first_of(chosen.frames, settings, hologram) if seconds is None else SETS[-1]
+
+
+def first_of(count: int, settings: Settings, hologram: Hologram) -> int:
+    """Of so many more frames, those that a render would trace with its own where no seconds are given.
+
+    Parameters
+    ----------
+    count : int
+    settings : Settings
+        Of the render.
+    hologram : Hologram
+    """
+    return count if _randomness(settings) is not None and _fit(count, hologram) else SETS[-1]
+
+
+def _fit(frames, hologram):
+    """Whether so many take little memory."""
+    return frames * 8 * hologram.width * hologram.height * len(hologram.wavelengths) <= AT_ONCE
 
 
 def _chosen(plan, settings, method, seconds, along):

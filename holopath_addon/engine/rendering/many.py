@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..memory import AT_ONCE
 from ..planning import planner
-from ..planning.phases import LEAST
+from ..planning.phases import LEAST, first_of
 from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
 from ..settings import BASELINES
@@ -85,6 +85,7 @@ def many_frames(
             f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
         )
     variants.activate_for(scene)
+    together = 0 if begin or clocked else first_of(count, settings, hologram)
     settings = replace(planner.resolved(settings), despeckle=0)
     planned = PlannedRender(scene, camera, hologram, settings, plan, Clock())
     planned.bake(store, stage(progress, 0.0, BAKED))
@@ -99,7 +100,7 @@ def many_frames(
         with planned.recording(group) as recording:
             radiance = recording.radiance(named(stages["radiance"], "Radiance"))
             # the first are apart, as when a render traced them along: then all that is made of them is the same
-            first = 0 if begin or clocked else SETS[-1]
+            first = together
             for phasors, told in zip(batches, parts(stages["waves"], len(batches)), strict=True):
                 sets = [some for some in np.split(phasors, [first]) if len(some)]
                 fields = at_slm(recording, Tracing(recording, radiance, *sets), hologram, told)
