@@ -186,14 +186,19 @@ def frames_along(
 
 
 def first_of(count: int, settings: Settings, hologram: Hologram) -> int:
-    """Of so many more frames, those that a render would trace with its own where no seconds are given.
+    """How many of more frames a render traces with its own where no seconds are given.
 
     Parameters
     ----------
     count : int
+        All of these frames.
     settings : Settings
         Of the render.
     hologram : Hologram
+
+    Returns
+    -------
+    int
     """
     return count if _randomness(settings) is not None and _fit(count, hologram) else SETS[-1]
 
