@@ -166,8 +166,14 @@ def test_memory_that_is_short_is_told(monkeypatch):
         _ = found.warnings
 
 
-def test_costs_of_a_real_plan(build, camera, small):
-    """More frames and colors take as many times longer, and each part has its share."""
+def test_costs_of_a_real_plan(build, camera, small, monkeypatch):
+    """More frames and colors take as many times longer, and each part has its share.
+
+    The machine's speed is measured again every ten minutes, which may lie between two plans.
+    """
+    from holopath_addon.engine.planning import machine, survey
+
+    monkeypatch.setattr(survey, "slowness", lambda folder: machine.Slowness(1.0, 1.0, 1.0))
     plans = [
         engine.plan(build.two_planes(build.diffuse), camera, small, engine.Settings(frames=n)) for n in (7, 8)
     ]
