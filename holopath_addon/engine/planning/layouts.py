@@ -30,7 +30,8 @@ BENT_NEAR = 0.1  # ... where they would fill more of the view nearer to it
 COMPACT = 1.5  # depths of focus: images over more have their plane in their middle
 BENT_SPREAD = 0.07  # ... and lie at depths that differ by more depths of focus, at 90 % of their places
 LOOKS = 64  # probe rays in a tile
-DRAFT_RAYS = 100  # a pixel, on average; with 25 views through the pupil's rim were up to 4 dB worse (docs/measurements.md)
+# A pixel, on average; with 25 views through the pupil's rim were up to 4 dB worse (docs/measurements.md).
+DRAFT_RAYS = 100
 
 MOST_SURFACES, MOST_IMAGES = 8, 3  # planes where mirrors are: of surfaces, and of what each slab's show
 LEAST_SHOWN = 1e-4  # of the view: fewer images are not worth a plane
