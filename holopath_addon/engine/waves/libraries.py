@@ -25,7 +25,9 @@ NUMPY = "numpy"
 # which is loaded in less time.
 ON_CARDS = {"cupy": "CuPy", "torch": "PyTorch"}
 VARIABLE = "HOLOPATH_ARRAYS"
-INSTALL = "pip install 'holopath[cuda]'"
+EXTENSION = "HoloPath for NVIDIA Cards"  # which brings one to Blender
+# What does elsewhere.
+INSTALL = f"the extension {EXTENSION}" if __name__.startswith("bl_ext.") else "`pip install 'holopath[cuda]'`"
 RAN_OUT = (
     "The graphics card's memory did not suffice, and the processor went on: choose fewer pixels, frames or "
     f"wavelengths, or set {VARIABLE}=numpy."
@@ -57,7 +59,7 @@ def chosen() -> tuple[str, str]:
             )
         problem = "" if named == NUMPY else _problem(named, device)
         if problem:
-            raise InvalidInput(f"{VARIABLE} is '{named}', and {problem}: `{INSTALL}`, or unset it.")
+            raise InvalidInput(f"{VARIABLE} is '{named}', and {problem}: {INSTALL}, or unset it.")
         return named, ""
     if device != "cuda":
         return NUMPY, ""
@@ -78,7 +80,7 @@ def installed() -> list[str]:
 def advice(why: str = "") -> str:
     """Why the processor computes waves although there is a card, and what to do, a sentence."""
     why = why or f"neither {' nor '.join(ON_CARDS.values())} is installed"
-    return f"Waves and phases are computed by the processor, as {why}: `{INSTALL}` has the card do it."
+    return f"Waves and phases are computed by the processor, as {why}: {INSTALL} has the card do it."
 
 
 def described() -> str:
