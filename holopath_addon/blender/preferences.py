@@ -17,9 +17,10 @@ PROGRAMS = "DRJIT_CACHE_DIR"
 LINE = 80  # characters of a line that fits into the preferences
 # By docs/measurements.md, On a graphics card; the size is that of the zip, of all platforms and Pythons at most.
 GAIN = (
-    f"{libraries.EXTENSION}, an extension of 470 MB that takes 0.9 GB on disk, has the card do it: a Full HD hologram "
-    "is expected in a third of the time, and its phases in a tenth. Get it from HoloPath's repository, or from disk."
+    f"{libraries.EXTENSION} is an extension of 470 MB, which takes 0.9 GB on disk. With it a Full HD hologram is "
+    "expected in a third of the time, and its phases in a tenth. Get it from HoloPath's repository, or from disk."
 )
+WAVES = {"lacking": "INFO", "failing": "ERROR", "computing": "CHECKMARK"}  # by a card, and their icons
 _found: dict = {}
 
 
@@ -108,10 +109,12 @@ def try_card():
 
 
 def waves():
-    """What computes waves where there is a card, a sentence, and whether a library is lacking for that; else empty."""
+    """What computes waves where there is a card, a sentence, and which of `WAVES` that is; both empty without one."""
     if not on_card():
-        return "", False
-    return _found.get("lacking") or libraries.described(), not libraries.installed()
+        return "", ""
+    lacking = _found.get("lacking")
+    kind = "lacking" if not libraries.installed() else "failing" if lacking else "computing"
+    return lacking or libraries.described(), kind
 
 
 def missing():
@@ -175,13 +178,13 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         for row in backends():
             icon = "CHECKMARK" if row["available"] else "X"
             column.label(text=f"{row['name']}: {row['detail']}", icon=icon)
-        said, lacking = waves()
+        said, kind = waves()
         if said:
             column = layout.column(align=True)
-            lines = textwrap.wrap(said, LINE) + (textwrap.wrap(GAIN, LINE) if lacking else [])
+            lines = textwrap.wrap(said, LINE) + textwrap.wrap(GAIN if kind == "lacking" else "", LINE)
             for number, line in enumerate(lines):
-                column.label(text=line, icon="BLANK1" if number else "INFO" if lacking else "CHECKMARK")
-        if lacking:
+                column.label(text=line, icon="BLANK1" if number else WAVES[kind])
+        if kind == "lacking":
             layout.operator("holopath.get_card_extension")
         layout.operator("holopath.check")
 

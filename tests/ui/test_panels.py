@@ -417,8 +417,8 @@ def test_what_the_preferences_say_of_a_card(window, monkeypatch):
     (none, pressed), (without, offered), (old, _), (computes, _) = seen.values()
     assert "Waves" not in none and not pressed
     assert "computed by the processor, as neither CuPy nor PyTorch is installed" in without and offered
-    assert "HoloPath for NVIDIA Cards, an extension of 470 MB" in without and "third of the time" in without
-    assert "driver version is insufficient" in old and "third" not in old
+    assert "HoloPath for NVIDIA Cards is an extension of 470 MB" in without and "third of the time" in without
+    assert "driver version is insufficient" in old and "newer NVIDIA driver" in old and "third" not in old
     assert "computed on the card by CuPy" in computes
     assert [offered for _, offered in seen.values()] == [False, True, False, False]
 
@@ -427,7 +427,7 @@ def test_the_processor_that_the_preferences_choose(window, monkeypatch):
     """Then nothing is said of a card's waves."""
     monkeypatch.setattr(preferences, "wanted", lambda: engine.scene.variants.LLVM)
     with STATES["a_card_without_a_library"](window.scene, monkeypatch):
-        assert preferences.waves() == ("", False) and preferences.try_card() == ""
+        assert preferences.waves() == ("", "") and preferences.try_card() == ""
     monkeypatch.undo()
     preferences.look_again()
 

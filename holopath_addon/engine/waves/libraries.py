@@ -27,7 +27,11 @@ ON_CARDS = {"cupy": "CuPy", "torch": "PyTorch"}
 VARIABLE = "HOLOPATH_ARRAYS"
 EXTENSION = "HoloPath for NVIDIA Cards"  # which brings one to Blender
 # What does elsewhere.
-INSTALL = f"the extension {EXTENSION}" if __name__.startswith("bl_ext.") else "`pip install 'holopath[cuda]'`"
+INSTALL = (
+    f"install the extension {EXTENSION}"
+    if __name__.startswith("bl_ext.")
+    else "`pip install 'holopath[cuda]'`"
+)
 RAN_OUT = (
     "The graphics card's memory did not suffice, and the processor went on: choose fewer pixels, frames or "
     f"wavelengths, or set {VARIABLE}=numpy."
@@ -78,9 +82,18 @@ def installed() -> list[str]:
 
 
 def advice(why: str = "") -> str:
-    """Why the processor computes waves although there is a card, and what to do, a sentence."""
-    why = why or f"neither {' nor '.join(ON_CARDS.values())} is installed"
-    return f"Waves and phases are computed by the processor, as {why}: {INSTALL} has the card do it."
+    """Why the processor computes waves although there is a card, and what to do, a sentence.
+
+    `why` is what keeps the libraries that are installed from it; by default none is.
+    """
+    if why:
+        cure = "a newer NVIDIA driver, or a library that fits the one that is there, has the card do it"
+    else:
+        why, cure = (
+            f"neither {' nor '.join(ON_CARDS.values())} is installed",
+            f"{INSTALL}, and the card does it",
+        )
+    return f"Waves and phases are computed by the processor, as {why}: {cure}."
 
 
 def described() -> str:

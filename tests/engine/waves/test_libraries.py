@@ -40,7 +40,9 @@ def test_the_library_that_is_installed_computes(card):
     assert libraries.chosen() == ("torch", "") and "by PyTorch" in libraries.described()
     card("cupy", "torch", problem="CuPy cannot compute there (CUDA driver version is insufficient)")
     name, advice = libraries.chosen()
-    assert name == "numpy" and "driver version is insufficient" in advice
+    assert name == "numpy" and "driver version is insufficient" in advice and advice.count(".") == 1
+    assert "a newer NVIDIA driver" in advice and "pip" not in advice
+    assert planner._library({}).warnings == (advice,)
 
 
 def test_without_a_card_the_processor_computes(monkeypatch):
