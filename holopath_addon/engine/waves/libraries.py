@@ -147,8 +147,10 @@ def by_card(work: Callable[[Array], Result], data: np.ndarray, needed: float) ->
 
 
 def out_of_memory(error: BaseException) -> bool:
-    """Whether a card's memory ran out; each library has an error of its own for that."""
-    return type(error).__name__ == "OutOfMemoryError"
+    """Whether a card's memory ran out; libraries, FFTs in them and Dr.Jit each have an error of their own for that."""
+    words = str(error)
+    ran_out = "CUFFT_ALLOC_FAILED" in words or "out of memory" in words
+    return type(error).__name__ == "OutOfMemoryError" or (isinstance(error, RuntimeError) and ran_out)
 
 
 def from_drjit(values: Any, array: Array) -> Array:

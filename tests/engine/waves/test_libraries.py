@@ -90,6 +90,20 @@ class OutOfMemoryError(RuntimeError):
     """As those of CuPy and PyTorch are called."""
 
 
+@pytest.mark.parametrize(
+    ("error", "ran_out"),
+    [
+        (OutOfMemoryError("Out of memory allocating 512 bytes"), True),
+        (RuntimeError("cuFFT error: CUFFT_ALLOC_FAILED"), True),
+        (RuntimeError("jit_malloc(): out of memory! Could not allocate 512 bytes of device memory."), True),
+        (RuntimeError("cuFFT error: CUFFT_INVALID_SIZE"), False),
+        (MemoryError("out of memory"), False),  # the machine's, which the processor would run out of, too
+    ],
+)
+def test_errors_of_a_card_s_memory(error, ran_out):
+    assert libraries.out_of_memory(error) == ran_out
+
+
 def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
     """The processor goes on, and a sentence says so; other errors are as they are."""
     card("torch")
