@@ -28,9 +28,7 @@ VARIABLE = "HOLOPATH_ARRAYS"
 EXTENSION = "HoloPath for NVIDIA Cards"  # which brings one to Blender
 # What does elsewhere.
 INSTALL = (
-    f"install the extension {EXTENSION}"
-    if __name__.startswith("bl_ext.")
-    else "`pip install 'holopath[cuda]'`"
+    f"add the extension {EXTENSION}" if __name__.startswith("bl_ext.") else "`pip install 'holopath[cuda]'`"
 )
 RAN_OUT = (
     "The graphics card's memory did not suffice, and the processor went on: choose fewer pixels, frames or "
