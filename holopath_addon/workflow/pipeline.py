@@ -323,19 +323,28 @@ def compute(
         at = stage(progress, begun, 0.95)
         field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
         clock.seconds.update(field.report["seconds"])
+    said = list(field.plan.get("warnings", ()))
     with clock("refocusing"):
-        images = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0))
+        images = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0), said)
+    if not set(said) <= set(plan.warnings):  # the card's memory ran out
+        plan = replace(plan, warnings=tuple(dict.fromkeys([*plan.warnings, *said])))
     return Result(plan, field, depths, images, clock.seconds)
 
 
-def reconstruct(field, focus, pupil, progress):
-    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures."""
+def reconstruct(field, focus, pupil, progress, notes=None):
+    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures.
+
+    A sentence is added to the list `notes` where the card's memory ran out.
+    """
 
     def pictures(data):
         return on_processor(engine.reconstruct(replace(field, data=data), focus, pupil, progress))
 
     needed = refocusing_on_card(field.data.nbytes, 4 * len(focus) * field.data[0].size)
-    return libraries.by_card(pictures, field.data, needed)[0]
+    images, note = libraries.by_card(pictures, field.data, needed)
+    if note and notes is not None:
+        notes.append(note)
+    return images
 
 
 def _encoded(field, method, progress, needed=None, **options):
