@@ -23,6 +23,7 @@ LICENSE = ROOT / "LICENSE"
 MANIFEST = ROOT / "blender_manifest.toml"
 PROJECT = ROOT / "pyproject.toml"
 CARD_MODULE = Path(__file__).with_name("nvidia") / "__init__.py"
+CARD_MANIFEST = CARD_MODULE.with_name(MANIFEST.name)
 OUT = ROOT / "dist"
 
 # Blender 4.2 is built with Python 3.11 only, and does not ask an index for which Python an extension is.
@@ -74,7 +75,7 @@ def build_for_cards(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=
                 wheels = [cpp_library.own(wheel, folder, kept, packed) for wheel in wheels]
             found = _proven(wheels, platform, python, with_llvm=False)
             modules = {CARD_MODULE.name: CARD_MODULE}
-            target = build(platform, python, wheels, out, CARD_MODULE.with_name(MANIFEST.name), modules)
+            target = build(platform, python, wheels, out, CARD_MANIFEST, modules)
             print(sizes(target, wheels), file=sys.stderr)
             yield target, found
 
@@ -114,10 +115,11 @@ def manifest_text(platform, python, wheels, manifest=None):
 
 def version():
     """HoloPath's, as the manifest has it."""
-    return _declared(MANIFEST)["version"]
+    return declared(MANIFEST)["version"]
 
 
-def _declared(manifest):
+def declared(manifest):
+    """What a manifest says."""
     return tomllib.loads(manifest.read_text(encoding="utf-8"))
 
 
@@ -137,8 +139,8 @@ def build(platform, python, wheels, out, manifest=None, modules=None):
     """
     manifest, modules = manifest or MANIFEST, modules or sources()
     files = {path.name: path for path in wheels}
-    text, declared = manifest_text(platform, python, sorted(files), manifest), _declared(manifest)
-    target = out / f"{declared['id']}-{declared['version']}-{platform}-python{python}.zip"
+    text, said = manifest_text(platform, python, sorted(files), manifest), declared(manifest)
+    target = out / f"{said['id']}-{said['version']}-{platform}-python{python}.zip"
     out.mkdir(parents=True, exist_ok=True)
     unfinished = out / f".unfinished-{target.name}"
     members = {"LICENSE": LICENSE} | modules | {f"wheels/{name}": path for name, path in files.items()}

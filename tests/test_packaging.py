@@ -181,7 +181,7 @@ def test_extension_is_valid_complete_and_reproducible(tmp_path):
 def test_the_extension_for_cards(tmp_path):
     """Of its own name and version, with one module; for systems that have such cards."""
     pytest.importorskip("bpy")
-    own = extension.CARD_MODULE.with_name("blender_manifest.toml"), {"__init__.py": extension.CARD_MODULE}
+    own = extension.CARD_MANIFEST, {"__init__.py": extension.CARD_MODULE}
     wheel(tmp_path, "thing-1.0-py3-none-any.whl", "good = True")
     built = extension.build("linux-x64", "3.13", [tmp_path / "thing-1.0-py3-none-any.whl"], tmp_path, *own)
     assert built.name == "holopath_nvidia-1.0.0-linux-x64-python3.13.zip"
@@ -470,8 +470,13 @@ def test_an_index_tells_each_blender_its_zip(tmp_path):
             built = extension.build(platform, python, [tmp_path / "wheels" / name], folder)
     older = folder / "holopath-0.0.1-linux-x64-python3.11.zip"
     older.write_bytes(built.read_bytes())  # Blender would take any
+    own = extension.CARD_MANIFEST, {"__init__.py": extension.CARD_MODULE}
+    for_cards = extension.build("linux-x64", "3.13", [tmp_path / "wheels" / name], folder, *own)
+    (folder / for_cards.name.replace("1.0.0", "0.9.0")).write_bytes(for_cards.read_bytes())
     repository.publish(folder, extension.version())
     rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))["data"]
+    assert [row["name"] for row in rows if row["id"] == "holopath_nvidia"] == [libraries.EXTENSION]
+    rows = [row for row in rows if row["id"] == "holopath"]
     told = {(*row["platforms"], *row["python_versions"]): row["blender_version_min"] for row in rows}
     assert len(rows) == len(told) == 9
     assert told["linux-x64", "3.11"] == "4.2.0" and told["windows-x64", "3.11"] == "4.2.0"
