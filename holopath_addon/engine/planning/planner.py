@@ -420,8 +420,8 @@ def _library(
         name, stays = libraries.NUMPY, Decision("waves", "processor", reason)
     beside = [stage for stage in needs if stage not in TO_THE_SLM and needs[stage] > free]
     smaller = [stage for stage in in_batches if stage not in beside]
-    notes = [f"{' and '.join(beside)} by the processor, as they do not fit"] if beside else []
-    notes += [f"{' and '.join(smaller)} in smaller batches, which fit"] if smaller else []
+    notes = [f"left to the processor: {', '.join(beside)}"] if beside else []
+    notes += [f"in smaller batches, which fit: {', '.join(smaller)}"] if smaller else []
     taken = ", ".join(f"{stage} {_size(needed)}" for stage, needed in needs.items())
     reason = "; ".join(notes) or ("all else fits" if waves > free else "all fit")
     return Decided(name, (stays, Decision("card's memory", f"{taken}; {_size(free)} free", reason)))

@@ -76,7 +76,7 @@ def test_a_card_that_is_too_small(card, monkeypatch):
         "wave tracing 2 GB, propagation 1 GB, reconstruction 0.5 GB, sgd 3 GB, joint 0.9 GB; 1.07 GB"
         in memory
     )
-    assert "(sgd by the processor, as they do not fit; joint in smaller batches, which fit)" in memory
+    assert "(left to the processor: sgd; in smaller batches, which fit: joint)" in memory
     library = planner._library(needs | {"wave tracing": 1e9}, [], 1 << 30)
     assert library.value == "torch" and "PyTorch" in str(library.decisions[0])
     assert str(planner._library(needs, [], 4 << 30).decisions[1]).endswith("; 4.29 GB free (all fit)")
