@@ -9,10 +9,10 @@ import numpy as np
 from .. import engine
 from ..engine.hologram import channel
 from ..engine.mapping import DepthMapping, squared
+from ..engine.memory import encoding_on_card, on_processor, refocusing_on_card
 from ..engine.planning.planner import resolved
 from ..engine.progress import Clock, Compiling, stage
 from ..engine.waves import libraries
-from ..engine.waves.arrays import on_processor
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
@@ -23,7 +23,6 @@ PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
 SEVERAL = 2.5
 COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, where some of the plan's were
 DRAFT_FRAMES = 4  # most
-CARD_BYTES = 2 << 30  # of a card's memory, free beside the field and phases, with which it encodes
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
 
@@ -324,23 +323,32 @@ def compute(
         at = stage(progress, begun, 0.95)
         field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
         clock.seconds.update(field.report["seconds"])
+    said = list(field.plan.get("warnings", ()))
     with clock("refocusing"):
-        images = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0))
+        images = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0), said)
+    if not set(said) <= set(plan.warnings):  # the card's memory ran out
+        plan = replace(plan, warnings=tuple(dict.fromkeys([*plan.warnings, *said])))
     return Result(plan, field, depths, images, clock.seconds)
 
 
-def reconstruct(field, focus, pupil, progress):
-    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures."""
+def reconstruct(field, focus, pupil, progress, notes=None):
+    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures.
+
+    A sentence is added to the list `notes` where the card's memory ran out.
+    """
 
     def pictures(data):
         return on_processor(engine.reconstruct(replace(field, data=data), focus, pupil, progress))
 
-    needed = 2 * field.data.nbytes + 4 * len(focus) * field.data[0].size
-    return libraries.by_card(pictures, field.data, needed)[0]
+    needed = refocusing_on_card(field.data.nbytes, 4 * len(focus) * field.data[0].size)
+    images, note = libraries.by_card(pictures, field.data, needed)
+    if note and notes is not None:
+        notes.append(note)
+    return images
 
 
-def _encoded(field, method, progress, **options):
-    """`engine.encode` by the card where one computes waves; NumPy's phases."""
+def _encoded(field, method, progress, needed=None, **options):
+    """`engine.encode` by the card where one computes waves, with so many bytes of its memory; NumPy's phases."""
 
     def phases(data):
         try:
@@ -351,7 +359,7 @@ def _encoded(field, method, progress, **options):
             raise
         return replace(phase, data=on_processor(phase.data))
 
-    phase, note = libraries.by_card(phases, field.data, 2 * field.data.nbytes + CARD_BYTES)
+    phase, note = libraries.by_card(phases, field.data, needed or encoding_on_card(field.data.nbytes))
     if note:
         phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
     return phase
@@ -410,7 +418,8 @@ def encode(
             yield from engine.many_frames(*view, plan, progress, store, chosen.frames, along, clocked)
 
     try:
-        phase = _encoded(field, chosen.method, progress, many=many, **options)
+        needed = plan.card_memory.get(chosen.method)
+        phase = _encoded(field, chosen.method, progress, needed, many=many, **options)
     except engine.Cancelled as error:
         if error.kept is not None:
             error.kept.report["plan"] = chosen.to_dict()

@@ -247,14 +247,14 @@ def write(
         with clock("refocusing phases"):
             at = stage(progress, end - 0.02, end)
             light = phase.field(display=still.display)
-            shown = pipeline.reconstruct(light, result.focus, still.pupil, at)
+            shown = pipeline.reconstruct(light, result.focus, still.pupil, at, told)
             seen = engine.to_rgb(shown, wavelengths)
         with clock("files"):
             phase.save(folder / "hologram")
             files = output.picture_files(seen, result.focus, white, still.pupil)
             output.write_pictures(folder / "reconstruction", output.of_phases(files))
     bake = result.field.report.get("bake")
-    notes = [*result.plan.warnings, *pipeline.bake_notes(bake), *told]
+    notes = list(dict.fromkeys([*result.plan.warnings, *pipeline.bake_notes(bake), *told]))
     report = {
         "scene": still.name,
         "scene_path": os.path.abspath(still.name) if os.path.isfile(still.name) else None,
