@@ -363,7 +363,7 @@ class _Work:
         self._displays = [
             None
             if asked.display is None
-            else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN)
+            else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN, field.data)
             for colour in range(count)
         ]
         beams = [hologram.illumination(colour) for colour in range(count)]
@@ -718,8 +718,7 @@ class _Work:
             if levels is not None:
                 for frame in range(self._frames):
                     phases = self.phases[frame, colour, ...]
-                    nearest, _ = levels.nearest(arrays.on_processor(phases))
-                    phases[...] = arrays.like(wrapped(nearest), phases)
+                    phases[...] = wrapped(levels.nearest(phases)[0])
 
     @contextmanager
     def _phases(self, group, colour):
