@@ -234,8 +234,8 @@ def _drafted(scene, camera, hologram, draft, depths, pupil, progress, store):
 
     at = stage(told, 0.0, 0.95)
     field = engine.render(scene, camera, hologram, draft.settings, draft.plan, at, store)
-    images = reconstruct(field, depths, pupil, stage(told, 0.95, 1.0))
-    return Result(draft.plan, field, depths, images, field.report["seconds"])
+    images, notes = reconstruct(field, depths, pupil, stage(told, 0.95, 1.0))
+    return Result(_warned(draft.plan, *notes), field, depths, images, field.report["seconds"])
 
 
 def compute(
@@ -325,36 +325,75 @@ def compute(
         field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
         clock.seconds.update(field.report["seconds"])
     with clock("refocusing"):
-        images = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0))
+        images, notes = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0))
+    plan = _warned(plan, *field.plan.get("warnings", ()), *notes)
     return Result(plan, field, depths, images, clock.seconds)
 
 
+def _warned(plan, *warnings):
+    """The plan with warnings of what came of it, which it may have already."""
+    return replace(plan, warnings=tuple(dict.fromkeys((*plan.warnings, *warnings))))
+
+
 def reconstruct(field, focus, pupil, progress):
-    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures."""
+    """`engine.reconstruct` by the card where one computes waves.
+
+    Returns
+    -------
+    images : numpy.ndarray
+    notes : list of str
+        A sentence where the card's memory ran out.
+    """
 
     def pictures(data):
         return on_processor(engine.reconstruct(replace(field, data=data), focus, pupil, progress))
 
     needed = 2 * field.data.nbytes + 4 * len(focus) * field.data[0].size
-    return libraries.by_card(pictures, field.data, needed)[0]
+    images, note = libraries.by_card(pictures, field.data, needed)
+    return images, [note] * bool(note)
+
+
+def phases_by_card(work, data):
+    """Phases that are found by the card where one computes waves; NumPy's.
+
+    Parameters
+    ----------
+    work : callable
+        ``work(data)`` gives an `engine.PhaseHologram` of the library of the data.
+    data : numpy.ndarray
+        Of a field, or of phases.
+
+    Returns
+    -------
+    engine.PhaseHologram
+        Where the card's memory ran out, a sentence in the advice of its report says so.
+    """
+
+    def found(data):
+        try:
+            return _of_numpy(work(data))
+        except Exception as error:
+            kept = getattr(error, "kept", None)
+            if kept is not None:
+                vars(error)["kept"] = _of_numpy(kept)
+            raise
+
+    phase, note = libraries.by_card(found, data, 2 * data.nbytes + CARD_BYTES)
+    if note:
+        phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
+    return phase
+
+
+def _of_numpy(phase):
+    return replace(phase, data=on_processor(phase.data))
 
 
 def _encoded(field, method, progress, **options):
     """`engine.encode` by the card where one computes waves; NumPy's phases."""
-
-    def phases(data):
-        try:
-            phase = engine.encode(replace(field, data=data, more=None), method, progress, **options)
-        except engine.Cancelled as error:
-            if error.kept is not None:
-                error.kept = replace(error.kept, data=on_processor(error.kept.data))
-            raise
-        return replace(phase, data=on_processor(phase.data))
-
-    phase, note = libraries.by_card(phases, field.data, 2 * field.data.nbytes + CARD_BYTES)
-    if note:
-        phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
-    return phase
+    return phases_by_card(
+        lambda data: engine.encode(replace(field, data=data, more=None), method, progress, **options),
+        field.data,
+    )
 
 
 def encode(
