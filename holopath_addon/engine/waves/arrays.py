@@ -133,6 +133,16 @@ def ifft2(array: Array, norm: str = "backward", overwrite: bool = False, workers
     return _transformed("ifftn", array, None, (-2, -1), norm, overwrite, workers)
 
 
+def rfft2(array: Array, workers: int | None = None) -> Array:
+    """FFT of the last two axes of real numbers: half of `fft2`."""
+    return _transformed("rfftn", array, None, (-2, -1), "backward", False, workers)
+
+
+def irfft2(array: Array, shape: Sequence[int], overwrite: bool = False, workers: int | None = None) -> Array:
+    """Inverse of `rfft2`, of which this was the shape."""
+    return _transformed("irfftn", array, shape, (-2, -1), "backward", overwrite, workers)
+
+
 def _transformed(name, array, size, axis, norm, overwrite, workers):
     if isinstance(array, np.ndarray):
         return getattr(scipy.fft, name)(array, size, axis, norm, overwrite, workers)
