@@ -68,6 +68,11 @@ def parts_of_pupil() -> list[tuple[float, float]]:
 class _Views(Pictures):
     """Pictures through parts of the pupil."""
 
+    def share(self, number):
+        """Part of the light in the band that a vantage lets through."""
+        passes = self.vantages[number].passes(self.padded, self.space.pitch)
+        return float((passes & self.space.band).sum() / self.space.band.sum())
+
     def weight(self, number):
         """Of the pixels that light from the SLM reaches on its way through the part; the others do not count."""
         vantage, space = self.vantages[number], self.space

@@ -139,34 +139,28 @@ class _Axis:
 
     def there(self, fields, place):
         xp = arrays.namespace(fields)
-        fields = xp.moveaxis(fields, place, -1)[..., self.used]
-        first, last = self._ends
-        if self._mirrored:
-            fields = xp.conj(self._along(xp.conj(fields), first, last))
-        else:
-            fields = self._along(fields, first, last)
+        fields = self._along(xp.moveaxis(fields, place, -1)[..., self.used], *self._ends, self._mirrored)
         return xp.moveaxis(fields, -1, place)
 
     def back(self, fields, place):
-        xp, (first, last) = arrays.namespace(fields), self._ends
-        fields = xp.moveaxis(fields, place, -1)
+        xp = arrays.namespace(fields)
         # what lies between the two chirps is symmetric, so its adjoint is its conjugate
-        if self._mirrored:
-            fields = self._along(fields, last, first)
-        else:
-            fields = xp.conj(self._along(xp.conj(fields), last, first))
+        fields = self._along(xp.moveaxis(fields, place, -1), *self._ends[::-1], not self._mirrored)
         if self._count < self._n:
             wide = arrays.zeros((*fields.shape[:-1], self._n), fields.dtype, fields)
             wide[..., self.used] = fields
             fields = wide
         return xp.moveaxis(fields, -1, place)
 
-    def _along(self, fields, first, last):
-        """The last axis times one chirp, transformed, times the other."""
-        first, last = arrays.like(first, fields), arrays.like(last, fields)
+    def _along(self, fields, first, last, conjugate):
+        """The last axis times one chirp, transformed, times the other; or by the conjugates of all of them."""
+        xp, first, last = arrays.namespace(fields), arrays.like(first, fields), arrays.like(last, fields)
+        fields = xp.conj(fields) if conjugate else fields
         if self.whole:
-            return arrays.fft(fields * first, norm="ortho", overwrite=True) * last
-        return bluestein(fields, first, arrays.like(self._chirp, fields), last)
+            fields = arrays.fft(fields * first, norm="ortho", overwrite=True) * last
+        else:
+            fields = bluestein(fields, first, arrays.like(self._chirp, fields), last)
+        return xp.conj(fields) if conjugate else fields
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:

@@ -29,26 +29,6 @@ WHOLE = 1e-8  # of a grid's pixel, by which a step may be off to count as a whol
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
-def spectral_u(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
-    """(wavelength x spatial frequency)^2 on the FFT grid: the squared sine of each plane wave's angle.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns.
-    pitch : float or (float, float)
-        Metres, see `pixels`.
-    wavelength : float
-        Metres.
-
-    Returns
-    -------
-    numpy.ndarray, float64, `shape`
-    """
-    fy, fx = (scipy.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
-    return (wavelength * fx[None, :]) ** 2 + (wavelength * fy[:, None]) ** 2
-
-
 def circular_band(shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
     """True on the FFT bins within the circle of radius 1 / (2 pitch), of the larger pitch: what a pixel grid records at
     every azimuth (paper section 4.3, Omega_f)."""
@@ -121,7 +101,8 @@ def transfer_function(
 
 def lag(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
     """Radians a metre by which each plane wave falls behind the carrier: k - kz."""
-    u = spectral_u(shape, pitch, wavelength)
+    fy, fx = (wavelength * scipy.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
+    u = fx[None, :] ** 2 + fy[:, None] ** 2  # squares of sines
     return (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
 
 
