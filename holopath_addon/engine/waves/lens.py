@@ -138,14 +138,14 @@ class _Axis:
         self._ends = [phasor(turns).astype(np.complex64) for turns in (first, last)]
 
     def there(self, fields, place):
-        xp = arrays.namespace(fields)
-        fields = self._along(xp.moveaxis(fields, place, -1)[..., self.used], *self._ends, self._mirrored)
+        xp, (first, last) = arrays.namespace(fields), self._ends
+        fields = self._along(xp.moveaxis(fields, place, -1)[..., self.used], first, last, self._mirrored)
         return xp.moveaxis(fields, -1, place)
 
     def back(self, fields, place):
-        xp = arrays.namespace(fields)
+        xp, (first, last) = arrays.namespace(fields), self._ends
         # what lies between the two chirps is symmetric, so its adjoint is its conjugate
-        fields = self._along(xp.moveaxis(fields, place, -1), *self._ends[::-1], not self._mirrored)
+        fields = self._along(xp.moveaxis(fields, place, -1), last, first, not self._mirrored)
         if self._count < self._n:
             wide = arrays.zeros((*fields.shape[:-1], self._n), fields.dtype, fields)
             wide[..., self.used] = fields
