@@ -68,8 +68,12 @@ class ShownLight:
             G with dL = 2 Re sum conj(G) du for a change du of `light`.
         """
         xp, share = arrays.namespace(back), 2 * math.sqrt(1 - abs(self._model.unmodulated) ** 2)
-        turned = xp.exp(-1j * arrays.as_type(self._optics.blurred(phases), "complex64"))
-        return self._optics.at_pixels(xp.imag(turned * self._adjoint(back)) * share)
+        light = self._adjoint(back)
+        turned = arrays.as_type(self._optics.blurred(phases), "complex64")
+        turned *= -1j
+        turned = arrays.into(turned, xp.exp, turned)
+        light *= turned
+        return self._optics.at_pixels(xp.imag(light) * share)
 
     def phases_for(self, field: Array) -> Array:
         """Phases, float32, whose light is about a field: those of the field sent back to the pixels."""
