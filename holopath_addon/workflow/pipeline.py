@@ -233,8 +233,8 @@ def _drafted(scene, camera, hologram, draft, depths, pupil, progress, store):
 
     at = stage(told, 0.0, 0.95)
     field = engine.render(scene, camera, hologram, draft.settings, draft.plan, at, store)
-    images = reconstruct(field, depths, pupil, stage(told, 0.95, 1.0))
-    return Result(draft.plan, field, depths, images, field.report["seconds"])
+    images, notes = reconstruct(field, depths, pupil, stage(told, 0.95, 1.0))
+    return Result(_warned(draft.plan, *notes), field, depths, images, field.report["seconds"])
 
 
 def compute(
@@ -323,18 +323,25 @@ def compute(
         at = stage(progress, begun, 0.95)
         field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
         clock.seconds.update(field.report["seconds"])
-    said = list(field.plan.get("warnings", ()))
     with clock("refocusing"):
-        images = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0), said)
-    if not set(said) <= set(plan.warnings):  # the card's memory ran out
-        plan = replace(plan, warnings=tuple(dict.fromkeys([*plan.warnings, *said])))
+        images, notes = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0))
+    plan = _warned(plan, *field.plan.get("warnings", ()), *notes)
     return Result(plan, field, depths, images, clock.seconds)
 
 
-def reconstruct(field, focus, pupil, progress, notes=None):
-    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures.
+def _warned(plan, *warnings):
+    """The plan with warnings of what came of it, which it may have already."""
+    return replace(plan, warnings=tuple(dict.fromkeys((*plan.warnings, *warnings))))
 
-    A sentence is added to the list `notes` where the card's memory ran out.
+
+def reconstruct(field, focus, pupil, progress):
+    """`engine.reconstruct` by the card where one computes waves.
+
+    Returns
+    -------
+    images : numpy.ndarray
+    notes : list of str
+        A sentence where the card's memory ran out.
     """
 
     def pictures(data):
@@ -342,27 +349,53 @@ def reconstruct(field, focus, pupil, progress, notes=None):
 
     needed = refocusing_on_card(field.data.nbytes, 4 * len(focus) * field.data[0].size)
     images, note = libraries.by_card(pictures, field.data, needed)
-    if note and notes is not None:
-        notes.append(note)
-    return images
+    return images, [note] * bool(note)
 
 
-def _encoded(field, method, progress, needed=None, **options):
-    """`engine.encode` by the card where one computes waves, with so many bytes of its memory; NumPy's phases."""
+def phases_by_card(work, data, needed=None):
+    """Phases that are found by the card where one computes waves; NumPy's.
 
-    def phases(data):
+    Parameters
+    ----------
+    work : callable
+        ``work(data)`` gives an `engine.PhaseHologram` of the library of the data.
+    data : numpy.ndarray
+        Of a field, or of phases.
+    needed : float, optional
+        Bytes of the card's memory that it takes. Default: `encoding_on_card`.
+
+    Returns
+    -------
+    engine.PhaseHologram
+        Where the card's memory ran out, a sentence in the advice of its report says so.
+    """
+
+    def found(data):
         try:
-            phase = engine.encode(replace(field, data=data, more=None), method, progress, **options)
-        except engine.Cancelled as error:
-            if error.kept is not None:
-                error.kept = replace(error.kept, data=on_processor(error.kept.data))
+            return _of_numpy(work(data))
+        except Exception as error:
+            kept = getattr(error, "kept", None)
+            if kept is not None:
+                vars(error)["kept"] = _of_numpy(kept)
             raise
-        return replace(phase, data=on_processor(phase.data))
 
-    phase, note = libraries.by_card(phases, field.data, needed or encoding_on_card(field.data.nbytes))
+    phase, note = libraries.by_card(found, data, needed or encoding_on_card(data.nbytes))
     if note:
         phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
     return phase
+
+
+def _of_numpy(phase):
+    return replace(phase, data=on_processor(phase.data))
+
+
+def _encoded(field, method, progress, needed=None, **options):
+    """`engine.encode` by the card where one computes waves; NumPy's phases."""
+    return phases_by_card(
+        lambda data: engine.encode(replace(field, data=data, more=None), method, progress, **options),
+        field.data,
+        needed,
+    )
 
 
 def encode(

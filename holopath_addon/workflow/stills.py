@@ -247,7 +247,8 @@ def write(
         with clock("refocusing phases"):
             at = stage(progress, end - 0.02, end)
             light = phase.field(display=still.display)
-            shown = pipeline.reconstruct(light, result.focus, still.pupil, at, told)
+            shown, notes = pipeline.reconstruct(light, result.focus, still.pupil, at)
+            told = [*told, *notes]
             seen = engine.to_rgb(shown, wavelengths)
         with clock("files"):
             phase.save(folder / "hologram")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..progress import parts, stage
+from ..waves import arrays
 from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
 from .shots import through_pupil
@@ -32,11 +33,12 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         for z, of_plane in zip(planes, told, strict=True)
     ]
 
-    def pictures(k):
+    def pictures(k, on):
         wavelength = hologram.wavelengths[k]
         vantages = [Vantage(float(z) - hologram.distance_at(wavelength)) for z in planes]
-        wanted = Pictures(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD)
-        wanted.wanted[:] = [job.at_pixels(picture[k], k) for picture in stack]
+        wanted = Pictures(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD, on)
+        for number, picture in enumerate(stack):
+            wanted.wanted[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")
         return wanted
 
     return phases_for(job, pictures, stage(progress, 0.4, 1.0))

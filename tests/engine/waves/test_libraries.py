@@ -134,6 +134,29 @@ def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
     np.testing.assert_array_equal(phase.data, encoded(field, "dpac").data)
 
 
+def test_refocusing_says_that_memory_ran_out(card, build, camera, small, monkeypatch):
+    """In the plan of a render, beside what the field's says; its pictures are there."""
+    scene, settings = build.three_planes(), engine.Settings(frames=1, max_depth=1, quality="draft")
+    plan = engine.plan(scene, camera, small, settings)
+    field = engine.render(scene, camera, small, settings, plan)
+    refocused = engine.reconstruct
+    card("torch")
+    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "on_card", lambda array: None)
+    monkeypatch.setattr(libraries, "like", lambda data, array: None)
+
+    def on_a_full_card(field, *rest):
+        if field.data is None:
+            raise OutOfMemoryError
+        return refocused(field, *rest)
+
+    monkeypatch.setattr(engine, "reconstruct", on_a_full_card)
+    field.plan["warnings"] = ["Of the waves."]
+    result = pipeline.compute(scene, camera, small, settings, [1.0], field=field)
+    assert result.plan.warnings[-2:] == ("Of the waves.", libraries.RAN_OUT)
+    np.testing.assert_array_equal(result.images, refocused(field, [1.0]))
+
+
 def test_memory_of_the_machine_is_no_card_s():
     assert memory.on_card(np.ones(3)) is None
     assert memory.on_card(pytest.importorskip("array_api_strict").ones(3)) is None
@@ -181,7 +204,8 @@ def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch,
         field = engine.render(scene, camera, small, settings, plan)
         assert field.plan["library"] == name and isinstance(field.data, np.ndarray)
         phase = pipeline.encode(field, "sgd", lambda done, message: None, max_steps=2)
-        seen = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
+        seen, notes = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
+        assert not notes
         found.append((field.data, seen, np.exp(1j * phase.data)))
     for wanted, values in zip(*found, strict=True):
         assert isinstance(values, np.ndarray)
