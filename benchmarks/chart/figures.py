@@ -7,7 +7,9 @@ import numpy as np
 
 from holopath_addon import engine
 from holopath_addon.engine.viewing.metrics import (
+    decibels,
     display_values,
+    mean_similarity,
     similarity,
     speckle_contrast,
     squared_error,
@@ -48,8 +50,7 @@ def figures(pictures, truth, hologram):
         for measure in (squared_error, similarity)
     )
     each = {
-        name: {"psnr": engine.psnr(picture, half, border), "ssim": engine.ssim(picture, half, border)}
-        for name, picture, half in zip(LOOKS, pictures, wanted, strict=True)
+        name: {"psnr": decibels(errors[name].mean()), "ssim": mean_similarity(alike[name])} for name in LOOKS
     }
     psnr, ssim = ([each[name][kind] for name in HEADLINE] for kind in ("psnr", "ssim"))
     middle = LOOKS.index("middle")
@@ -61,15 +62,23 @@ def figures(pictures, truth, hologram):
         "pictures": each,
         "psnr_foci": float(np.mean([each[name]["psnr"] for name in FOCI])),
         "psnr_halfway": float(np.mean([each[name]["psnr"] for name in HALFWAY])),
-        "psnr_center": _decibels(middle_of(errors[CENTER])),
+        "psnr_center": _psnr_of(middle_of(errors[CENTER])),
         "flip": flip(pictures, wanted, border),
         "speckle": speckle_contrast(pictures[middle], wanted[middle].mean(0), border),
     }
     for kind, chosen in (("focus", ~truth["blurred"]), ("defocus", truth["blurred"])):
-        result[f"psnr_{kind}"] = _decibels(_where(errors, chosen, border))
+        result[f"psnr_{kind}"] = _psnr_of(_where(errors, chosen, border))
         own = _where(alike, chosen, border)
         result[f"ssim_{kind}"] = float(own.mean()) if own.size else None
     return result
+
+
+def psnr_of_headline(pictures, truth, hologram):
+    """Mean and worst PSNR in dB over `HEADLINE`; parameters as of `figures`, of which these are two."""
+    border, wanted = border_of(hologram), truth["pictures"]
+    count = len(HEADLINE)
+    each = [engine.psnr(*pair, border) for pair in zip(pictures[:count], wanted[:count], strict=True)]
+    return float(np.mean(each)), min(each)
 
 
 def _where(values, chosen, border):
@@ -80,9 +89,9 @@ def _where(values, chosen, border):
     )
 
 
-def _decibels(errors):
-    """PSNR of squared errors; None of none."""
-    return float(-10 * np.log10(max(errors.mean(), 1e-12))) if errors.size else None
+def _psnr_of(errors):
+    """PSNR in dB of squared errors; None of none."""
+    return decibels(max(errors.mean(), 1e-12)) if errors.size else None
 
 
 def flip(pictures, truth, border):

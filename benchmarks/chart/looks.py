@@ -184,15 +184,15 @@ def diffracted(pictures, foci, others, hologram):
     )
 
 
-def seen(field, foci, others):
-    """Pictures of a wave field, as those of `truth_of`: how bright each wavelength's opening is, whatever its share.
+def seen(field, foci, others, count=None):
+    """Pictures of a wave field, as the first `count` of `truth_of`.
 
-    Red fills a wider cone than blue, so that a part of the pupil has less of its light: white would be blue there with
+    They are as bright as each wavelength's opening, whatever its share of the pupil. Red fills a wider cone than blue, so that a part of the pupil has less of its light: white would be blue there with
     any method, and hide all other errors.
     """
     hologram, mapping, refocuser = field.hologram, field.mapping, engine.Refocuser(field)
     pictures = []
-    for look in looks_of(foci, others, hologram):
+    for look in looks_of(foci, others, hologram)[:count]:
         share = (2 * openings_of(look, hologram)) ** 2
         pictures.append(refocuser([look.depth], pupil_of(look, hologram, mapping))[0] / share)
     return np.stack(pictures)

@@ -28,7 +28,7 @@ from holopath_addon.workflow import pipeline
 
 from ..parts import sentence_of
 from . import looks, peers
-from .figures import FLIP_MODULE, figures, of_eight_bits
+from .figures import FLIP_MODULE, figures, of_eight_bits, psnr_of_headline
 from .methods import SHOWN_BUDGETS, M, methods, warmed
 from .scenes import SCENES, built
 
@@ -264,10 +264,8 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth, limi
         pictures = looks.seen(field, foci, truth["others"])
         result |= figures(pictures, truth, hologram) | dict.fromkeys(EIGHT_BITS)
         if method.phases or encoding:
-            shown_by_levels = figures(
-                looks.seen(of_eight_bits(field), foci, truth["others"]), truth, hologram
-            )
-            result |= {name: shown_by_levels[name.removesuffix("_8_bits")] for name in EIGHT_BITS}
+            levels = looks.seen(of_eight_bits(field), foci, truth["others"], len(looks.HEADLINE))
+            result |= dict(zip(EIGHT_BITS, psnr_of_headline(levels, truth, hologram), strict=True))
         if frames == M:
             path = record_path(task, effort, frames).with_suffix(".npz")
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -47,7 +47,7 @@ INTRODUCTION = (
     """# Speed against accuracy
 
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
-scene to a field or phases for the same display. `make chart` measures all of it, which takes two and a half hours on
+scene to a field or phases for the same display. `make chart` measures all of it, which takes two to three hours on
 two cores, `make chart-quick` a part in under ten minutes; `python -m benchmarks chart [quick] [SCENE ...]
 [--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named. What is measured
 already is kept in build/chart as long as the code that it depends on stays as it is, so that a chart that was stopped

@@ -97,7 +97,7 @@ def psnr(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
 
     Infinite where noise leaves nothing of the error.
     """
-    return _decibels(squared_error(image, reference, border).mean())
+    return decibels(squared_error(image, reference, border).mean())
 
 
 def psnr_of_halves(images: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
@@ -116,10 +116,11 @@ def psnr_of_halves(images: np.ndarray, reference: np.ndarray, border: int = 0) -
         np.minimum(np.sqrt(np.maximum(np.asarray(both, np.float64)[:, inner, inner], 0)), white) / white
         for both in (images, reference)
     )
-    return _decibels(np.prod(first - second, axis=0).mean())
+    return decibels(np.prod(first - second, axis=0).mean())
 
 
-def _decibels(error):
+def decibels(error: float) -> float:
+    """PSNR of a mean squared error with the peak 1; infinite of none."""
     return float("inf") if error <= 0 else float(-10 * np.log10(error))
 
 
@@ -137,9 +138,14 @@ def psnr_deviation(image: np.ndarray, reference: np.ndarray, border: int = 0) ->
 
 
 def ssim(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
-    """Structural similarity, the mean of `similarity` where its window sees only the picture."""
+    """Structural similarity, see `similarity`, averaged over pixels and channels; parameters as of `squared_error`."""
+    return mean_similarity(similarity(image, reference, border))
+
+
+def mean_similarity(values: np.ndarray) -> float:
+    """Mean of `similarity` where its window sees only the picture."""
     pad = 5  # half the window
-    return float(similarity(image, reference, border)[pad:-pad, pad:-pad].mean())
+    return float(values[pad:-pad, pad:-pad].mean())
 
 
 def similarity(image: np.ndarray, reference: np.ndarray, border: int = 0) -> np.ndarray:
