@@ -187,8 +187,9 @@ def diffracted(pictures, foci, others, hologram):
 def seen(field, foci, others, count=None):
     """Pictures of a wave field, as the first `count` of `truth_of`.
 
-    They are as bright as each wavelength's opening, whatever its share of the pupil. Red fills a wider cone than blue, so that a part of the pupil has less of its light: white would be blue there with
-    any method, and hide all other errors.
+    They are as bright as each wavelength's opening, whatever its share of the pupil. Red fills a wider cone than
+    blue, so that a part of the pupil has less of its light: white would be blue there with any method, and hide all
+    other errors.
     """
     hologram, mapping, refocuser = field.hologram, field.mapping, engine.Refocuser(field)
     pictures = []
