@@ -87,7 +87,8 @@ with phases that are hardly random, around a checkerboard and aimed at places of
 they begin at random. A smooth start (`--randomness 0.3`) was tried for eight frames, 128 x 128, one color: `focal-
 stack` gained 0.6 dB on tea and lost 0.7 on planes, and in the worst view it lost 2.5 and 3.3 dB; `rgbd-sgd` gained
 0.3 and lost 0.9 dB. `light-field` stays random: with other starts it loses light through parts of the pupil. `rgbd`
-is there as a complex field, as phases by `sgd`, and as double phase (*dpac*).
+is there as a complex field, as phases by `sgd`, and as double phase (*dpac*), whose best is with fewer than six
+frames: it does not hold the random phases of more.
 """
 MORE = {
     "balanced, despeckled": {"quality": "balanced", "despeckle": 60},
