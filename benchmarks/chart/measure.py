@@ -43,6 +43,8 @@ SCENE_CODE = (
     *(OWN / f"{name}.py" for name in ("scenes", "portrait", "photograph")),
     OWN.parent / "scenes.py",
     ROOT / "holopath_addon" / "blender" / "demo.py",
+    *sorted((ROOT / "holopath_addon" / "exchange" / "captures").glob("*.py")),
+    ENGINE / "scene" / "captured" / "picture.py",
 )
 FIGURES_CODE = (OWN / "figures.py", OWN / "measure.py")
 TRUTH_CODE = (
@@ -50,6 +52,7 @@ TRUTH_CODE = (
     ENGINE / "viewing/reference.py",
     ENGINE / "viewing/preview.py",
     ENGINE / "mapping.py",
+    ENGINE / "baselines" / "focal_stack.py",  # whose planes others than those lie between
 )
 
 
