@@ -24,7 +24,7 @@ MONITOR = 1920, 1080  # pixels of each monitor; the second is at the right of th
 QUALITY = 65  # of JPEG: small print can be read, and 150 kB hold a window with a hologram in it
 SMALLER = 0.5  # size of the second monitor in a picture of both
 PATIENCE = 600.0  # seconds for a picture's state
-RATE = 5.0  # pictures of the film a second
+RATE = 3.0  # pictures of the film a second, most
 LONGEST = 60.0  # seconds of the film: what takes longer is shown faster
 WIDTH = 848  # pixels of the film
 FILM_QUALITY = 50  # of WebP
@@ -100,12 +100,20 @@ def save_film(images: Sequence[Image.Image], times: Sequence[float], path: Path)
     ----------
     images : sequence of PIL.Image.Image
     times : sequence of float
-        Seconds at which each is there, and of the end. Where that is later than `LONGEST`, all goes faster.
+        Seconds at which each is there, and of the end. Where that is later than `LONGEST`, all goes faster. Of pictures
+        that would then follow each other faster than `RATE` the last one counts.
     path : Path
     """
     faster = max(1.0, (times[-1] - times[0]) / LONGEST)
-    durations = [round(1e3 * (after - before) / faster) for before, after in pairwise(times)]
-    first, *others = images
+    begins, kept = [], []
+    for image, begin in zip(images, times, strict=False):
+        if begins and begin - begins[-1] < faster / RATE:
+            kept[-1] = image
+        else:
+            begins.append(begin)
+            kept.append(image)
+    durations = [round(1e3 * (after - before) / faster) for before, after in pairwise([*begins, times[-1]])]
+    first, *others = kept
     first.save(
         path, save_all=True, append_images=others, duration=durations, loop=0, quality=FILM_QUALITY, method=6
     )
