@@ -77,7 +77,7 @@ STACKS = {name: DESCENTS[name] for name in ("draft", "preview", "balanced")} | {
 }
 SUPERVISED = {
     "rgbd-sgd": (DESCENTS, {"balanced": OTHERS}),
-    "focal-stack": (STACKS, {"preview": (1, 3), "balanced": OTHERS}),
+    "focal-stack": (STACKS, {"preview": (1,), "balanced": OTHERS}),
     "light-field": (DESCENTS, {"balanced": OTHERS}),
 }
 TUNED = """`rgbd-sgd`, `focal-stack` and `light-field` take 30 to 600 Adam steps a color, at the rate and memory with
@@ -98,7 +98,7 @@ MORE = {
     "balanced, encoded 7 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 7.0}},
     "balanced, encoded 20 s": {"quality": "balanced", "encode": {"method": "auto", "seconds": 20.0}},
     "balanced, encoded": {"quality": "balanced", "encode": {"method": "auto"}},
-    "high, encoded 60 s": {"quality": "high", "encode": {"method": "auto", "seconds": 60.0}},
+    "high, encoded 45 s": {"quality": "high", "encode": {"method": "auto", "seconds": 45.0}},
 }
 MORE_SHOWN = {name: () for name, words in MORE.items() if "encode" in words} | {
     "preview, encoded 5 s": (1, 3),

@@ -20,7 +20,7 @@ FOLDER = Path("build/chart")
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 TIMED = ("point", "polygon", "gaussian", "auto")  # over triangles
 OVER_FRAMES = ("planes",)  # scenes in which seconds of the usual efforts over frames are found
-MANY_FRAMES = ("planes", "tea", "portrait")  # in which phases of 24 frames are measured
+MANY_FRAMES = ("planes", "portrait")  # in which phases of 24 frames are measured
 # Efforts of the whole chart, of methods that gain too little by the others: it is to take three hours at most.
 FULL_EFFORTS = {
     **dict.fromkeys(("point", "gaussian"), ("draft", "balanced")),
@@ -35,7 +35,7 @@ FULL_EFFORTS = {
     "full": ("draft", "balanced"),
     "auto": (
         "draft", "preview", "balanced", "high", "preview, encoded 1 s", "preview, encoded 5 s",
-        "balanced, encoded 20 s", ENCODED, "high, encoded 60 s",
+        "balanced, encoded 20 s", ENCODED, "high, encoded 45 s",
     ),
 }  # fmt: skip
 
@@ -143,7 +143,7 @@ def full(pixels=256):
     hologram = _hologram(pixels)
     shown = {scene: OTHERS if scene in MANY_FRAMES else (1, 3) for scene in SCENES}
     return Chart(
-        "full", hologram, 128, 110.0, tuple(SCENES), tuple(methods(hologram)), FULL_EFFORTS,
+        "full", hologram, 128, 100.0, tuple(SCENES), tuple(methods(hologram)), FULL_EFFORTS,
         dict.fromkeys(OVER_FRAMES, OTHERS), shown, TRIANGLES,
     )  # fmt: skip
 
