@@ -68,7 +68,7 @@ DISPLAYS = {
 
 
 def run(out, pixels=256, paths=64, displays=None):
-    """The table in Markdown; ``which_method`` in `out` has it, and a picture a row.
+    """The table of docs/how-to/which-method.md; ``which_method`` in `out` has it, and a picture a row.
 
     Parameters
     ----------
@@ -90,11 +90,12 @@ def run(out, pixels=256, paths=64, displays=None):
         if row:
             shown[name], (seconds, whole, halves) = row
             figures = f"{seconds:.0f} | {whole:.1f} | {halves:.1f}"
+            picture = f"![{display.what}](../images/which-{name}.webp)"
             rows.append(
-                f"| {display.what} | {display.frames} | {display.bits} | `{display.words}` | {figures} |"
+                f"| {display.what} | {display.frames} | {display.bits} | `{display.words}` | {figures} | {picture} |"
             )
-    header = "| display | frames | bits | `holopath render` with | s | whole pupil, dB | halves, dB |"
-    table = "\n".join([header, "|" + " --- |" * 7, *rows, *faults])
+    header = "| display | frames | bits | `holopath render` with | s | whole pupil, dB | halves, dB | what it shows |"
+    table = "\n".join([header, "|" + " --- |" * 8, *rows, *faults])
     (folder / "table.md").write_text(table + "\n")
     return drawn(table, lambda: bench.draw(shown, folder))
 
