@@ -1,7 +1,7 @@
 """Which method for which display: what several displays show of a head with hair, a row and a picture each."""
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ from holopath_addon.engine.scene import variants
 from holopath_addon.engine.viewing.metrics import display_values
 from holopath_addon.workflow import pipeline
 
-from .chart.figures import of_eight_bits
 from .chart.looks import HALVES, border_of, slope_of
 from .chart.scenes import SCENES, built
 from .parts import attempt, drawn
@@ -45,7 +44,7 @@ class Display:
     frames: int
     bits: int
     words: str
-    encode: dict = field(default_factory=dict)
+    encode: dict
     method: str = "auto"
 
 
@@ -59,7 +58,14 @@ DISPLAYS = {
     "eyebox": Display(
         "180 Hz, an eye anywhere", 3, 8, "--encode auto --eyebox 1", {"method": "auto", "eyebox": 1.0}
     ),
-    "stack": Display("180 Hz, depths that are known", 3, 8, "--method focal-stack", method="focal-stack"),
+    "stack": Display(
+        "180 Hz, depths that are known",
+        3,
+        8,
+        "--method focal-stack --encode sgd",
+        {"method": "sgd"},
+        "focal-stack",
+    ),
     "eight": Display("480 Hz", 8, 8, "--encode auto", {"method": "auto"}),
     "levels": Display("480 Hz, 16 levels", 8, 4, "--encode auto --bits 4", {"method": "auto"}),
     "many": Display("1440 Hz", 24, 8, "--encode auto", {"method": "auto"}),
@@ -156,15 +162,13 @@ class Bench:
 
     def _light(self, display, settings, steps=None):
         """The light of a display's phases; of as many steps at most."""
-        if not display.encode:
-            fixed = {} if steps is None else {"fixed": {"steps": steps}}
-            return of_eight_bits(engine.render(*self._view, replace(settings, **fixed)))
         words = dict(display.encode)
         along = (words["method"], words.get("seconds"))
         if display.bits < 8:
             words["bits"] = display.bits
         if steps is not None:
             words["max_steps"] = steps
+            settings = replace(settings, fixed={"steps": steps})
         plan = engine.plan(*self._view, settings)
         more = engine.frames_along(plan, settings, self._view[2], *along)
         field = engine.render(*self._view, settings, plan, more=more)
