@@ -20,11 +20,16 @@ if TYPE_CHECKING:
 DEPTHS = 7
 
 
+def planes_of(z_low: float, z_high: float) -> np.ndarray:
+    """Planes whose pictures are shown, evenly between two hologram-space depths, metres from the SLM."""
+    return np.linspace(z_low, z_high, DEPTHS if z_high > z_low else 1)
+
+
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
     slope = hologram.widest_slope
-    planes = np.linspace(job.z_low, job.z_high, DEPTHS if job.z_high > job.z_low else 1)
+    planes = planes_of(job.z_low, job.z_high)
     # noise of the pictures is what such phases are worst at
     paths = job.paths * len(hologram.wavelengths)
     told = parts(stage(progress, 0.0, 0.4), len(planes))

@@ -8,6 +8,8 @@ Many frames begin with random phases. Few ones cannot average the speckle of the
 hardly random, see `randomness_for`, around those of `even_double_phase`, and pictures are compared by their
 amplitudes, as Peng et al. do. At 256 x 256 focal stacks of the chart's suzanne then show 23.9 dB with one frame instead
 of 10.3, and 24.2 with three instead of 20.1; by their intensities, and from an even start, 13.2 with one.
+A `randomness` that is set has any number of frames begin so. With eight frames of randomness 0.3 focal stacks then show
+0.6 dB more of the tea set and 0.7 dB less of the planes, and 2.5 to 3.3 dB less through the worst part of the pupil.
 """
 
 from __future__ import annotations
@@ -64,7 +66,10 @@ def phases_for(
     frames, colours = job.settings.frames, len(job.hologram.wavelengths)
     out = np.empty((frames, colours, *job.shape), np.complex64)
     rng, seed = np.random.default_rng(job.settings.seed), job.settings.seed
-    few, randomness = whole and frames < FEW_FRAMES, randomness_for(frames) or 0.0
+    randomness = job.settings.randomness
+    few = whole and (frames < FEW_FRAMES or randomness is not None)
+    if randomness is None:
+        randomness = randomness_for(frames) or 0.0
     rate, memory = (FEW_RATE, FEW_MEMORY) if few else (RATE, MEMORY)
     steps = job.settings.fixed.get("steps", STEPS[job.settings.quality])  # in each wavelength
 

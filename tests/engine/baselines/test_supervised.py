@@ -10,7 +10,9 @@ from holopath_addon import engine
 from holopath_addon.engine.baselines import BaselineInput, frame_mean
 from holopath_addon.engine.baselines.frame_mean import FrameMean
 from holopath_addon.engine.baselines.supervised import phases_for
+from holopath_addon.engine.encoding.double_phase import even_double_phase
 from holopath_addon.engine.waves import arrays, libraries
+from holopath_addon.engine.waves.phase_fields import aimed_waves
 from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import propagate
 
@@ -57,6 +59,19 @@ def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
     field = render(method, wall, camera, display(colours))
     mean = inner(engine.reconstruct(field, [1.0])[0]).mean((0, 1))
     assert mean == pytest.approx([0.8, 0.3][-len(colours) :], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("frames", "randomness", "smooth"), [(3, None, True), (6, None, False), (6, 0.1, True)]
+)
+def test_phases_begin_as_random_as_is_set(build, camera, frames, randomness, smooth):
+    """After one step, which turns each by a fifth of a radian at most: around a checkerboard, aimed, or anyhow."""
+    wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    hologram = display(side=64)
+    field = render("focal-stack", wall, camera, hologram, frames, 1, spp=1, randomness=randomness)
+    start = aimed_waves(frames, (64, 64)) * np.exp(1j * even_double_phase((64, 64)))
+    alike = abs((np.exp(1j * np.angle(field.data[:, 0])) * start.conj()).mean())
+    assert alike > 0.9 if smooth else alike < 0.2
 
 
 @pytest.mark.parametrize("method", ["rgbd", "point", "polygon", "gaussian"])
