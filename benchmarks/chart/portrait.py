@@ -5,8 +5,8 @@ import numpy as np
 CENTER = np.array([0.0, -0.005, -0.75])  # of the head, which faces the camera; meters
 RADII = np.array([0.074, 0.108, 0.088])  # to the side, up and to the front
 EYES = 0.031, 0.014  # to each side and up from the head's center
-STRANDS, JOINTS = 3000, 10
-STRAND_RADIUS = 0.0005  # meters, half a pixel of a hologram of 256 pixels
+STRANDS, JOINTS = 1000, 6
+STRAND_RADIUS = 0.0009  # meters, a pixel of a hologram of 256 pixels; thinner towards the end
 DYES = (0.09, 0.045, 0.02), (0.16, 0.08, 0.035), (0.26, 0.15, 0.07)
 
 
@@ -122,10 +122,10 @@ def _hair(s):
     place, way = 1.01 * _surface(directions), directions + 0.25 * rng.normal(size=directions.shape)
     way[:, 0] += 0.6 * np.sign(directions[:, 0] + 0.15)  # parted a little beside the middle
     way[:, 2] = np.minimum(way[:, 2], -0.1)  # and combed back
-    step = rng.uniform(0.016, 0.026, (len(directions), 1))
+    step = rng.uniform(0.03, 0.045, (len(directions), 1))
     strands = [place]
     for _ in range(JOINTS - 1):
-        way = way / np.linalg.norm(way, axis=1, keepdims=True) + [0, -0.35, 0]
+        way = way / np.linalg.norm(way, axis=1, keepdims=True) + [0, -0.6, 0]
         way += 0.08 * rng.normal(size=way.shape)
         place = place + step * way / np.linalg.norm(way, axis=1, keepdims=True)
         inside = np.linalg.norm(place / RADII, axis=1, keepdims=True)
