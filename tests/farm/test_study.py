@@ -132,7 +132,7 @@ def test_runs_that_are_there_are_known_without_their_scene(study, renders, monke
     path = study()
     assert run(path) == 0
     with monkeypatch.context() as patched:
-        patched.setattr(render_command, "still_of", None)
+        patched.setattr(render_command, "request_of", None)
         assert run(path) == 0
     (field,) = path.parent.glob("small/runs/*/wavefield/field.npy")
     field.unlink()

@@ -222,6 +222,7 @@ from benchmarks.stability.displays import camera
 from holopath_addon import engine
 from holopath_addon.engine.scene import variants
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 variants.activate()
 
@@ -240,7 +241,7 @@ before, found, done = resident(), [], []
 watching = threading.Thread(target=watch)
 watching.start()
 field = engine.render(scene, view, hologram, settings, plan)
-pipeline.encode(field, "auto", lambda done, message: None, scene, settings)
+pipeline.encode(field, Encoding("auto"), lambda done, message: None, scene, settings)
 done.append(True)
 watching.join()
 print(json.dumps([max(found) - before, plan.phases_memory["refine"]]))

@@ -9,6 +9,7 @@ from holopath_addon.engine.planning import planner
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves import libraries
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 
 @pytest.fixture
@@ -105,7 +106,7 @@ def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
         return encoded(field, *rest, **options)
 
     monkeypatch.setattr(engine, "encode", on_a_full_card)
-    phase = pipeline.encode(field, "dpac", lambda done, message: None)
+    phase = pipeline.encode(field, Encoding("dpac"), lambda done, message: None)
     assert phase.report["advice"].endswith(libraries.RAN_OUT)
     np.testing.assert_array_equal(phase.data, encoded(field, "dpac").data)
 
@@ -156,7 +157,7 @@ def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch,
         assert plan.library == name
         field = engine.render(scene, camera, small, settings, plan)
         assert field.plan["library"] == name and isinstance(field.data, np.ndarray)
-        phase = pipeline.encode(field, "sgd", lambda done, message: None, max_steps=2)
+        phase = pipeline.encode(field, Encoding("sgd"), lambda done, message: None, max_steps=2)
         seen = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
         found.append((field.data, seen, np.exp(1j * phase.data)))
     for wanted, values in zip(*found, strict=True):
