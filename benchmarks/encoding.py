@@ -346,7 +346,7 @@ def seconds(side=SIDE, count=None, given=GIVEN, frames=8):
             *(("auto", limit) for limit in limits),
         ] + [("joint", limit) for limit in limits[:-1]]:
             plan = engine.plan(*view, settings)
-            along = engine.frames_along(plan, settings, subject.hologram, method, options.get("seconds"))
+            along = engine.frames_along(plan, subject.hologram, method, options.get("seconds"))
             field = engine.render(*view, settings, plan, more=along)
             start = time.perf_counter()
             phase = pipeline.encode(

@@ -298,7 +298,7 @@ def _rendered(method, scene, camera, hologram, settings, encoding, clock, plan=N
     along = 0
     if encoding:
         plan = plan or engine.plan(scene, camera, hologram, settings)
-        along = engine.frames_along(plan, settings, hologram, **encoding)
+        along = engine.frames_along(plan, hologram, **encoding)
     if method.kind == "peer":
         return peers.render(method.name, scene, camera, hologram, settings, plan, clock)
     return engine.render(scene, camera, hologram, settings, plan, clock, more=along)

@@ -16,6 +16,7 @@ from .. import engine
 from ..blender import preferences, properties
 from ..blender.properties.optics import bench_changed
 from ..engine import rendering
+from ..engine.planning.planner import resolved
 from ..engine.scene import variants
 from ..export import ExportCache, Exported, read_scene
 from ..workflow import failures, pipeline
@@ -368,14 +369,15 @@ def encoding_of(scene):
     props, along = properties.of(scene), 0
     field, task = current.field, current.task
     if field is not None and task is not None:
-        plan, settings = current.made, task.request.settings
+        plan = current.made
         along = 0 if field.more is None else len(field.more)
     else:
         plan, settings = plan_of(scene), properties.settings_of(props)
+        plan = plan and replace(plan, requested=settings, settings=resolved(settings))
     if plan is None:
         return None
     seconds = properties.encode_seconds_of(props)
-    return engine.plan_encoding(plan, settings, props.encoding, seconds, along, properties.eyebox_of(props))
+    return engine.plan_encoding(plan, props.encoding, seconds, along, properties.eyebox_of(props))
 
 
 def keep_baked(task, texture, done):

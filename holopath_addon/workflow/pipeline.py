@@ -197,7 +197,6 @@ def _preview(request, plan, focus, seconds, progress, offer):
 class _Draft:
     """A hologram of less quality that is there in a fraction of the time."""
 
-    settings: engine.Settings
     plan: engine.Plan
     seconds: float  # foretold
 
@@ -226,7 +225,7 @@ def _draft(request, plan):
     seconds = sum(stages.values())
     if compiles():
         seconds += COMPILED * (time.monotonic() - started)
-    return _Draft(settings, drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
+    return _Draft(drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
 
 
 def _drafted(request, draft, depths, progress):
@@ -237,7 +236,7 @@ def _drafted(request, draft, depths, progress):
         progress(done, f"Draft: {message}")
 
     at = stage(told, 0.0, 0.95)
-    field = engine.render(*view, draft.settings, draft.plan, at, request.store)
+    field = engine.render(*view, plan=draft.plan, progress=at, store=request.store)
     images = reconstruct(field, depths, request.pupil, stage(told, 0.95, 1.0))
     return Result(draft.plan, field, depths, images, field.report["seconds"])
 
@@ -282,9 +281,9 @@ def compute(request, progress=None, rendered=None, offer=None):
         if offer is not None and plan.seconds >= SOON:
             begun = _early(request, plan, depths, started, clock, progress, offer)
         encoding = request.encoding
-        along = engine.frames_along(plan, settings, hologram, encoding.method, encoding.seconds)
+        along = engine.frames_along(plan, hologram, encoding.method, encoding.seconds)
         at = stage(progress, begun, 0.95)
-        rendered = engine.render(scene, camera, hologram, settings, plan, at, request.store, along)
+        rendered = engine.render(scene, camera, hologram, None, plan, at, request.store, along)
         clock.seconds.update(rendered.report["seconds"])
     with clock("refocusing"):
         images = reconstruct(rendered, depths, request.pupil, stage(progress, 0.95, 1.0))
@@ -380,10 +379,10 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
     options |= {**encoding.options, "seconds": seconds}
     if scene is None or settings is None:
         return _encoded(field, encoding.method, progress, eyebox=encoding.eyebox, **options)
-    view = scene, field.camera, field.hologram, settings
-    plan = _planned(field) or engine.plan(*view, store, stage(progress, 0.0, 0.0))
+    view = scene, field.camera, field.hologram
+    plan = _planned(field) or engine.plan(*view, settings, store, stage(progress, 0.0, 0.0))
     along = 0 if field.more is None else len(field.more)
-    chosen = engine.plan_encoding(plan, settings, encoding.method, seconds, along, encoding.eyebox)
+    chosen = engine.plan_encoding(plan, encoding.method, seconds, along, encoding.eyebox)
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
         options.setdefault("max_steps", chosen.steps)

@@ -17,7 +17,7 @@ from ..errors import InvalidInput
 
 if TYPE_CHECKING:
     from .atlas import AtlasLayout, Triangles
-    from .camera_view import CameraView, BakeRequest
+    from .camera_view import BakeRequest, CameraView
     from .radiance_cache import RadianceCache
 
 VERSION = 4  # of the format, and of the light: another one is baked again

@@ -12,7 +12,7 @@ from ..scene.fingerprint import scene_digest
 from ..scene.lobes import DIFFUSE, TRANSLUCENT, surfaces_of
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
 from .bake_store import Found, Stored
-from .camera_view import CameraView, BakeRequest
+from .camera_view import BakeRequest, CameraView
 from .gathering import Gathered, gather, solve
 from .groups import Groups
 from .radiance_cache import RadianceCache, inseparable
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..progress import Progress
     from ..scene.specular_chains import FirstHits, SpecularChains
-    from ..settings import Settings
     from .bake_store import BakeStore
 
 MISSING = 0.02  # of the view: less is traced, where the camera has moved
@@ -165,7 +164,6 @@ def bake(
     hologram: Hologram,
     plan: Plan,
     optics: FirstHits | SpecularChains,
-    settings: Settings,
     *,
     store: BakeStore | None = None,
     progress: Progress | None = None,
@@ -180,7 +178,6 @@ def bake(
     hologram : Hologram
     plan : Plan
     optics : FirstHits or SpecularChains
-    settings : Settings
     store : BakeStore, optional
     progress : callable, optional
         ``progress(done, message)``, may raise.
@@ -196,7 +193,7 @@ def bake(
     progress(0.0, "Looking for baked light")
     with clock("look"):
         request = BakeRequest(
-            scene, camera, hologram, plan.near, optics, settings, plan.texel_noise, plan.texel_samples
+            scene, camera, hologram, plan.near, optics, plan.settings, plan.texel_noise, plan.texel_samples
         )
         found = store.take(request) if store and not anew else None
         found = found or find(request, None if anew else store)
