@@ -72,6 +72,7 @@ NAMED = {
     "refinement": Benchmark("refinement.run", ("pixels=32 scenes=1",)),
     "slm": Benchmark("slm.run", ("serial noise prepare pixels=32", "monitor pixels=32")),
     "stability": Benchmark("stability.report.run", ("quick pitch",), takes_folder=True),
+    "which_method": Benchmark("which_method.run", ("pixels=48 paths=4 displays=2",), takes_folder=True),
     "chart": Benchmark(
         "chart.run.run",
         (

@@ -15,6 +15,7 @@ from holopath_addon.workflow.request import Encoding
 
 from .full_hd import rendered, row
 from .kernel import timed
+from .parts import Incomplete, attempt, joined
 
 FOCUS = 0.5, 1.0, math.inf
 
@@ -32,37 +33,76 @@ def run(resolutions="1920x1080,3840x2160", frames="8,24", methods="dpac,sgd,join
     Returns
     -------
     str
-        By stages of the render, reconstruction at three depths, and each encoding. Beside them two FFTs of each frame
-        on the grid that propagation has, and a step of PyTorch's Adam on the views that `joint` looks at in one.
+        By stages of the render, reconstruction at three depths, and each encoding, with what the plan foretold of
+        them. Beside them two FFTs of each frame for each move on the grid that propagation has, and a step of
+        PyTorch's Adam on the views that `joint` looks at in one.
+
+    Raises
+    ------
+    Incomplete
+        With the rest, if a table or a part of one fails, as where a card's memory does not suffice.
     """
-    tables = []
-    for resolution in resolutions.split(","):
-        for count in map(int, str(frames).split(",")):
-            made = rendered(resolution, count)
-            tables.append("\n".join([*made.lines, *_beside(made), *_phases(made, methods.split(","), steps)]))
-    return "\n".join(tables)
+    cases = {
+        f"{resolution}, {count} frames": (resolution, int(count))
+        for resolution in resolutions.split(",")
+        for count in str(frames).split(",")
+    }
+    many = list(filter(None, methods.split(",")))
+    return joined({name: lambda case=case: _table(*case, many, steps) for name, case in cases.items()})
+
+
+def _table(resolution, count, methods, steps):
+    made = rendered(resolution, count)
+    parts = {
+        "what was foretold": lambda: _foretold(made),
+        "reconstruction": lambda: _reconstruction(made),
+        "FFTs": lambda: _transforms(made),
+        "PyTorch": lambda: _torch(made) if find_spec("torch") else "",
+    }
+    parts |= {method: lambda method=method: _phases(made, method, steps) for method in methods}
+    faults = []
+    lines = [*made.lines, *(attempt(faults, name, work) for name, work in parts.items())]
+    table = "\n".join(filter(None, lines))
+    if faults:
+        raise Incomplete(table, faults)
+    return table
 
 
 def _quiet(done, message):
     pass
 
 
-def _beside(made):
-    field, plan = made.field, made.plan
-    yield row("reconstruction", _second(lambda: pipeline.reconstruct(field, FOCUS, None, _quiet)))
+def _foretold(made):
+    """Seconds of the plan, and what it says of a card's memory."""
+    plan = made.plan
+    lines = ["  foretold: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in plan.stages.items())]
+    lines += [f"  {each}" for each in plan.decisions if each.name == "card's memory"]
+    return "\n".join(lines)
+
+
+def _reconstruction(made):
+    return row("reconstruction", _second(lambda: pipeline.reconstruct(made.field, FOCUS, None, _quiet)))
+
+
+def _transforms(made):
+    """Of all frames and colors, as often as propagation moves them: twice between planes, and to the SLM."""
+    plan, field = made.plan, made.field
     on, (frames, colors, *shape) = libraries.beginning(plan.library), field.data.shape
-    hologram = field.hologram
-    padded = padded_shape(shape, hologram.pitch, max(hologram.wavelengths), abs(plan.z_gathered))
+    images = sum(plane.sees == "images" for plane in plan.planes)
+    moves = images + 2 * max(0, len(plan.planes) - images - 1) + 1
+    padded = padded_shape(shape, field.hologram.pitch, max(field.hologram.wavelengths), abs(plan.z_gathered))
     waves = arrays.zeros(padded, "complex64", on)
 
     def transforms():
-        for _ in range(frames * colors):
+        for _ in range(frames * colors * moves):
             arrays.ifft2(arrays.fft2(waves, workers=-1), workers=-1)
         on_processor(waves[:1, :1])  # a card is waited for
 
-    yield row("two FFTs of each frame", _second(transforms))
-    if find_spec("torch"):
-        yield row("a step of torch's Adam", _torch_step(made))
+    return row(f"two FFTs, {moves} moves", _second(transforms))
+
+
+def _torch(made):
+    return row("a step of torch's Adam", _torch_step(made), 4)
 
 
 def _torch_step(made):
@@ -95,16 +135,20 @@ def _torch_step(made):
     return _second(step)
 
 
-def _phases(made, methods, steps):
+def _phases(made, method, steps):
     scene, _, _, settings = made.view
     options = {"max_steps": steps} if steps else {}
-    for method in filter(None, methods):
-        start = time.perf_counter()
-        phase = pipeline.encode(made.field, Encoding(method), _quiet, scene, settings, **options)
-        seconds = time.perf_counter() - start
-        decibels = [stage["psnr_db"] for stage in phase.report["stages"] if "psnr_db" in stage]
-        said = f"{np.mean(decibels):6.1f} dB" if decibels else ""
-        yield row(method, seconds) + said
+    start = time.perf_counter()
+    phase = pipeline.encode(made.field, Encoding(method), _quiet, scene, settings, **options)
+    seconds = time.perf_counter() - start
+    stages = phase.report["stages"]
+    decibels = [stage["psnr_db"] for stage in stages if "psnr_db" in stage]
+    said = [f"{np.mean(decibels):.1f} dB"] if decibels else []
+    for name in dict.fromkeys(stage["stage"] for stage in stages if stage.get("steps")):
+        of_it = [stage for stage in stages if stage["stage"] == name]
+        count, taken = (sum(stage[key] for stage in of_it) for key in ("steps", "seconds"))
+        said.append(f"{name} {count} steps of {taken / count:.4f} s")
+    return row(method, seconds) + "".join(f"; {each}" for each in said)
 
 
 def _second(work):

@@ -80,9 +80,9 @@ def rendered(resolution, frames):
     return Rendered(view, plan, field, lines)
 
 
-def row(name, seconds):
+def row(name, seconds, digits=2):
     """A line of a table of seconds."""
-    return f"  {name:24s} {seconds:8.2f} s"
+    return f"  {name:24s} {seconds:8.{digits}f} s"
 
 
 def run(resolution="1920x1080"):

@@ -89,7 +89,7 @@ def run(folder, pixels="96", frames="8", *names):
             field = engine.WaveField(
                 waves, hologram, camera, plan.near, plan.to_dict(), {"frames": frames_of}
             )
-            each = figures(looks.seen(field, foci), truth, hologram)["pictures"]
+            each = figures(looks.seen(field, foci, truth["others"]), truth, hologram)["pictures"]
             whole, halves = (
                 np.mean([each[look]["psnr"] for look in group])
                 for group in (looks.HEADLINE[:5], tuple(looks.HALVES))

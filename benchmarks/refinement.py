@@ -93,7 +93,10 @@ class Subject:
 
     def row(self, label, light):
         """Mean and worst of the chart's eleven views, and the means of those through each part of the pupil."""
-        pictures, border = looks.seen(light, self._foci), looks.border_of(light.hologram)
+        pictures, border = (
+            looks.seen(light, self._foci, self._truth["others"]),
+            looks.border_of(light.hologram),
+        )
         each = np.array(
             [engine.psnr(p, w, border) for p, w in zip(pictures, self._truth["pictures"], strict=True)]
         )

@@ -53,15 +53,22 @@ class Scenes:
         faces = np.concatenate(
             [np.column_stack([corner, right, above + 1]), np.column_stack([corner, above + 1, above])]
         )
+        uv = np.stack([u / columns, v / rows], axis=-1)
+        return self.triangles(vertices, faces, surface, uv, normals)
+
+    def triangles(self, vertices, faces, surface, uv=None, normals=None):
+        """Triangles by the numbers of their vertices [..., 3]; with texture coordinates, and smooth with `normals`."""
         properties, smooth = self.mi.Properties(), normals is not None
         for key, plugin in surface.items():
             properties[key] = made(plugin)
+        count, textured = vertices.size // 3, uv is not None
         mesh = self.mi.Mesh(
-            "mesh", u.size, len(faces), properties, has_vertex_normals=smooth, has_vertex_texcoords=True
+            "mesh", count, len(faces), properties, has_vertex_normals=smooth, has_vertex_texcoords=textured
         )
         parameters = self.mi.traverse(mesh)
         parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-        parameters["vertex_texcoords"] = np.stack([u / columns, v / rows], axis=-1).astype(np.float32).ravel()
+        if uv is not None:
+            parameters["vertex_texcoords"] = uv.astype(np.float32).ravel()
         parameters["faces"] = faces.astype(np.uint32).ravel()
         parameters.update()
         if normals is not None:  # after the update, which makes its own, with a seam

@@ -1,4 +1,5 @@
-"""Build what users install: `extension` writes the zips, `repository` a folder that Blender updates from."""
+"""Build what users install: `extension` writes the zips, `card` those for NVIDIA cards, `repository` a folder of zips
+that Blender updates from."""
 
 import argparse
 import sys
@@ -12,6 +13,7 @@ def main(argv=None):
     commands = parser.add_subparsers(dest="command", required=True)
     for name, tell, out in (
         ("extension", "write a zip for each platform and Python", extension.OUT),
+        ("card", "write a zip for each platform and Python with what an NVIDIA card needs", extension.OUT),
         ("repository", "write the zips and Blender's index of them", extension.OUT / "repository"),
     ):
         command = commands.add_parser(name, help=tell)
@@ -22,7 +24,7 @@ def main(argv=None):
         command.add_argument("--python", **choices, choices=wheels.PYTHONS, default=[*wheels.PYTHONS])
         command.add_argument("--out", type=Path, default=out, help="folder of the zips")
         command.add_argument(
-            "--stored", action="store_true", help="for trials: LLVM as it is, packed in no time"
+            "--stored", action="store_true", help="for trials: our own wheels packed in no time"
         )
     commands.add_parser("llvm", help="install this computer's LLVM beside the Python that runs this")
     commands.add_parser("xatlas", help="build xatlas for the Python that runs this, on Linux, and install it")
@@ -36,9 +38,8 @@ def main(argv=None):
         xatlas.install()
     else:
         proofs = []
-        for target, found in extension.build_all(
-            options.platform, options.python, options.out, packed=not options.stored
-        ):
+        build = extension.build_for_cards if options.command == "card" else extension.build_all
+        for target, found in build(options.platform, options.python, options.out, packed=not options.stored):
             proofs.append(found)
             print(target, flush=True)
         print(proof.table(proofs), file=sys.stderr)

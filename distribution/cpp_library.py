@@ -1,10 +1,10 @@
 """Microsoft's C++ library for our binaries of Windows, under a name of its own.
 
 Blender 4.2 to 5.0 load a MSVCP140.dll of 2021. Mitsuba, LLVM and xatlas need one of 2024: their mutexes begin as
-zeros, which the older library takes for an address when one is locked. So Mitsuba, Dr.Jit, LLVM and xatlas import the
-library of PyPI's package msvc-runtime instead, as delvewheel has it for the wheels of NumPy and SciPy. Microsoft allows
-its unmodified form: the file stays as it is, under another name. The two names are equally long, so that in our
-binaries nothing else changes.
+zeros, which the older library takes for an address when one is locked. So these, Dr.Jit and CuPy import the library
+of PyPI's package msvc-runtime instead, as delvewheel has it for the wheels of NumPy and SciPy. Microsoft allows its
+unmodified form: the file stays as it is, under another name. The two names are equally long, so that in our binaries
+nothing else changes.
 
 The C runtime stays Blender's: vcruntime140.dll, vcruntime140_1.dll, and what Windows itself has as api-ms-win-crt-*.
 What one library throws another one catches, which takes one runtime for both; and that of 2021 has all functions that
@@ -24,8 +24,15 @@ NAMED = re.compile(rb"(?i)\bmsvcp140\.dll\0")  # in a binary's table of imports
 BINARY = re.compile(r"\.(dll|pyd|exe)$", re.IGNORECASE)
 
 # Which packages import it, and the folder of a copy: of those that can be loaded first, beside the binary. Mitsuba
-# imports Dr.Jit before, and Windows' loader takes what is in memory under a name.
-COPIES = {"drjit": "drjit/", "holopath_llvm": "holopath_llvm/", "xatlas": "", "mitsuba": None}
+# imports Dr.Jit before, and Windows' loader takes what is in memory under a name. CuPy's binaries lie in many folders:
+# the extension that brings them loads the copy first.
+COPIES = {
+    "drjit": "drjit/",
+    "holopath_llvm": "holopath_llvm/",
+    "xatlas": "",
+    "mitsuba": None,
+    "cupy_cuda12x": "cupy_backends/",
+}
 
 
 def own(wheel, folder, kept=wheels.KEPT, packed=True):

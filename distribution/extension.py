@@ -1,9 +1,10 @@
 """The zips that Blender installs: the package, its manifest and the wheels that it needs.
 
-One for each platform and Python. Every wheel has the SHA-256 that wheels.lock has for it, or is made from such files:
-LLVM's, on Windows those that take a C++ library of their own, and xatlas for Python 3.14 on Linux. Nothing depends on
-a clock or a system: the same sources give the same bytes, as far as liblzma packs alike, and xatlas as far as Python's
-headers are the same. Blender's own validator, from the bpy package, has the last word.
+One for each platform and Python, and another one with what an NVIDIA card needs, which Blender shares with it. Every
+wheel has the SHA-256 that wheels.lock has for it, or is made from such files: LLVM's, on Windows those that take a C++
+library of their own, and xatlas for Python 3.14 on Linux. Nothing depends on a clock or a system: the same sources give
+the same bytes, as far as liblzma packs alike, and xatlas as far as Python's headers are the same. Blender's own
+validator, from the bpy package, has the last word.
 """
 
 import importlib.util
@@ -15,12 +16,14 @@ import zipfile
 from pathlib import Path
 
 from . import cpp_library, llvm, proof, xatlas
-from .wheels import KEPT, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels
+from .wheels import CARD, KEPT, ONLY_FOR, PIP_PLATFORMS, PYTHONS, ROOT, entry, locked_wheels
 
 PACKAGE = ROOT / "holopath_addon"
 LICENSE = ROOT / "LICENSE"
 MANIFEST = ROOT / "blender_manifest.toml"
 PROJECT = ROOT / "pyproject.toml"
+CARD_MODULE = Path(__file__).with_name("nvidia") / "__init__.py"
+CARD_MANIFEST = CARD_MODULE.with_name(MANIFEST.name)
 OUT = ROOT / "dist"
 
 # Blender 4.2 is built with Python 3.11 only, and does not ask an index for which Python an extension is.
@@ -54,15 +57,37 @@ def build_all(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, k
                 wheels = [cpp_library.own(wheel, folder, kept, packed) for wheel in wheels]
             wheels.append(library)
             wheels += _own_xatlas(platform, python, kept)
-            try:
-                found = proof.prove(wheels, platform, python)
-            except proof.Unproven as error:
-                raise SystemExit(
-                    f"distribution: the zip for {platform} and Python {python} would not load:\n{error}"
-                ) from None
+            found = _proven(wheels, platform, python)
             target = build(platform, python, wheels, out)
             print(sizes(target, wheels), file=sys.stderr)
             yield target, found
+
+
+def build_for_cards(platforms=tuple(PIP_PLATFORMS), pythons=tuple(PYTHONS), out=OUT, kept=KEPT, packed=True):
+    """Build the zips that have HoloPath's waves computed on an NVIDIA card; see `build_all`."""
+    for platform in platforms:
+        for name in [CARD + python for python in PYTHONS if python in pythons]:
+            if platform not in ONLY_FOR[name]:
+                continue
+            python, wheels = name.removeprefix(CARD), locked_wheels(platform, name, kept)
+            if platform == cpp_library.PLATFORM:
+                folder = kept / platform / f"own-{name}"
+                wheels = [cpp_library.own(wheel, folder, kept, packed) for wheel in wheels]
+            found = _proven(wheels, platform, python, with_llvm=False)
+            modules = {CARD_MODULE.name: CARD_MODULE}
+            target = build(platform, python, wheels, out, CARD_MANIFEST, modules)
+            print(sizes(target, wheels), file=sys.stderr)
+            yield target, found
+
+
+def _proven(wheels, platform, python, with_llvm=True):
+    """What the binaries need, or a stop with what would not load."""
+    try:
+        return proof.prove(wheels, platform, python, with_llvm)
+    except proof.Unproven as error:
+        raise SystemExit(
+            f"distribution: the zip for {platform} and Python {python} would not load:\n{error}"
+        ) from None
 
 
 def _own_xatlas(platform, python, kept):
@@ -76,18 +101,26 @@ def _own_xatlas(platform, python, kept):
     return [xatlas.wheel(python, include, kept / platform / f"own-{python}", kept)]
 
 
-def manifest_text(platform, python, wheels):
-    """The manifest with the platform, the oldest Blender and the wheels' names written in, before its first table."""
+def manifest_text(platform, python, wheels, manifest=None):
+    """A manifest, by default HoloPath's, with the platform, the oldest Blender and the wheels' names written in.
+
+    They come before its first table.
+    """
     lines = [f'blender_version_min = "{OLDEST_BLENDER[python]}"', f'platforms = ["{platform}"]', "wheels = ["]
     lines += [f'  "./wheels/{name}",' for name in wheels]
     lines += ["]", "", ""]
-    head, bracket, tables = MANIFEST.read_text(encoding="utf-8").partition("[permissions]")
+    head, bracket, tables = (manifest or MANIFEST).read_text(encoding="utf-8").partition("[permissions]")
     return head + "\n".join(lines) + bracket + tables
 
 
 def version():
     """HoloPath's, as the manifest has it."""
-    return tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["version"]
+    return declared(MANIFEST)["version"]
+
+
+def declared(manifest):
+    """What a manifest says."""
+    return tomllib.loads(manifest.read_text(encoding="utf-8"))
 
 
 def sources():
@@ -99,14 +132,18 @@ def sources():
     }
 
 
-def build(platform, python, wheels, out):
-    """Write and validate a zip of these wheels; return its path. One that is not valid never stands under its name."""
+def build(platform, python, wheels, out, manifest=None, modules=None):
+    """Write and validate a zip of these wheels; return its path. One that is not valid never stands under its name.
+
+    `manifest` and `modules`, paths by their names in the zip, are HoloPath's by default.
+    """
+    manifest, modules = manifest or MANIFEST, modules or sources()
     files = {path.name: path for path in wheels}
-    text = manifest_text(platform, python, sorted(files))
-    target = out / f"holopath-{version()}-{platform}-python{python}.zip"
+    text, said = manifest_text(platform, python, sorted(files), manifest), declared(manifest)
+    target = out / f"{said['id']}-{said['version']}-{platform}-python{python}.zip"
     out.mkdir(parents=True, exist_ok=True)
     unfinished = out / f".unfinished-{target.name}"
-    members = {"LICENSE": LICENSE} | sources() | {f"wheels/{name}": path for name, path in files.items()}
+    members = {"LICENSE": LICENSE} | modules | {f"wheels/{name}": path for name, path in files.items()}
     try:
         with zipfile.ZipFile(unfinished, "w") as archive:  # stored: what compresses well is small
             archive.writestr(entry("blender_manifest.toml"), text)

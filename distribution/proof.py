@@ -114,11 +114,23 @@ MODULE_ENDS = {
 }
 
 # Loaders take a library that is in memory for any that goes by its name: mitsuba/__init__.py imports drjit first, and
-# Mitsuba's library loads its plugins.
-LOADED_BEFORE = {"mitsuba/*": "drjit/_drjit_ext.*", "mitsuba/plugins/*": "mitsuba/*mitsuba.[ds]*"}
+# Mitsuba's library loads its plugins. The extension with CuPy loads NVIDIA's libraries, and Microsoft's, when it is
+# registered.
+LOADED_BEFORE = {
+    "mitsuba/*": "drjit/_drjit_ext.*",
+    "mitsuba/plugins/*": "mitsuba/*mitsuba.[ds]*",
+    "cupy*/*": "nvidia/*",
+    "cupy*/*.pyd": "cupy_backends/cpp*.dll",
+}
 
-# PySDL2 loads these only for modules that HoloPath does not import, and after SDL: they may rely on that.
-UNUSED = re.compile(r"sdl2dll/dll/(?!(lib)?sdl2[-.])", re.IGNORECASE)
+# PySDL2 loads these only for modules that HoloPath does not import, and after SDL: they may rely on that. CuPy imports
+# these for matrices, random numbers, tensors and several cards, and the last one is for programs of FFTW.
+UNUSED = re.compile(
+    r"sdl2dll/dll/(?!(lib)?sdl2[-.])"
+    r"|cupy\w*/(.*/)?_?(cublas|curand|cusolver|cusparse|cutensor|nccl|cudnn)\."
+    r"|nvidia/cufft/\w+/(lib)?cufftw|nvidia/cuda_runtime/",
+    re.IGNORECASE,
+)
 
 # How packages for Windows tell where else their libraries are.
 DLL_FOLDER = re.compile(r"'(\w+\.libs)'.*\badd_dll_directory\(", re.DOTALL)
@@ -181,7 +193,7 @@ class Binary:
     digest: str = ""
 
 
-def prove(wheels: Sequence[Path], platform: str, python: str) -> Proof:
+def prove(wheels: Sequence[Path], platform: str, python: str, with_llvm: bool = True) -> Proof:
     """Prove that the binaries in wheels load once Blender has unpacked these into one folder.
 
     Parameters
@@ -190,6 +202,8 @@ def prove(wheels: Sequence[Path], platform: str, python: str) -> Proof:
         All wheels of a zip for one Python.
     platform, python : str
         What the zip is for, as in ``"linux-x64"`` and ``"3.13"``.
+    with_llvm : bool, optional
+        Whether Dr.Jit and an LLVM for it are to be in the zip.
 
     Returns
     -------
@@ -205,11 +219,11 @@ def prove(wheels: Sequence[Path], platform: str, python: str) -> Proof:
     findings += _misfits(binaries, platform, python)
     looked_up = {name for path, binary in binaries.items() if DRJIT.match(path) for name in binary.looked_up}
     exports = {name for path, binary in binaries.items() if LLVM.match(path) for name in binary.exports}
-    if len(looked_up) < LEAST_LOOKED_UP:
+    if with_llvm and len(looked_up) < LEAST_LOOKED_UP:
         findings.append(
             f"Dr.Jit's library has {len(looked_up)} names of LLVM's functions: too few to be all."
         )
-    if not exports:
+    if with_llvm and not exports:
         findings.append("There is no library of LLVM's in a wheel holopath_llvm.")
     elif lacking := looked_up - exports - OPTIONAL:
         findings.append(f"LLVM's library lacks what Dr.Jit looks up: {', '.join(sorted(lacking))}.")

@@ -38,16 +38,33 @@ PYTHONS = {
     "3.13": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", "xatlas==0.0.11", *COMMON],
     "3.14": ["mitsuba==3.9.1", "drjit==1.5.0", "scipy==1.17.1", *COMMON],
 }
+# What computes waves on an NVIDIA card, in a zip of its own: CuPy, and of CUDA what it loads for elementwise functions,
+# sums, sorting and FFTs: the compiler with its headers, FFTs, and the linker that these ask for. cuBLAS, cuSOLVER,
+# cuSPARSE and cuRAND, which HoloPath calls nothing of, would be another gigabyte. CuPy 14 takes NumPy 2 alone.
+CUDA = (
+    "nvidia_cuda_nvrtc_cu12==12.9.86",
+    "nvidia_cuda_runtime_cu12==12.9.79",
+    "nvidia_cufft_cu12==11.4.1.4",
+    "nvidia_nvjitlink_cu12==12.9.86",
+)
+CARD = "card-"  # before the Python
+CARDS = {
+    CARD + "3.11": ["cupy_cuda12x==13.6.0", "fastrlock==0.8.4", *CUDA],
+    CARD + "3.13": ["cupy_cuda12x==14.2.0", "cuda_pathfinder==1.9.1", *CUDA],
+    CARD + "3.14": ["cupy_cuda12x==14.2.0", "cuda_pathfinder==1.9.1", *CUDA],
+}
 # Not installed as they are. `llvm`: its package asks for a Python of 3.12 or newer, and its library for none.
 # `cpp_library`: Microsoft's package installs a library where Blender would not find it.
 # `xatlas`: the source, the library that binds it to Python, and the compiler.
 LLVM, CPP, XATLAS = "llvm", "cpp", "xatlas"
-WHEELS = PYTHONS | {
+WHEELS = {
+    **PYTHONS,
+    **CARDS,
     LLVM: ["llvm_nanobind==21.1.6.3"],
     CPP: ["msvc_runtime==14.44.35112"],
     XATLAS: ["xatlas==0.0.11", "pybind11==3.1.0", "ziglang==0.16.0"],
 }
-ONLY_FOR = {CPP: "windows-x64", XATLAS: "linux-x64"}
+ONLY_FOR = {CPP: ["windows-x64"], XATLAS: ["linux-x64"]} | dict.fromkeys(CARDS, ["linux-x64", "windows-x64"])
 
 RENEW = "python -m distribution lock"
 LOCK_HEADER = f"""\
@@ -58,7 +75,7 @@ LOCK_HEADER = f"""\
 
 def names_of(platform):
     """Keys of `WHEELS` whose wheels a platform's zips are made of."""
-    return [name for name in WHEELS if ONLY_FOR.get(name, platform) == platform]
+    return [name for name in WHEELS if platform in ONLY_FOR.get(name, [platform])]
 
 
 def renew_lock(folder=KEPT):
@@ -116,6 +133,7 @@ def fetch(platform, name, target, requirements):
     target.mkdir(parents=True, exist_ok=True)
     listed = target / "requirements.txt"
     listed.write_text("\n".join(requirements), encoding="utf-8")
+    python = name.removeprefix(CARD)
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]
     command += [
         "--no-deps",
@@ -123,7 +141,7 @@ def fetch(platform, name, target, requirements):
         ":all:",
         *(["--no-binary", "xatlas"] if name == XATLAS else []),
         "--python-version",
-        name if name in PYTHONS else "3.13",
+        python if python in PYTHONS else "3.13",
     ]
     for tag in PIP_PLATFORMS[platform]:
         command += ["--platform", tag]

@@ -38,7 +38,7 @@ match sys.argv[1:]:
         elif names == ["--all"]:
             made.make(made.PICTURES)
         else:
-            made.make(names or made.WINDOW | made.RENDERED)
+            made.make(names or made.WINDOW | made.FILMED | made.RENDERED)
     case ["sketches"]:
         from . import sketches
 

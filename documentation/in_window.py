@@ -3,7 +3,8 @@
     blender --python in_window.py -- NAME FOLDER
 
 NAME is a function below. ``FOLDER/ready.json`` says which part of the window the picture shows, and its labels; the
-script waits for ``FOLDER/taken``. Where something fails, ``FOLDER/failed`` says what.
+script waits for ``FOLDER/taken``. Of the film ``FOLDER/recording.json`` says that it begins, and which part it shows.
+Where something fails, ``FOLDER/failed`` says what.
 """
 
 import json
@@ -281,7 +282,38 @@ def device():
     return ["VIEW_3D"], drawn(VIEW)
 
 
+# -- the film
+
+
+def film():
+    """From the default scene to a hologram of the demo that is refocused; a second or two for each step."""
+    begin = ["IMAGE_EDITOR", "VIEW_3D"]
+    yield from image_editor()
+    tell("recording", {"box": box(begin)})
+    yield 2.0
+    yield from sidebar()
+    yield 2.0
+    yield from suzanne()
+    yield 2.0
+    yield from rendered()
+    yield 2.0
+    props = scene().holopath
+    for focus in (0.5, 0.6, 0.75, 1.0, 1.5, 2.5, 4.0, 0.5):
+        props.focus = focus
+        yield from over()
+        yield 0.7
+    yield 1.0
+    return begin, {}
+
+
 # -- the run
+
+
+def tell(name, content):
+    """Tell who takes the picture: a file that is there only when it is whole."""
+    part = target / f"{name}.part"
+    part.write_text(json.dumps(content), "utf-8")
+    part.rename(target / f"{name}.json")
 
 
 def box(kinds):
@@ -298,12 +330,11 @@ def steps(name, folder):
     """Reach the state, tell it, and wait."""
     yield 0.5
     kinds, texts = yield from globals()[name]()
-    (folder / "ready.part").write_text(json.dumps({"box": box(kinds), "labels": texts}), "utf-8")
     for _ in range(20):  # panels that have grown push those below them away little by little
         for area in api.context.window_manager.windows[0].screen.areas:
             area.tag_redraw()
         yield 0.05
-    (folder / "ready.part").rename(folder / "ready.json")
+    tell("ready", {"box": box(kinds), "labels": texts})
     yield from until((folder / "taken").exists, "nobody takes the picture")
 
 

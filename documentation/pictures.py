@@ -1,6 +1,7 @@
 """Every picture of README.md and docs/, and what makes it."""
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -29,6 +30,7 @@ SIZES = {
     "baked-light": (1500, 860),
     "device": (1500, 1060),
 }
+FILM = (1060, 720)  # of the window in the film
 OWN = "python -m documentation pictures"
 QUALITY = 75  # of JPEG and WebP
 MAX_WIDTH = 1100  # pixels of a JPEG: a page shows no more
@@ -72,13 +74,15 @@ def _demo(*focus: str) -> Picture:
 
 
 CUBE = "out/pictures/cube.blend"
-SCENES = ("planes", "suzanne", "mirror", "glass", "tea", "box", "room")
+SCENES = re.findall(r"\(images/chart-closeups-(\w+)\.jpg\)", (ROOT / "docs" / "chart.md").read_text("utf-8"))
+DISPLAYS = ("look", "one", "soon", "three", "eyebox", "stack", "eight", "levels", "many", "binary")
 FEATURES = (
     '"textured Transmission" Bump "Normal Map" Noise Voronoi Checker Brick "Wave Texture, Generated" random'
 )
 
 # Of the window of Blender, by `window`.
 WINDOW = {f"{name}.jpg": Picture((f"{OWN} {name}.jpg",)) for name in SIZES}
+FILMED = {"window.webp": Picture((f"{OWN} window.webp",))}
 RENDERED = {
     "demo.jpg": Picture(("make demo",), ("out/demo/demo.png",)),
     "refocused.jpg": _demo("0.5m", "4m"),
@@ -115,6 +119,12 @@ MEASURED = {
     },
     **{f"chart-closeups-{scene}.jpg": Picture(("make chart",)) for scene in SCENES},
     **{
+        f"which-{name}.webp": Picture(
+            ("python -m benchmarks which_method",), (f"out/bench/which_method/{name}.png",)
+        )
+        for name in ("truth", *DISPLAYS)
+    },
+    **{
         f"stability-{name}.png": Picture(("python -m benchmarks stability",))
         for name in ("scenes", "roughness", "displays")
     },
@@ -132,7 +142,7 @@ SKETCHES = {
     f"bench-{name}.svg": Picture(("python -m documentation sketches",))
     for name in ("point", "gaussian", "carrier", "half", "eyepiece", "lens")
 }
-PICTURES: dict[str, Picture] = WINDOW | RENDERED | MEASURED | GALLERY | SKETCHES
+PICTURES: dict[str, Picture] = WINDOW | FILMED | RENDERED | MEASURED | GALLERY | SKETCHES
 
 
 def table() -> str:
@@ -158,15 +168,15 @@ def make(names: Iterable[str]) -> None:
     unknown = [name for name in names if name not in PICTURES]
     if unknown:
         raise SystemExit(f"There is no picture {', '.join(unknown)}: `{OWN} --list` has them all.")
-    in_window = [name for name in names if name in WINDOW]
+    in_window = [name for name in names if name in WINDOW | FILMED]
     if in_window:
         from . import window  # which needs an X server
 
         with window.opened() as take:
             for name in in_window:
                 with _timed(name):
-                    take(name.removesuffix(".jpg"))
-    others = [name for name in names if name not in WINDOW]
+                    take(name)
+    others = [name for name in names if name not in in_window]
     for command in dict.fromkeys(command for name in others for command in PICTURES[name].commands):
         with _timed(command):
             _run(command)

@@ -63,19 +63,24 @@ def test_what_is_run_on_a_card():
 
 @pytest.mark.slow
 def test_the_benchmark_in_small():
-    """On whatever computes here: stages of the render, pictures and phases, and both speeds."""
-    told = run("benchmarks", "card", "64x36", "2", "dpac,sgd", "steps=1", backend="")
-    assert told.returncode == 0, told.stderr
+    """On whatever computes here: stages of the render, what was foretold, pictures and phases, and both speeds."""
+    told = run("benchmarks", "card", "64x36", "2", "dpac,sgd,none_such", "steps=1", backend="")
+    assert told.returncode == 1, told.stderr
+    assert (
+        "64x36, 2 frames: none_such: There is no encoding 'none_such'" in told.stderr
+    )  # and the rest is kept
     assert "64 x 36" in told.stdout
     for row in (
         "radiance",
         "wave tracing",
         "propagation",
         "reconstruction",
-        "two FFTs of each frame",
+        r"two FFTs, \d+ moves",
         "dpac",
     ):
         assert re.search(rf"(?m)^  {row} +\d+\.\d\d s$", told.stdout)
+    assert re.search(r"(?m)^  sgd .* dB; sgd 3 steps of \d\.\d+ s$", told.stdout)
+    assert re.search(r"(?m)^  foretold: .*wave tracing \d+\.\d\d s", told.stdout)
     for row in ("wave rays", "ray_intersect loop"):
         assert float(re.search(rf"(?m)^  {row} +(\d+) Mray/s$", told.stdout)[1]) >= 0
 

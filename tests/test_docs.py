@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from markdown_it import MarkdownIt
+from PIL import Image
 
 from documentation import pages, pictures, prose
 from holopath_addon import cli, engine, exchange, slm
@@ -203,6 +204,26 @@ def test_every_picture_has_what_makes_it():
 def test_make_pictures_refuses_what_it_does_not_know():
     with pytest.raises(SystemExit, match="There is no picture panel.png"):
         pictures.make(["panel.png"])
+
+
+def test_a_film_is_as_long_as_what_it_shows_and_a_minute_at_most(tmp_path):
+    from documentation import window
+
+    images = [Image.new("RGB", (32, 24), color) for color in ("black", "white", "red")]
+    path = tmp_path / "film.webp"
+    for end, expected in ((4.0, [0.5, 1.5, 2.0]), (240.0, [0.5, 59.5])):
+        window.save_film(images, [0.0, 0.5, 2.0, end], path)
+        with Image.open(path) as film:
+            seconds, colors = [], []
+            for number in range(film.n_frames):
+                film.seek(number)
+                film.load()
+                seconds.append(film.info["duration"] / 1e3)
+                colors.append(film.convert("RGB").getpixel((16, 12)))
+        assert seconds == pytest.approx(expected, abs=2e-3)
+        assert (
+            colors[-1][0] > 200 > colors[-1][1]
+        )  # what is there at the end is shown, however short it was there
 
 
 def test_every_page_is_in_the_contents():

@@ -3,7 +3,9 @@
 import ast
 import base64
 import hashlib
+import importlib.util
 import json
+import os
 import re
 import subprocess
 import sys
@@ -11,10 +13,12 @@ import tomllib
 import zipfile
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from distribution import cpp_library, extension, llvm, repository, wheels
+from holopath_addon.engine.waves import libraries
 from holopath_addon.workflow import output
 from tests.patience import NEVER
 
@@ -174,6 +178,72 @@ def test_extension_is_valid_complete_and_reproducible(tmp_path):
     }
 
 
+def test_the_extension_for_cards(tmp_path):
+    """Of its own name and version, with one module; for systems that have such cards."""
+    pytest.importorskip("bpy")
+    own = extension.CARD_MANIFEST, {"__init__.py": extension.CARD_MODULE}
+    wheel(tmp_path, "thing-1.0-py3-none-any.whl", "good = True")
+    built = extension.build("linux-x64", "3.13", [tmp_path / "thing-1.0-py3-none-any.whl"], tmp_path, *own)
+    assert built.name == "holopath_nvidia-1.0.0-linux-x64-python3.13.zip"
+    with zipfile.ZipFile(built) as archive:
+        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
+        assert archive.read("__init__.py") == extension.CARD_MODULE.read_bytes()
+        assert len(archive.namelist()) == 4
+    assert manifest["name"] == libraries.EXTENSION and manifest["platforms"] == ["linux-x64"]
+    assert manifest["wheels"] == ["./wheels/thing-1.0-py3-none-any.whl"]
+    assert all(wheels.CARD + python not in wheels.names_of("macos-arm64") for python in wheels.PYTHONS)
+    assert not list(extension.build_for_cards(["macos-arm64"], out=tmp_path / "none"))
+
+
+@pytest.fixture
+def for_cards():
+    """The module of the extension for cards."""
+    spec = importlib.util.spec_from_file_location("holopath_nvidia", extension.CARD_MODULE)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_libraries_for_cards_are_loaded_in_order(tmp_path, monkeypatch, for_cards):
+    """Those that are there, by their paths, none of another name; without any nothing happens."""
+    loaded = []
+    monkeypatch.setattr(for_cards.ctypes, "CDLL", lambda path: loaded.append(path))
+    monkeypatch.setattr(sys, "path", ["", str(tmp_path)])
+    for_cards.register()
+    assert loaded == []
+    files = [
+        "cuda_nvrtc/lib/libnvrtc-builtins.so.12.9",
+        "cuda_nvrtc/lib/libnvrtc.so.12",
+        "cufft/lib/libcufft.so.11",
+    ]
+    files += ["cuda_nvrtc/bin/nvrtc-builtins64_129.dll", "cuda_nvrtc/bin/nvrtc64_120_0.dll"]
+    for name in [*files, "cuda_nvrtc/bin/nvrtc64_120_0.alt.dll", "cufft/lib/libcufftw.so.11"]:
+        (tmp_path / "nvidia" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "nvidia" / name).write_bytes(b"")
+    for_cards.register()
+    windows, linux = files[3:], files[:3]
+    assert loaded == [str(tmp_path / "nvidia" / name) for name in windows + linux]
+    for_cards.unregister()
+
+
+def test_headers_for_cards_are_shown_once(tmp_path, monkeypatch, for_cards):
+    """To the finder of CuPy 14, and the environment is as before."""
+    seen = []
+    finder = ModuleType("cuda.pathfinder")
+    vars(finder)["find_nvidia_header_directory"] = lambda name: seen.append((name, os.environ["CUDA_PATH"]))
+    monkeypatch.setitem(sys.modules, "cuda", ModuleType("cuda"))
+    monkeypatch.setitem(sys.modules, "cuda.pathfinder", finder)
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    (tmp_path / "nvidia/cuda_runtime/include").mkdir(parents=True)
+    monkeypatch.delenv("CUDA_HOME", raising=False)
+    for before in ("another", None):
+        monkeypatch.setenv("CUDA_PATH", before) if before else monkeypatch.delenv("CUDA_PATH")
+        for_cards.show_headers()
+        assert os.environ.get("CUDA_PATH") == before and "CUDA_HOME" not in os.environ
+    assert seen == [("cudart", str(tmp_path / "nvidia/cuda_runtime"))] * 2
+
+
 def test_zip_is_the_same_wherever_it_is_built(tmp_path, monkeypatch):
     """Nothing of it depends on a compressor, a clock or the system."""
     pytest.importorskip("bpy")
@@ -214,6 +284,16 @@ def test_wheels_agree_with_the_project():
     for python, pins in wheels.PYTHONS.items():
         for name, version in (pin.split("==") for pin in pins):
             assert ranges[canonicalize_name(name)].contains(version), (python, name)
+    ranges = {r.name: r.specifier for r in map(Requirement, project["optional-dependencies"]["cuda"])}
+    newer = {
+        f"{wheels.CARD}3.13",
+        f"{wheels.CARD}3.14",
+    }  # pip has no CuPy for NumPy 1 that finds CUDA in wheels
+    for name, version in (pin.split("==") for python in newer for pin in wheels.CARDS[python]):
+        assert canonicalize_name(name) not in ranges or ranges[canonicalize_name(name)].contains(version), (
+            name
+        )
+    assert ranges.keys() <= {canonicalize_name(pin.split("==")[0]) for pin in wheels.CARDS["card-3.14"]}
 
 
 def test_the_lock_has_every_wheel():
@@ -228,10 +308,11 @@ def test_the_lock_has_every_wheel():
             pins = wheels.WHEELS[python]
             found = wheels.locked(platform, python)
             assert len(found) == len(pins)
-            tag = python.replace(".", "") if python in wheels.PYTHONS else "313"
+            of_python = python.removeprefix(wheels.CARD)
+            tag = of_python.replace(".", "") if of_python in wheels.PYTHONS else "313"
             for name, digest in found.items():
                 assert re.fullmatch("[0-9a-f]{64}", digest)
-                of_system = rf"-(cp{tag}-cp{tag}|py2[.]py3-none|cp312-abi3)-{system}\.whl$"
+                of_system = rf"-(cp{tag}-cp{tag}|py2[.]py3-none|cp312-abi3|py3-none)-{system}\.whl$"
                 compiler = r"^ziglang-.*-py3-none-manylinux_.*_x86_64\.whl$|^xatlas-[\d.]*\.tar\.gz$"
                 kinds = [of_system, r"-none-any\.whl$", *([compiler] if python == wheels.XATLAS else [])]
                 assert re.search("|".join(kinds), name), name
@@ -389,8 +470,13 @@ def test_an_index_tells_each_blender_its_zip(tmp_path):
             built = extension.build(platform, python, [tmp_path / "wheels" / name], folder)
     older = folder / "holopath-0.0.1-linux-x64-python3.11.zip"
     older.write_bytes(built.read_bytes())  # Blender would take any
+    own = extension.CARD_MANIFEST, {"__init__.py": extension.CARD_MODULE}
+    for_cards = extension.build("linux-x64", "3.13", [tmp_path / "wheels" / name], folder, *own)
+    (folder / for_cards.name.replace("1.0.0", "0.9.0")).write_bytes(for_cards.read_bytes())
     repository.publish(folder, extension.version())
     rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))["data"]
+    assert [row["name"] for row in rows if row["id"] == "holopath_nvidia"] == [libraries.EXTENSION]
+    rows = [row for row in rows if row["id"] == "holopath"]
     told = {(*row["platforms"], *row["python_versions"]): row["blender_version_min"] for row in rows}
     assert len(rows) == len(told) == 9
     assert told["linux-x64", "3.11"] == "4.2.0" and told["windows-x64", "3.11"] == "4.2.0"

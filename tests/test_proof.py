@@ -16,7 +16,7 @@ lief.logging.disable()
 CORE, THREADS, LLVM = "drjit/libdrjit-core.so", "drjit/libnanothread.so", "holopath_llvm/libLLVM.so.21.1"
 
 
-def proof_of(folder, files, platform, python="3.13"):
+def proof_of(folder, files, platform, python="3.13", with_llvm=True):
     """Of files by their paths, each in a wheel of its package."""
     folder.mkdir(exist_ok=True)
     wheels = {}
@@ -25,7 +25,7 @@ def proof_of(folder, files, platform, python="3.13"):
         wheels[package] = folder / f"{package}-1.0-py3-none-any.whl"
         with zipfile.ZipFile(wheels[package], "a") as archive:
             archive.writestr(name, data)
-    return prove(list(wheels.values()), platform, python)
+    return prove(list(wheels.values()), platform, python, with_llvm)
 
 
 def complaints(folder, files, platform, python="3.13"):
@@ -92,6 +92,29 @@ def test_folders_of_the_older_kind_are_handed_down(tmp_path, linux, kind):
     else:
         (sentence,) = complaints(tmp_path, linux | files, "linux-x64")
         assert sentence.startswith("c.so is missing where one/b.so (one) would find it")
+
+
+def test_modules_for_cards_find_what_their_extension_loads(tmp_path, linux):
+    """NVIDIA's libraries, which are in none of their folders; what HoloPath does not import needs none."""
+
+    def library(name, *needs):
+        changed = lief.ELF.parse(linux[THREADS])
+        changed.get(lief.ELF.DynamicEntry.TAG.SONAME).name = name
+        for need in needs:
+            changed.add_library(need)
+        return changed.write_to_bytes()
+
+    end = "cpython-313-x86_64-linux-gnu.so"
+    files = {f"cupy/cuda/cufft.{end}": library("cufft", "libcufft.so.11")}
+    files |= {
+        f"{place}.{end}": library("other", "libother.so.12")
+        for place in ("cupy_backends/cuda/libs/cublas", "cupyx/_cusolver", "cupyx/cudnn")
+    }
+    own = {"nvidia/cufft/lib/libcufft.so.11": library("libcufft.so.11")}
+    proof = proof_of(tmp_path / "all", files | own, "linux-x64", with_llvm=False)
+    assert (proof.binaries, proof.looked_up) == (5, 0)
+    (sentence,) = complaints(tmp_path / "none", files, "linux-x64")
+    assert sentence.startswith("libcufft.so.11 is missing where cupy/cuda/cufft.")
 
 
 def test_missing_functions_of_llvm_are_named(tmp_path, linux):

@@ -7,7 +7,7 @@ import numpy as np
 from .methods import M
 from .scenes import SCENES
 
-BUDGETS = (1, 3, 10, 30, 100, 300)  # seconds
+BUDGETS = (1, 3, 10, 30, 100)  # seconds; no method is given more
 RIVALS = ("baseline", "peer")
 SIDES = ("left", "right", "up", "down", "view-left", "view-right")
 BETWEEN = ("front-middle", "middle-back")
@@ -37,8 +37,19 @@ def pareto(points):
 
 def best_within(records, budget, figure):
     """Largest figure of the records that took no longer than a budget; None where there is none."""
-    values = [record[figure] for record in records if record["seconds"] <= budget]
-    return max(values, default=None)
+    record = _leader(records, budget, figure)
+    return None if record is None else record[figure]
+
+
+def _leader(records, budget, figure):
+    within = [record for record in records if record["seconds"] <= budget]
+    return max(within, key=lambda record: record[figure], default=None)
+
+
+def is_flat(record):
+    """Whether a draft shows mirrors and glass as pictures on their own surfaces, for it follows none of them."""
+    draft = record["kind"] == "ours" and record["effort"] == "draft"
+    return draft and bool(SCENES[record["scene"]].asks & {"mirrors", "glass"})
 
 
 def compare(records, budgets=BUDGETS):
@@ -55,7 +66,8 @@ def compare(records, budgets=BUDGETS):
     -------
     list of dict
         A row for each budget and figure (``psnr``, ``psnr_worst``): `best` by method, `auto`, the best `rival` with
-        its name `by`, and whether `auto` is `ahead`, None where neither has anything yet.
+        its name `by`, whether `auto` is `ahead`, None where neither has anything yet, and of which methods the best
+        `is_flat`.
     """
     records = [record for record in records if record["frames"] == M]
     names = list(dict.fromkeys(record["method"] for record in records))
@@ -75,9 +87,47 @@ def compare(records, budgets=BUDGETS):
                 ahead = ours is not None and (rival is None or ours > rival)
             rows.append(
                 {"budget": budget, "figure": figure, "best": best, "auto": ours, "rival": rival, "by": by}
-                | {"ahead": ahead}
+                | {"ahead": ahead, "flat": _flat_of(records, budget, figure)}
             )
     return rows
+
+
+def _flat_of(records, budget, figure):
+    """Methods whose best within a budget is a draft that follows no mirrors."""
+    names = dict.fromkeys(record["method"] for record in records)
+    leaders = (_leader([r for r in records if r["method"] == name], budget, figure) for name in names)
+    return [record["method"] for record in leaders if record is not None and is_flat(record)]
+
+
+def fallen(before, now, by=0.2):
+    """Figures that are lower than they were.
+
+    Parameters
+    ----------
+    before, now : list of dict
+        Records; of the first ``scene``, ``method``, ``effort``, ``frames``, ``seconds``, ``psnr`` and ``psnr_worst``
+        count.
+    by : float
+        dB from which on a fall is told.
+
+    Returns
+    -------
+    list of (dict, dict, str)
+        Records before and now, and the figure, ``psnr`` or ``psnr_worst``, the largest fall first.
+    """
+    known = {_key(record): record for record in before}
+    pairs = [(known[_key(record)], record) for record in now if _key(record) in known]
+    falls = [
+        (old, new, figure)
+        for old, new in pairs
+        for figure in ("psnr", "psnr_worst")
+        if old[figure] - new[figure] > by
+    ]
+    return sorted(falls, key=lambda fall: fall[1][fall[2]] - fall[0][fall[2]])
+
+
+def _key(record):
+    return record["scene"], record["method"], record["effort"], record["frames"]
 
 
 def over_frames(records, shown, budget):

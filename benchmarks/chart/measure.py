@@ -10,6 +10,7 @@ import ctypes
 import functools
 import gc
 import hashlib
+import importlib.util
 import json
 import re
 import sys
@@ -28,23 +29,31 @@ from holopath_addon.workflow.request import Encoding
 
 from ..parts import sentence_of
 from . import looks, peers
-from .figures import figures
+from .figures import FLIP_MODULE, figures, of_eight_bits, psnr_of_headline
 from .methods import SHOWN_BUDGETS, M, methods, warmed
 from .scenes import SCENES, built
 
-SHORT = 10.0
+SHORT = 3.0
+EIGHT_BITS = ("psnr_8_bits", "psnr_worst_8_bits")  # None of what is no phases
 OVER = "over "  # how the reason of a record begins that was given up after its limit
 SHOWN = ("front", "back", "view-right")  # pictures that are kept for the close-ups
 ROOT = Path(__file__).parents[2]
 ENGINE = ROOT / "holopath_addon" / "engine"
 OWN = Path(__file__).parent
-SCENE_CODE = (OWN / "scenes.py", OWN.parent / "scenes.py", ROOT / "holopath_addon" / "blender" / "demo.py")
+SCENE_CODE = (
+    *(OWN / f"{name}.py" for name in ("scenes", "portrait", "photograph")),
+    OWN.parent / "scenes.py",
+    ROOT / "holopath_addon" / "blender" / "demo.py",
+    *sorted((ROOT / "holopath_addon" / "exchange" / "captures").glob("*.py")),
+    ENGINE / "scene" / "captured" / "picture.py",
+)
 FIGURES_CODE = (OWN / "figures.py", OWN / "measure.py")
 TRUTH_CODE = (
     OWN / "looks.py",
     ENGINE / "viewing/reference.py",
     ENGINE / "viewing/preview.py",
     ENGINE / "mapping.py",
+    ENGINE / "baselines" / "focal_stack.py",  # whose planes others than those lie between
 )
 
 
@@ -64,8 +73,6 @@ class Task:
         Seconds after which a record is given up, and those of more work with it.
     records : list of (str, int)
         Effort and frames, in order of work.
-    loss : bool
-        Whether to find the loss of phase-only encoding.
     folder : str
     """
 
@@ -75,7 +82,6 @@ class Task:
     spp: int
     limit: float
     records: list
-    loss: bool
     folder: str
 
 
@@ -119,10 +125,10 @@ def record_digest(task, method, effort, frames):
         *SCENE_CODE,
         *TRUTH_CODE,
         *FIGURES_CODE,
+        importlib.util.find_spec(FLIP_MODULE) is not None,
         task.hologram,
         task.spp,
         task.limit,
-        task.loss,
         settings,
     )
 
@@ -196,16 +202,17 @@ def run(task, tell=_tell):
     if task.method == "reference":
         return
     method = methods(hologram)[task.method]
-    gave_up = {}  # why, by frames
+    gave_up = []  # frames and seconds of records that were; what comes after them is more work
     for effort, frames in task.records:
         if (earlier := kept(task, effort, frames)) and not is_fault(earlier):
             continue
-        if frames in gave_up:
-            result = {"failed": gave_up[frames]}
+        limit = limit_of(task, method, effort, frames)
+        if any(fewer <= frames and limit <= seconds for fewer, seconds in gave_up):
+            result = {"failed": f"{OVER}{limit:g} s"}
         else:
-            result = _measured(task, method, effort, frames, scene, camera, hologram, truth)
+            result = _measured(task, method, effort, frames, scene, camera, hologram, truth, limit)
         if result.get("failed", "").startswith(OVER):
-            gave_up[frames] = result["failed"]
+            gave_up.append((frames, limit))
         record = {
             "method": task.method,
             "kind": method.kind,
@@ -234,11 +241,15 @@ def line_of(record):
     return name + figures
 
 
-def _measured(task, method, effort, frames, scene, camera, hologram, truth):
-    settings, encoding = method.settings(effort, frames), method.encoding(effort)
-    limit = task.limit
+def limit_of(task, method, effort, frames):
+    """Seconds after which a record is given up."""
     if frames != M and effort in method.shown:  # nothing is told of more seconds
-        limit = min(limit, max(SHOWN_BUDGETS))
+        return min(task.limit, max(SHOWN_BUDGETS))
+    return task.limit
+
+
+def _measured(task, method, effort, frames, scene, camera, hologram, truth, limit):
+    settings, encoding = method.settings(effort, frames), method.encoding(effort)
     view, clock = (scene, camera, hologram), Stages(limit)
     try:
         warm = _rendered(method, *view, warmed(settings), encoding, Stages(limit))
@@ -254,23 +265,19 @@ def _measured(task, method, effort, frames, scene, camera, hologram, truth):
         if truth is None:
             return result
         foci = SCENES[task.scene].foci
-        pictures = looks.seen(field, foci)
-        result |= figures(pictures, truth, hologram)
+        pictures = looks.seen(field, foci, truth["others"])
+        result |= figures(pictures, truth, hologram) | dict.fromkeys(EIGHT_BITS)
+        if method.phases or encoding:
+            levels = looks.seen(of_eight_bits(field), foci, truth["others"], len(looks.HEADLINE))
+            result |= dict(zip(EIGHT_BITS, psnr_of_headline(levels, truth, hologram), strict=True))
         if frames == M:
             path = record_path(task, effort, frames).with_suffix(".npz")
             path.parent.mkdir(parents=True, exist_ok=True)
-            np.savez_compressed(path, **shown(pictures, truth, looks.border_of(hologram)))
+            np.savez_compressed(path, **displayed(pictures, truth, looks.border_of(hologram)))
     except engine.Cancelled:
         return {"failed": f"{OVER}{limit:g} s"}
     except Exception as error:  # one method's fault is no other's
         return {"failed": sentence_of(error)}
-    result["phase_loss_db"] = None
-    if task.loss and frames == M and effort == method.usual:
-        phases = method.phases or encoding
-        try:
-            result["phase_loss_db"] = 0.0 if phases else phase_loss(field, foci, truth, result["pictures"])
-        except Exception as error:  # the other figures hold all the same
-            result |= {"lacks": f"phase-only loss: {sentence_of(error)}"}
     return result
 
 
@@ -324,21 +331,7 @@ class Stages:
         self._last, self._stage = now, message
 
 
-def phase_loss(field, foci, truth, each):
-    """dB that the field's pictures at three foci lose, on average, when phases alone have to show them."""
-    names = ("front", "middle", "back")
-    shown_by_phases = engine.encode(field, "sgd").field()
-    border = looks.border_of(field.hologram)
-    numbers = [looks.HEADLINE.index(name) for name in names]
-    pictures = engine.reconstruct(shown_by_phases, foci)
-    after = [
-        engine.psnr(picture, truth["pictures"][number], border)
-        for picture, number in zip(pictures, numbers, strict=True)
-    ]
-    return float(np.mean([each[name]["psnr"] for name in names]) - np.mean(after))
-
-
-def shown(pictures, truth, border):
+def displayed(pictures, truth, border):
     """Pictures for the close-ups, 8 bits, by name; as bright as the reference."""
     inner = slice(border, -border or None)
     out = {}

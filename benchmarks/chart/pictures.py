@@ -254,7 +254,7 @@ def _close_ups(chart, records, scene, path):
     columns = {}
     if truth.exists():
         with np.load(truth) as file:
-            columns["reference"] = measure.shown(file["pictures"].mean(1), dict(file), border)
+            columns["reference"] = measure.displayed(file["pictures"].mean(1), dict(file), border)
     for name, own in _own(records, scene).items():
         last = own[-1]
         file = measure.record_path(chart.task(scene, name, []), last["effort"], M).with_suffix(".npz")

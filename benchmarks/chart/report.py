@@ -18,11 +18,12 @@ from holopath_addon import engine
 
 from ..parts import attempt
 from . import analysis, looks, measure, pictures
-from .looks import HEADLINE, PUPILS
-from .methods import SHOWN_BUDGETS, methods
+from .looks import HEADLINE, LOOKS, PUPILS
+from .methods import ENCODED, SHOWN_BUDGETS, TUNED, M, methods
 from .scenes import SCENES
 
 PAGE, IMAGES = Path("docs/chart.md"), Path("docs/images")
+FALL = 0.2  # dB from which on what is lower than before is told
 PLAIN = (
     "seconds",
     "peak_bytes",
@@ -30,20 +31,28 @@ PLAIN = (
     "psnr_worst",
     "ssim",
     "ssim_worst",
+    "psnr_foci",
+    "psnr_halfway",
+    "psnr_center",
     "psnr_focus",
     "psnr_defocus",
+    "ssim_focus",
+    "ssim_defocus",
+    "flip",
     "speckle",
-    "phase_loss_db",
+    *measure.EIGHT_BITS,
 )
 
-INTRODUCTION = """# Speed against accuracy
+INTRODUCTION = (
+    """# Speed against accuracy
 
 What each method gives for how many seconds: HoloPath's own, and those that it is measured against, each from the same
-scene to a field or phases for the same display. `make chart` measures all of it, which takes hours, `make chart-quick`
-a part in under ten minutes; `python -m benchmarks chart [quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew]
-[--docs] [--out FOLDER]` what is named. What is measured already is kept in build/chart as long as the code that it
-depends on stays as it is, so that a chart that was stopped goes on where it was. A part that fails is named at the end
-of the page, with its reason, and measured again the next time.
+scene to a field or phases for the same display. `make chart` measures all of it, which takes two to three hours on
+two cores, `make chart-quick` a part in under ten minutes; `python -m benchmarks chart [quick] [SCENE ...]
+[--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]` what is named. What is measured
+already is kept in build/chart as long as the code that it depends on stays as it is, so that a chart that was stopped
+goes on where it was. A part that fails is named at the end of the page, with its reason, and measured again the next
+time. With `--since` the page lists what is lower than on an earlier page, or in its chart.json.
 
 **PSNR** is the mean over eleven pictures against Mitsuba's thin-lens camera: focus in front, in the middle, at the
 back and half-way between, four halves of the pupil and two views at 0.5 degrees to the side; **worst** is the lowest
@@ -56,14 +65,21 @@ the range of depths in view, which is given to them and not counted. Kernels are
 hardly any work, and what takes under {short:g} s runs twice, the shorter time counts. **Memory** is the most of a
 process that has the scene, Python and its libraries included. **Speckle** is deviation over mean of picture /
 reference in 16 x 16 patches, lit pixels only, the median. *Out of focus* are the pixels whose blur is over two pixels
-in radius. Methods that find phases are compared by the light of these; those that find a complex field by that field,
-and the phase-only loss says what phases in its place lose (`sgd`, mean of three foci). Efforts of ours that are
-*encoded* are phases, too, of the default encoding, in the seconds that it was given or in its own time. The effort
-*phases* of other methods is their usual one's field as phases, by `sgd`.
+in radius. Methods that find phases are compared by the light of these; those that find a complex field by that field.
+Efforts of ours that are *encoded* are phases, too, of the default encoding, in the seconds that it was given or in its
+own time. The effort *phases* of other methods is their usual one's field as phases, by `sgd`. *8 bits* are phases as a
+display shows them, each the nearest of 256 levels. **Foci** is the mean of the five through the whole pupil,
+**halfway** that of three foci halfway between the planes at which `focal-stack` is supervised. **Center** is what a
+person sees first: the middle half of the picture, through the whole pupil, focused on what is there. **FLIP** is a
+measure of what a person sees change between picture and reference (Andersson et al., 2020), 0 to 1, less is better:
+mean of the foci in front, in the middle and at the back, at 67 pixels a degree; empty where its package was not there.
 
 All methods have diffuse light as Mitsuba's path tracer finds it: those that start from pictures take them with mirrors,
 glass and gloss in them. A learned network is not in the chart: the method `network` takes a user's own.
-"""
+
+How are the others tuned? """
+    + TUNED
+)
 
 
 @dataclass(frozen=True)
@@ -109,7 +125,7 @@ def _commit(root):
         return "unknown"
 
 
-def write(chart, records, made, docs=False):
+def write(chart, records, made, docs=False, since=None):
     """The chart's files: JSON, CSV, pictures and the page; with `docs` page and pictures in docs, too.
 
     Parameters
@@ -119,6 +135,8 @@ def write(chart, records, made, docs=False):
         Of `run.measured`.
     made : Made
     docs : bool
+    since : path, optional
+        An earlier page or ``chart.json``: what is lower now than there is listed.
 
     Returns
     -------
@@ -128,6 +146,7 @@ def write(chart, records, made, docs=False):
     folder = Path(chart.folder)
     folder.mkdir(parents=True, exist_ok=True)
     faults, known = [], methods(chart.hologram)
+    before = [] if since is None else earlier(since)
     failed = [record for record in records if "failed" in record]
     timed = [record for record in records if record["scene"] not in SCENES and "failed" not in record]
     figures = [record for record in records if record["scene"] in SCENES and "failed" not in record]
@@ -162,7 +181,19 @@ def write(chart, records, made, docs=False):
     shown = attempt(faults, "frames", lambda: _shown(figures, known), instead={})
     names = pictures.draw(chart, figures, triangles, table, shown, folder, faults)
     page = _page(
-        chart, figures, triangles, budgets, failed, made, ratios, table, ceilings, shown, names, faults
+        chart,
+        figures,
+        triangles,
+        budgets,
+        failed,
+        made,
+        ratios,
+        table,
+        ceilings,
+        shown,
+        names,
+        faults,
+        before,
     )
     (folder / "chart.md").write_text(page.replace("](IMAGES/", "]("))
     if docs:
@@ -174,9 +205,6 @@ def write(chart, records, made, docs=False):
         measure.line_of(record)
         for record in failed
         if measure.is_fault(record) and not known[record["method"]].missing()
-    ]
-    faults += [
-        f"{record['scene']}: {record['method']}: {record['lacks']}" for record in figures if "lacks" in record
     ]
     tables = attempt(
         faults,
@@ -212,7 +240,8 @@ def _ceilings(chart, records):
         if path.exists():
             with np.load(path) as truth:
                 noise, wanted = truth["ceiling"][: len(HEADLINE)], truth["pictures"]
-            blurred = looks.diffracted(wanted, SCENES[scene].foci, chart.hologram)
+                others = truth["others"]
+            blurred = looks.diffracted(wanted, SCENES[scene].foci, others, chart.hologram)
             border = looks.border_of(chart.hologram)
             waves = np.array(
                 [engine.psnr_of_halves(*pair, border) for pair in zip(blurred, wanted, strict=True)][
@@ -230,13 +259,12 @@ def _ceilings(chart, records):
 def _write_csv(path, records):
     with path.open("w", newline="") as file:
         table = csv.writer(file)
-        looks = (*HEADLINE, *PUPILS)
         table.writerow(
-            ["method", "scene", "frames", "effort", "pixels", *PLAIN, *(f"psnr {n}" for n in looks)]
+            ["method", "scene", "frames", "effort", "pixels", *PLAIN, *(f"psnr {n}" for n in LOOKS)]
         )
         for r in records:
             own = [r["method"], r["scene"], r["frames"], r["effort"], r["pixels"]]
-            table.writerow([*own, *(r[n] for n in PLAIN), *(r["pictures"][n]["psnr"] for n in looks)])
+            table.writerow([*own, *(r[n] for n in PLAIN), *(r["pictures"][n]["psnr"] for n in LOOKS)])
 
 
 def _number(value, digits=1):
@@ -252,7 +280,9 @@ def _rows(header, rows):
     return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
 
 
-def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceilings, shown, names, faults):
+def _page(
+    chart, records, triangles, budgets, failed, made, ratios, table, ceilings, shown, names, faults, before
+):
     """The page, its pictures in IMAGES; of pictures those `names` that were drawn."""
 
     def picture(name, what):
@@ -291,12 +321,25 @@ def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceili
             faults, f"M = {frames}", lambda frames=frames: _frame_table(shown, frames), instead=[]
         )
         text.append("")
+    text += ["## What a person sees first\n"]
+    text.append(
+        f"Phases within {max(SHOWN_BUDGETS)} s, means over scenes, M = {M}; in brackets within {min(SHOWN_BUDGETS)} s. "
+        "The middle of the picture in focus, what a person sees change, the five foci, foci at which nothing was "
+        "supervised, and structure in focus and out of it.\n"
+    )
+    text += [*attempt(faults, "what a person sees", lambda: _seen_table(shown), instead=[]), ""]
+    text += ["## Fields, phases, and phases of 8 bits\n"]
+    text.append(
+        f"PSNR in dB of `auto` at its defaults, M = {M}, mean / worst: its complex field, phases by the default "
+        "encoding, and these as a display shows them.\n"
+    )
+    text += [*attempt(faults, "8 bits", lambda: _levels_table(records), instead=[]), ""]
     text += ["## Seconds and PSNR\n", picture("chart-seconds.png", "PSNR over seconds")]
     text.append("Each line is a method at its efforts, M = 8; rings mark what no other beats in both.\n")
     text.append("## Within a budget\n")
     text.append(
         "dB by which auto leads the best that starts from pictures or surfaces alone, mean / worst; none: it has "
-        "nothing yet.\n"
+        "nothing yet. With a star it is a draft, which shows mirrors and glass as pictures on their surfaces.\n"
     )
     text += [*attempt(faults, "leads", lambda: _leads_table(budgets), instead=[]), ""]
     for scene, rows in budgets.items():
@@ -330,9 +373,15 @@ def _page(chart, records, triangles, budgets, failed, made, ratios, table, ceili
     text += [picture(f"chart-closeups-{scene}.jpg", scene) for scene in _scenes(records)]
     text.append("## All figures\n")
     text += attempt(faults, "all figures", lambda: _all_figures(records), instead=[])
-    gaps = [(r, r["failed"]) for r in failed] + [(r, r["lacks"]) for r in records if "lacks" in r]
+    if before:
+        text.append(
+            f"\n## What is lower than before\n\nBy more than {FALL} dB, in {len(before)} records of before.\n"
+        )
+        text += attempt(faults, "falls", lambda: _falls_table(before, records), instead=[])
+    gaps = [(r, r["failed"]) for r in failed]
+    text.append("\n## What gave no figures\n")
+    text.append(f"{_count(records, triangles, failed)}\n")
     if gaps or faults:
-        text.append("\n## What gave no figures\n")
         text += _rows(
             ["scene", "method", "effort", "frames", "why"],
             [[r["scene"], r["method"], r["effort"], str(r["frames"]), _cell(why)] for r, why in gaps]
@@ -358,6 +407,106 @@ def _one_frame_table(shown):
     figures = ("psnr", "psnr_worst")
     body.append(["*auto ahead*", *(" / ".join(ahead(own, f) for f in figures) for own in best.values())])
     return _rows(["method", *best], body)
+
+
+SEEN_COLUMNS = {
+    "center": ("psnr_center", 1),
+    "FLIP": ("flip", 3),
+    "foci": ("psnr_foci", 1),
+    "halfway": ("psnr_halfway", 1),
+    "SSIM in focus": ("ssim_focus", 3),
+    "SSIM out of focus": ("ssim_defocus", 3),
+}
+
+
+def _seen_table(shown):
+    """What a person sees first, in means over the scenes, of phases of `M` frames; the fewest seconds in brackets."""
+    best, soon = (shown.get(pick(shown, default=0), {}) for pick in (max, min))
+    body = []
+    for name in dict.fromkeys(name for own in best.values() for name in own):
+        row = []
+        for figure, digits in SEEN_COLUMNS.values():
+            value, early = (
+                _number(analysis.mean_over_scenes(b, figure, name, M), digits) for b in (best, soon)
+            )
+            row.append(f"{value} ({early})" if early else value)
+        body.append([name, *row])
+    return _rows(["method", *SEEN_COLUMNS], body)
+
+
+def _levels_table(records):
+    """`auto` at its defaults by scene: the complex field, phases, and phases of 8 bits."""
+    own = {(r["scene"], r["effort"]): r for r in records if (r["method"], r["frames"]) == ("auto", M)}
+    body = []
+    for scene in _scenes(records):
+        field, phases = own.get((scene, "balanced")), own.get((scene, ENCODED))
+        pairs = [(field, ""), (phases, ""), (phases, "_8_bits")]
+        body.append([scene, *("" if r is None else f"{r['psnr' + kind]:.2f} / {r['psnr_worst' + kind]:.2f}"
+                              for r, kind in pairs)])  # fmt: skip
+    return _rows(["scene", "complex field", "phases", "phases of 8 bits"], body)
+
+
+def _count(records, triangles, failed):
+    """How many records there are, and how many are missing."""
+    there, late = len(records) + len(triangles), sum(not measure.is_fault(r) for r in failed)
+    sentence = f"{there} of {there + len(failed)} records are there"
+    if not failed:
+        return f"{sentence}."
+    return f"{sentence}. {late} were given up for their seconds, and {len(failed) - late} failed or were left out."
+
+
+def earlier(path):
+    """Records of an earlier chart: its ``chart.json``, or the table of all figures of its page.
+
+    Raises
+    ------
+    engine.InvalidInput
+        If there is neither.
+    """
+    try:
+        text = Path(path).read_text("utf-8")
+        if Path(path).suffix == ".json":
+            return json.loads(text)["records"]
+    except (OSError, ValueError, KeyError) as error:
+        raise engine.InvalidInput(
+            f"{path} is no earlier chart ({error}): name its chart.json or its page."
+        ) from None
+    tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    rows = [
+        row
+        for table in tables
+        if table.startswith("| scene | method | effort | M |")
+        for row in table.splitlines()
+    ]
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+    if not cells:
+        raise engine.InvalidInput(
+            f"{path} has no table of all figures: name a chart's chart.json or its page."
+        )
+    names = dict(zip(cells[0], range(len(cells[0])), strict=True))
+    return [
+        {"scene": row[0], "method": row[1], "effort": row[2], "frames": int(row[3])}
+        | {"seconds": float(row[names["s"]]), "psnr": float(row[names["PSNR"]])}
+        | {"psnr_worst": float(row[names["worst"]])}
+        for row in cells[2:]
+        if row[4]
+    ]
+
+
+def _falls_table(before, records):
+    body = [
+        [
+            new["scene"],
+            new["method"],
+            new["effort"],
+            str(new["frames"]),
+            "mean" if figure == "psnr" else "worst",
+        ]
+        + [f"{old[figure]:.2f}", f"{new[figure]:.2f}", _seconds(old["seconds"]), _seconds(new["seconds"])]
+        for old, new, figure in analysis.fallen(before, records, FALL)
+    ]
+    header = ["scene", "method", "effort", "M", "PSNR", "before", "now", "s before", "s now"]
+    return _rows(header, body)
 
 
 FRAME_COLUMNS = {
@@ -405,7 +554,7 @@ def _budget_table(rows):
     names = list(rows[0]["best"])
     pairs = list(zip(rows[::2], rows[1::2], strict=True))
     body = [
-        [name, *("" if mean["best"][name] is None else f"{mean['best'][name]:.1f} / {worst['best'][name]:.1f}"
+        [name, *("" if mean["best"][name] is None else f"{_best(mean, name)} / {_best(worst, name)}"
                  for mean, worst in pairs)]
         for name in names
     ]  # fmt: skip
@@ -415,13 +564,18 @@ def _budget_table(rows):
     return _rows(["method", *(f"{mean['budget']} s" for mean, _ in pairs)], body)
 
 
+def _best(row, name):
+    return f"{row['best'][name]:.1f}" + ("*" if name in row["flat"] else "")
+
+
 def _leads_table(budgets):
     """By how much `auto` is ahead on each scene within each budget."""
 
     def lead(row):
         if row["auto"] is None:
             return "none" if row["rival"] is not None else ""
-        return "alone" if row["rival"] is None else f"{row['auto'] - row['rival']:+.1f}"
+        lead = "alone" if row["rival"] is None else f"{row['auto'] - row['rival']:+.1f}"
+        return lead + ("*" if "auto" in row["flat"] else "")
 
     rows = list(budgets.values())
     header = ["scene", *(f"{row['budget']} s" for row in rows[0][::2])] if rows else ["scene"]
@@ -465,7 +619,7 @@ def _triangles_table(triangles):
 def _all_figures(records):
     header = ["scene", "method", "effort", "M", "s", "GB", "PSNR", "worst", "SSIM"]
     header += ["front, middle, back", "views", "pupil 1/2, 1/4"]
-    header += ["in focus", "out of focus", "speckle", "phase-only loss"]
+    header += ["in focus", "out of focus", "foci", "halfway", "center", "FLIP", "speckle", "8 bits", "worst"]
     body = []
     for r in records:
         shown = (("front", "middle", "back"), ("view-left", "view-right"), PUPILS)
@@ -476,8 +630,15 @@ def _all_figures(records):
             [r["scene"], r["method"], r["effort"], str(r["frames"]), _seconds(r["seconds"])]
             + [_number(r["peak_bytes"] / 1e9, 2), _number(r["psnr"], 2), _number(r["psnr_worst"], 2)]
             + [_number(r["ssim"], 3), foci, views, pupils]
-            + [_number(r["psnr_focus"]), _number(r["psnr_defocus"])]
-            + [_number(r["speckle"], 3), _number(r["phase_loss_db"], 2)]
+            + [
+                _number(r[name])
+                for name in ("psnr_focus", "psnr_defocus", "psnr_foci", "psnr_halfway", "psnr_center")
+            ]
+            + [
+                _number(r["flip"], 3),
+                _number(r["speckle"], 3),
+                *(_number(r[name], 2) for name in measure.EIGHT_BITS),
+            ]
         )
     return _rows(header, body)
 
@@ -500,5 +661,6 @@ def _told(chart, records, triangles, budgets, failed, made, ratios, shown):
     if triangles:
         lines += ["", *_triangles_table(triangles)]
     lines += [measure.line_of(record) for record in failed]
+    lines.append(_count(records, triangles, failed))
     lines.append(f"\n{chart.folder}: chart.json, chart.csv, chart.md and pictures")
     return lines

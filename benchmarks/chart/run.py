@@ -13,13 +13,31 @@ from holopath_addon import engine
 
 from ..parts import Incomplete, sentence_of
 from . import measure, report
-from .methods import FRAMES, SHOWN, M, methods
+from .methods import ENCODED, OTHERS, SHOWN, M, methods
 from .scenes import SCENES, TRIANGLES
 
 FOLDER = Path("build/chart")
 RGB = (640e-9, 516.5e-9, 455.4e-9)
 TIMED = ("point", "polygon", "gaussian", "auto")  # over triangles
-OVER_FRAMES = ("planes", "mirror")  # scenes in which seconds of the usual efforts over frames are found
+OVER_FRAMES = ("planes",)  # scenes in which seconds of the usual efforts over frames are found
+MANY_FRAMES = ("planes", "portrait")  # in which phases of 24 frames are measured
+# Efforts of the whole chart, of methods that gain too little by the others: it is to take three hours at most.
+FULL_EFFORTS = {
+    **dict.fromkeys(("point", "gaussian"), ("draft", "balanced")),
+    "polygon": ("draft", "balanced", SHOWN),
+    "rgbd": ("draft", "balanced", SHOWN, "dpac"),
+    "rgbd-sgd": ("preview", "balanced"),
+    "focal-stack": ("draft", "preview", "balanced", "balanced, 128 paths"),
+    "light-field": ("preview", "balanced"),
+    **dict.fromkeys(("stereogram", "rgbd-torchoptics", "rgbd-odak", "fast", "auto-opl"), ("balanced",)),
+    "direct": ("512 rays",),
+    "paper": ("256 rays", "1024 rays"),
+    "full": ("draft", "balanced"),
+    "auto": (
+        "draft", "preview", "balanced", "high", "preview, encoded 1 s", "preview, encoded 5 s",
+        "balanced, encoded 20 s", ENCODED, "high, encoded 45 s",
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -40,11 +58,9 @@ class Chart:
     frames : dict of str to tuple
         Numbers of frames, other than `M`, of each scene, for the usual efforts.
     shown : dict of str to tuple
-        The same of efforts that are phases.
+        The same of efforts that are phases, of those that the method has, see `Method.shown`.
     triangles : tuple of int
         Of the hills.
-    loss : bool
-        Whether the loss of phase-only encoding is found.
     apart : bool
         Whether each scene and method has a process of its own; without, peak memory is not each one's own.
     folder : Path
@@ -61,7 +77,6 @@ class Chart:
     frames: dict
     shown: dict
     triangles: tuple = ()
-    loss: bool = False
     apart: bool = True
     folder: Path = FOLDER
 
@@ -102,16 +117,14 @@ class Chart:
             if effort == usual:
                 several.update(self.frames.get(scene, ()))
             if effort in method.shown:
-                several.update(self.shown.get(scene, ()))
+                several.update(m for m in method.shown[effort] if m in self.shown.get(scene, ()))
             records += [(effort, frames) for frames in sorted(several)]
         return records
 
     def task(self, scene, method, records):
         """The `measure.Task` of a scene and the name of a method."""
         hologram = self.hologram.to_dict()
-        return measure.Task(
-            scene, method, hologram, self.spp, self.limit, records, self.loss, str(self.folder)
-        )
+        return measure.Task(scene, method, hologram, self.spp, self.limit, records, str(self.folder))
 
 
 def _check(name, choices, what):
@@ -128,10 +141,10 @@ def _hologram(pixels):
 def full(pixels=256):
     """The chart of ``make chart``, of holograms so many pixels wide and high."""
     hologram = _hologram(pixels)
-    others = tuple(m for m in FRAMES if m != M)
+    shown = {scene: OTHERS if scene in MANY_FRAMES else (1, 3) for scene in SCENES}
     return Chart(
-        "full", hologram, 256, 300.0, tuple(SCENES), tuple(methods(hologram)), {},
-        dict.fromkeys(OVER_FRAMES, others), dict.fromkeys(SCENES, others), TRIANGLES, loss=True,
+        "full", hologram, 128, 100.0, tuple(SCENES), tuple(methods(hologram)), FULL_EFFORTS,
+        dict.fromkeys(OVER_FRAMES, OTHERS), shown, TRIANGLES,
     )  # fmt: skip
 
 
@@ -159,7 +172,8 @@ def run(*arguments):
     Parameters
     ----------
     *arguments : str
-        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs] [--out FOLDER]``; see `parser`.
+        ``[quick] [SCENE ...] [--methods NAME ...] [--pixels N] [--anew] [--docs] [--since FILE] [--out FOLDER]``; see
+        `parser`.
 
     Returns
     -------
@@ -183,10 +197,12 @@ def run(*arguments):
         _check(name, SCENES, "scene")
     for name in names:
         _check(name, methods(chart.hologram), "method")
+    if options.since:
+        report.earlier(options.since)  # it is told before hours of work that there is none
     records, seconds = measured(chart, scenes or chart.scenes, names, options.anew)
     command = " ".join(("python -m benchmarks chart", *arguments))
     made = report.Made.now(command, seconds, measure.ROOT)
-    tables, faults = report.write(chart, records, made, docs=options.docs)
+    tables, faults = report.write(chart, records, made, options.docs, options.since)
     if faults:
         raise Incomplete(tables, faults)
     return tables
@@ -202,6 +218,9 @@ def parser():
     parser.add_argument("--pixels", type=int, default=256, help="of the holograms, a side; default: 256")
     parser.add_argument("--anew", action="store_true", help="measure what is there already, too")
     parser.add_argument("--docs", action="store_true", help="write docs/chart.md and its pictures, too")
+    parser.add_argument(
+        "--since", metavar="FILE", help="an earlier page or chart.json: list what is lower now than there"
+    )
     parser.add_argument(
         "--out", metavar="FOLDER", help=f"of records and page; default: {FOLDER}, of quick {FOLDER}/quick"
     )

@@ -1,4 +1,4 @@
-"""The chart's seven scenes, each with what its surfaces ask of a method, and hills of any number of triangles."""
+"""The chart's nine scenes, each with what its surfaces ask of a method, and hills of any number of triangles."""
 
 import math
 import os
@@ -11,6 +11,8 @@ import numpy as np
 from holopath_addon import engine
 
 from ..scenes import FOV, Scenes
+from .photograph import photograph
+from .portrait import portrait
 
 WIDE = math.radians(36)
 
@@ -206,6 +208,8 @@ SCENES = {
         (0.8, 1.5, 4.0),
         frozenset({"mirrors", "glass", "gloss", "indirect"}),
     ),
+    "portrait": Scene("a head with hair in soft light", _seen(portrait), (0.65, 0.72, 2.2)),
+    "photograph": Scene("a photograph with depth", photograph, (0.7, 1.6, 8.0)),
 }
 TRIANGLES = (2_000, 20_000, 200_000, 2_000_000)
 

@@ -1,17 +1,26 @@
 """Add-on preferences: what computes, and where baked light is kept."""
 
 import os
+import textwrap
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ..engine import BakeStore
+from ..engine import BakeStore, InvalidInput
 from ..engine.scene import variants
+from ..engine.waves import libraries
 
 # In an extension the add-on is the package above that holds the manifest.
 _PACKAGE = __name__.rpartition(".")[0]
 ADDON = ".".join(_PACKAGE.split(".")[: 3 if _PACKAGE.startswith("bl_ext.") else 1])
 PROGRAMS = "DRJIT_CACHE_DIR"
+LINE = 80  # characters of a line that fits into the preferences
+# By docs/measurements.md, On a graphics card; the size is that of the zip, of all platforms and Pythons at most.
+GAIN = (
+    f"{libraries.EXTENSION} is an extension of 470 MB, which takes 0.9 GB on disk. With it a Full HD hologram is "
+    "expected in a third of the time, and its phases in a tenth. Get it from HoloPath's repository, or from disk."
+)
+WAVES = {"lacking": "INFO", "failing": "ERROR", "computing": "CHECKMARK"}  # by a card, and their icons
 _found: dict = {}
 
 
@@ -78,8 +87,34 @@ def backends():
 
 
 def look_again():
-    """Forget which backends there are."""
+    """Forget which backends there are, and what a card lacks."""
     _found.pop("rows", None)
+    _found.pop("lacking", None)
+
+
+def on_card():
+    """Whether rays are traced on a card: there is one, and the preferences do not choose the processor."""
+    usable = next(row["available"] for row in backends() if row["name"] == variants.CUDA)
+    return usable and _found["wanted"] in (None, variants.CUDA)
+
+
+def try_card():
+    """Find out what keeps waves from being computed on a card, a sentence; empty where nothing does, or without one."""
+    if on_card():
+        try:
+            _found["lacking"] = libraries.chosen()[1]
+        except InvalidInput as error:  # of the variable that names a library
+            _found["lacking"] = str(error)
+    return _found.get("lacking", "")
+
+
+def waves():
+    """What computes waves where there is a card, a sentence, and which of `WAVES` that is; both empty without one."""
+    if not on_card():
+        return "", ""
+    lacking = _found.get("lacking")
+    kind = "lacking" if not libraries.installed() else "failing" if lacking else "computing"
+    return lacking or libraries.described(), kind
 
 
 def missing():
@@ -143,6 +178,14 @@ class HoloPathPreferences(bpy.types.AddonPreferences):
         for row in backends():
             icon = "CHECKMARK" if row["available"] else "X"
             column.label(text=f"{row['name']}: {row['detail']}", icon=icon)
+        said, kind = waves()
+        if said:
+            column = layout.column(align=True)
+            lines = textwrap.wrap(said, LINE) + textwrap.wrap(GAIN if kind == "lacking" else "", LINE)
+            for number, line in enumerate(lines):
+                column.label(text=line, icon="BLANK1" if number else WAVES[kind])
+        if kind == "lacking":
+            layout.operator("holopath.get_card_extension")
         layout.operator("holopath.check")
 
 

@@ -284,7 +284,9 @@ def _reconstruct(args):
                 f"{place * 1e3:g} mm from the SLM is in its far field: one Fresnel transform, each of the picture's "
                 f"pixels {pixel * 1e3:.4g} mm wide."
             )
-    images = pipeline.reconstruct(field, focus, pupil, stage(progress, 0.0, 0.97))
+    images, notes = pipeline.reconstruct(field, focus, pupil, stage(progress, 0.0, 0.97))
+    for note in notes:
+        progress.say(f"note: {note}")
     rgb = engine.to_rgb(images, field.hologram.wavelengths)
     alike = output.pupil_of(report) == pupil  # through a smaller part there is less light
     white = (alike and report.get("exposure_white")) or output.exposure(rgb)

@@ -18,7 +18,7 @@ from ..engine.waves import libraries
 from ..slm.drivers.controller import BAUD
 from ..slm.drivers.files import KINDS
 from ..slm.drivers.slmsuite_device import options_of
-from ..workflow import failures, output
+from ..workflow import failures, output, pipeline
 from .console import Progress
 from .options import argument, listed, numbers, pitch, renamed
 
@@ -539,8 +539,9 @@ def _tune(args):
     phase = replace(phase, data=np.array(phase.data))  # Windows replaces no file that is mapped
     try:
         with _looking(args, window, planes, distances, size=(width, height)) as look:
-            tuned = slm.tune(
-                phase, field, look, calibration, wavelength, args.rounds, stage(progress, 0.0, 0.98)
+            what = field, look, calibration, wavelength, args.rounds, stage(progress, 0.0, 0.98)
+            tuned = pipeline.phases_by_card(
+                lambda data: slm.tune(replace(phase, data=data), *what), phase.data
             )
     except Exception as error:
         kept = getattr(error, "kept", None)
@@ -553,6 +554,8 @@ def _tune(args):
         progress.say(f"It ended early: {told}")
         raise
     tuned.save(folder / "hologram")
+    if libraries.RAN_OUT in tuned.report.get("advice", ""):
+        progress.say(f"note: {libraries.RAN_OUT}")
     decibels = tuned.report["tuned"][-1]["psnr_db"]
     progress(
         1.0, f"Done: the camera saw {decibels[0]:.1f} dB, now {max(decibels):.1f}: {folder / 'hologram'}"

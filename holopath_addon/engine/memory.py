@@ -12,6 +12,7 @@ import numpy as np
 from .errors import InvalidInput
 
 AT_ONCE = 1 << 28  # bytes of fields of many frames that are traced together
+CARD_BATCH = 2 << 30  # bytes of a card's memory, free beside the field and phases, with which it encodes
 LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # of a container
 
 
@@ -68,6 +69,22 @@ def on_card(array: Any) -> tuple[int, int] | None:
             free, whole = cupy.cuda.runtime.memGetInfo()
             return whole, free + cupy.get_default_memory_pool().free_bytes()
     return None
+
+
+def refocusing_on_card(field: float, images: float) -> float:
+    """Bytes of a card's memory that pictures of a field take.
+
+    Parameters
+    ----------
+    field, images : float
+        Bytes of the field and of the pictures.
+    """
+    return 2 * field + images
+
+
+def encoding_on_card(field: float) -> float:
+    """Bytes of a card's memory with which a field of so many is encoded there, in batches that go by what is free."""
+    return 2 * field + CARD_BATCH
 
 
 def on_processor(array: Any) -> np.ndarray:

@@ -54,33 +54,6 @@ class Raster(NamedTuple):
         return lines
 
 
-def averaged(pictures: np.ndarray, lines: Sequence[EvenSteps]) -> np.ndarray:
-    """Intensities on the pixels of another grid: each is the mean over its square, of squares that are even.
-
-    Between pixels a field of unit modulus is not of unit modulus, and its intensity is speckled. So intensities are
-    taken at the field's own pixels, and spread over these.
-
-    Parameters
-    ----------
-    pictures : numpy.ndarray, shape (..., y, x)
-    lines : (EvenSteps, EvenSteps)
-        Rows and columns of the other grid, all of which lie within the pictures.
-
-    Returns
-    -------
-    numpy.ndarray, float64, of as many rows and columns
-    """
-    for axis, line in zip((-2, -1), lines, strict=True):
-        values = np.moveaxis(np.asarray(pictures, np.float64), axis, -1)
-        sums = np.concatenate([np.zeros_like(values[..., :1]), values.cumsum(-1)], -1)
-        ends = line.first + 0.5 + line.step * (np.arange(line.count + 1) - 0.5)
-        ends = ends.clip(0, values.shape[-1])  # rounding
-        low = np.minimum(ends.astype(int), values.shape[-1] - 1)
-        part = (sums[..., low] + (ends - low) * values[..., low]) / line.step
-        pictures = np.moveaxis(np.diff(part), -1, axis)
-    return np.asarray(pictures)
-
-
 def beyond(lines: Sequence[EvenSteps], shape: Sequence[int]) -> int:
     """Pixels that a grid has to be wider, both sides together, for lines to be on it."""
     out = [

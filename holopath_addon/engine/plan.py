@@ -12,6 +12,7 @@ from .slabs import Slab
 
 T = TypeVar("T")
 SLABS = "slab", "images"  # of a recording plane
+CARD_STAGES = "wave tracing", "propagation", "reconstruction"  # of `Plan.card_memory`, beside encodings
 PHASES = "sgd", "joint", "look", "light", "rays", "frame", "step"  # see `planning.costs.phases`
 
 
@@ -167,6 +168,9 @@ class Plan:
         That computes waves and phases, see `waves.libraries`.
     beside : int
         Pixels beyond each edge of the picture that are traced, too, see `mapping`.
+    card_memory : dict of str to float
+        Estimated bytes of a graphics card's memory that each of `CARD_STAGES` and each encoding takes; empty without a
+        card that computes waves.
     """
 
     near: float
@@ -209,7 +213,9 @@ class Plan:
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
     library: str = "numpy"
-    beside: int = 0  # as in files of versions that did not have it
+    # as in files of versions that did not have these
+    beside: int = 0
+    card_memory: dict = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:

@@ -4,6 +4,7 @@ import bpy
 
 from .. import engine
 from ..blender import preferences, properties
+from ..engine.waves import libraries
 from . import session
 from .working import Working, export, push_undo
 
@@ -123,7 +124,7 @@ class HOLOPATH_OT_plan(Working, bpy.types.Operator):
 
 
 class HOLOPATH_OT_check(bpy.types.Operator):
-    """Look again for what Mitsuba computes with: a graphics card, or LLVM for the processor"""
+    """Look again for what computes: a graphics card, and what it needs, or LLVM for the processor"""
 
     bl_idname = "holopath.check"
     bl_label = "Check Again"
@@ -138,6 +139,26 @@ class HOLOPATH_OT_check(bpy.types.Operator):
         else:
             used = next(row for row in preferences.backends() if row["available"])
             self.report({"INFO"}, f"HoloPath computes with {used['name']}: {used['detail']}.")
+        lacking = preferences.try_card()
+        if lacking:
+            self.report({"WARNING"}, lacking)
+        return {"FINISHED"}
+
+
+def show_extensions(context, name):
+    """Have the preferences show the extensions of that name that Blender's repositories have."""
+    context.window_manager.extension_search = name
+    context.preferences.active_section = "EXTENSIONS"
+
+
+class HOLOPATH_OT_get_card_extension(bpy.types.Operator):
+    """Look for it among the extensions of Blender's repositories, in Get Extensions"""
+
+    bl_idname = "holopath.get_card_extension"
+    bl_label = f"Get {libraries.EXTENSION}"
+
+    def execute(self, context: bpy.types.Context):
+        show_extensions(context, libraries.EXTENSION)
         return {"FINISHED"}
 
 
@@ -147,4 +168,5 @@ CLASSES = (
     HOLOPATH_OT_match_output,
     HOLOPATH_OT_plan,
     HOLOPATH_OT_check,
+    HOLOPATH_OT_get_card_extension,
 )

@@ -18,7 +18,6 @@ from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 import scipy.ndimage
 
 from ..engine.encoding.encoder import MARGIN
@@ -27,6 +26,8 @@ from ..engine.encoding.shown_light import ShownLight
 from ..engine.errors import Cancelled, InvalidInput, cancelled
 from ..engine.pixels import half_sides
 from ..engine.viewing.reconstruction import Refocuser
+from ..engine.waves import arrays
+from ..engine.waves.arrays import on_processor
 from ..engine.waves.propagation import TEACHING_GUARD, FreeSpace, padded_shape
 from ..engine.waves.supervision import Frames, relative
 
@@ -58,7 +59,7 @@ def tune(
     Parameters
     ----------
     phase : PhaseHologram
-        To begin with, encoded for the same calibration.
+        To begin with, encoded for the same calibration. The library of its data computes, as for `engine.encode`.
     field : WaveField
         What is to be seen.
     look : callable
@@ -107,11 +108,11 @@ def tune(
         )
     if rounds < 1:
         raise InvalidInput(f"Phases are tuned in one round or more, not in {rounds}.")
-    colour, best, decibels = colours[0], phase.data[:, colours[0]], []
+    colour, best, decibels = colours[0], phase.data[:, colours[0], ...], []
 
     def kept():
-        data = np.array(phase.data)
-        data[:, colour] = best
+        data = arrays.copied(phase.data)
+        data[:, colour, ...] = best
         tuned = {"wavelength_m": phase.hologram.wavelengths[colour], "psnr_db": decibels}
         return replace(
             phase, data=data, report={**phase.report, "tuned": [*phase.report.get("tuned", ()), tuned]}
@@ -119,7 +120,7 @@ def tune(
 
     with Frames() as threads:
         loop = _Loop(phase, field, calibration, colour, threads)
-        shots, taken = (rounds + 1) * len(loop.distances) * len(phase.data), count()
+        shots, taken = (rounds + 1) * len(loop.distances) * phase.data.shape[0], count()
 
         def shown(levels, distance):
             seen = f", {decibels[-1]:.1f} dB" if decibels else ""
@@ -149,7 +150,7 @@ class _Loop:
     """Phases of one wavelength under way, and what is wanted at each focus."""
 
     def __init__(self, phase, field, calibration, colour, threads):
-        hologram = phase.hologram
+        hologram, data = phase.hologram, phase.data
         self._wavelength, self._calibration = hologram.wavelengths[colour], calibration
         models = calibration.display([self._wavelength])
         if models is None or not calibration.plain:
@@ -167,17 +168,19 @@ class _Loop:
         self._between = list((np.arange(BETWEEN) + 0.5) / BETWEEN * (ends[1] - ends[0]) + ends[0])
         everywhere = [*self.distances, *self._between]
         depths = [float(field.mapping.z_to_depth(z)) for z in everywhere]
-        wanted = dict(zip(everywhere, Refocuser(field, own_pixels=True)(depths)[..., colour], strict=True))
-        shape = phase.data.shape[-2:]
-        shown = ShownLight(model, shape, hologram.pitch, MARGIN)
+        field = replace(field, data=arrays.like(field.data, data))
+        pictures = Refocuser(field, own_pixels=True)(depths)
+        wanted = {z: pictures[number, ..., colour] for number, z in enumerate(everywhere)}
+        shape = data.shape[-2:]
+        shown = ShownLight(model, shape, hologram.pitch, MARGIN, data)
         ends = calibration.levels_of(hologram)[colour].ends
-        self.phases = Phases(phase.data[:, colour], threads, shown, ends)
+        self.phases = Phases(data[:, colour, ...], threads, shown, ends)
         self._table = calibration.table(self._wavelength)
         wide = tuple(n + 2 * MARGIN for n in shape)
         self._within = np.s_[:, MARGIN : MARGIN + shape[0], MARGIN : MARGIN + shape[1]]
         farthest = max(map(abs, everywhere))
         self._padded = padded_shape(wide, hologram.pitch, self._wavelength, farthest, TEACHING_GUARD)
-        space = FreeSpace(self._padded, hologram.pitch, self._wavelength)
+        space = FreeSpace(self._padded, hologram.pitch, self._wavelength, on=data)
         self._transfers = {z: space(z) for z in everywhere}
         halves = half_sides(shape, hologram.pitch, model.half)
         eta, xi = ((np.arange(n) - (n - 1) / 2) / half for n, half in zip(shape, halves, strict=True))
@@ -192,11 +195,11 @@ class _Loop:
                 raise InvalidInput(
                     f"The camera sees {seen.mean():.0%} of the hologram at {z * 1e3:g} mm: let it look at more."
                 )
-            self._wanted[z] = wanted[z], relative(wanted[z]) * seen
+            self._wanted[z] = wanted[z], relative(wanted[z]) * arrays.mask(seen, data)
 
     def seen(self, look):
         """Look at all frames at each focus: the mean PSNR, and how far each focus is from what is wanted."""
-        values, psnrs, errors = self.phases.values(), [], {}
+        values, psnrs, errors = on_processor(self.phases.values()), [], {}
         for distance in self.distances:
             wanted, weight = self._wanted[distance]
             total = np.zeros(wanted.shape, np.float32)
@@ -210,8 +213,9 @@ class _Loop:
                     )
                 light = self._sensor.intensity(picture)
                 total += scipy.ndimage.map_coordinates(light, self._at[distance], np.float32, 1, "nearest")
+            total = arrays.like(total, wanted)
             total *= _gain(total, wanted, weight)  # as bright as is wanted
-            psnrs.append(_psnr(total, wanted, weight > 0))
+            psnrs.append(_psnr(*map(on_processor, (total, wanted, weight > 0))))
             errors[distance] = total - wanted
         return float(np.mean(psnrs)), errors
 
@@ -219,23 +223,24 @@ class _Loop:
         """A step for each focus, and each time for one more distance, by the model's own picture there."""
         for distance, error in errors.items():
             light = self.phases.light
-            spectra = scipy.fft.fft2(light, self._padded)
+            frames, rows, columns = light.shape
+            spectra = arrays.fft2(light, self._padded)
             slopes = self._slopes(spectra, distance, error)
             slopes += self._slopes(spectra, self._between[self._rng.integers(len(self._between))])
-            back = scipy.fft.ifft2(slopes)[:, : light.shape[1], : light.shape[2]]
-            self.phases.descend(back, np.ones(len(back), np.complex64), rate, PARTLY)
+            back = arrays.ifft2(slopes)[:, :rows, :columns]
+            self.phases.descend(back, np.ones(frames), rate, PARTLY)
 
     def _slopes(self, spectra, distance, error=None):
         """Spectra of dL / du at the SLM, of one distance; without an error seen the model's own counts."""
         (wanted, weight), transfer = self._wanted[distance], self._transfers[distance]
-        waves = scipy.fft.ifft2(spectra * transfer)
+        waves, xp = arrays.ifft2(spectra * transfer), arrays.namespace(spectra)
         inner = waves[self._within]
-        seen = (np.abs(inner) ** 2).mean(0)
+        seen = xp.mean(xp.abs(inner) ** 2, axis=0)
         gain = _gain(seen, wanted, weight)
         error = gain * seen - wanted if error is None else error
-        slope = np.zeros_like(waves)
-        slope[self._within] = inner * (2 * gain / len(waves) * weight * error).astype(np.float32)
-        return scipy.fft.fft2(slope) * transfer.conj()
+        slope = xp.zeros_like(waves)
+        slope[self._within] = inner * arrays.as_type(2 * gain / waves.shape[0] * weight * error, "float32")
+        return arrays.fft2(slope) * xp.conj(transfer)
 
 
 def _pixels(shape):
@@ -243,8 +248,8 @@ def _pixels(shape):
 
 
 def _gain(seen, wanted, weight):
-    square = float((weight * seen * seen).sum(dtype=float))
-    return float((weight * seen * wanted).sum(dtype=float)) / square if square > 0 else 0.0
+    square = arrays.total(weight * seen * seen)
+    return arrays.total(weight * seen * wanted) / square if square > 0 else 0.0
 
 
 def _psnr(seen, wanted, where):

@@ -9,10 +9,10 @@ import numpy as np
 from .. import engine
 from ..engine.hologram import channel
 from ..engine.mapping import DepthMapping, squared
+from ..engine.memory import encoding_on_card, on_processor, refocusing_on_card
 from ..engine.planning.planner import resolved
 from ..engine.progress import Clock, Compiling, stage
 from ..engine.waves import libraries
-from ..engine.waves.arrays import on_processor
 
 COARSER = 1.5  # times larger texels than pixels show
 MOST_NAMES = 8  # in one line
@@ -23,7 +23,6 @@ PREVIEW_SHARE = 0.1  # of the planned time, or of the draft's where there is one
 SEVERAL = 2.5
 COMPILED = 3.0  # times as long as its plan a draft's programs are compiled, where some of the plan's were
 DRAFT_FRAMES = 4  # most
-CARD_BYTES = 2 << 30  # of a card's memory, free beside the field and phases, with which it encodes
 DRAFTED = {"auto", "full", "fast"}  # methods that a draft resembles
 BEGUN = 0.02, 0.5  # of the work, least and most, is said to be done when the plan is made
 
@@ -237,8 +236,8 @@ def _drafted(request, draft, depths, progress):
 
     at = stage(told, 0.0, 0.95)
     field = engine.render(*view, plan=draft.plan, progress=at, store=request.store)
-    images = reconstruct(field, depths, request.pupil, stage(told, 0.95, 1.0))
-    return Result(draft.plan, field, depths, images, field.report["seconds"])
+    images, notes = reconstruct(field, depths, request.pupil, stage(told, 0.95, 1.0))
+    return Result(_warned(draft.plan, *notes), field, depths, images, field.report["seconds"])
 
 
 def compute(request, progress=None, rendered=None, offer=None):
@@ -286,7 +285,8 @@ def compute(request, progress=None, rendered=None, offer=None):
         rendered = engine.render(scene, camera, hologram, None, plan, at, request.store, along)
         clock.seconds.update(rendered.report["seconds"])
     with clock("refocusing"):
-        images = reconstruct(rendered, depths, request.pupil, stage(progress, 0.95, 1.0))
+        images, notes = reconstruct(rendered, depths, request.pupil, stage(progress, 0.95, 1.0))
+    plan = _warned(plan, *rendered.plan.get("warnings", ()), *notes)
     return Result(plan, rendered, depths, images, clock.seconds)
 
 
@@ -319,32 +319,73 @@ def _early(request, plan, depths, started, clock, progress, offer):
     return begun
 
 
+def _warned(plan, *warnings):
+    """The plan with warnings of what came of it, which it may have already."""
+    return replace(plan, warnings=tuple(dict.fromkeys((*plan.warnings, *warnings))))
+
+
 def reconstruct(field, focus, pupil, progress):
-    """`engine.reconstruct` by the card where one computes waves; NumPy's pictures."""
+    """`engine.reconstruct` by the card where one computes waves.
+
+    Returns
+    -------
+    images : numpy.ndarray
+    notes : list of str
+        A sentence where the card's memory ran out.
+    """
 
     def pictures(data):
         return on_processor(engine.reconstruct(replace(field, data=data), focus, pupil, progress))
 
-    needed = 2 * field.data.nbytes + 4 * len(focus) * field.data[0].size
-    return libraries.by_card(pictures, field.data, needed)[0]
+    needed = refocusing_on_card(field.data.nbytes, 4 * len(focus) * field.data[0].size)
+    images, note = libraries.by_card(pictures, field.data, needed)
+    return images, [note] * bool(note)
 
 
-def _encoded(field, method, progress, **options):
-    """`engine.encode` by the card where one computes waves; NumPy's phases."""
+def phases_by_card(work, data, needed=None):
+    """Phases that are found by the card where one computes waves; NumPy's.
 
-    def phases(data):
+    Parameters
+    ----------
+    work : callable
+        ``work(data)`` gives an `engine.PhaseHologram` of the library of the data.
+    data : numpy.ndarray
+        Of a field, or of phases.
+    needed : float, optional
+        Bytes of the card's memory that it takes. Default: `encoding_on_card`.
+
+    Returns
+    -------
+    engine.PhaseHologram
+        Where the card's memory ran out, a sentence in the advice of its report says so.
+    """
+
+    def found(data):
         try:
-            phase = engine.encode(replace(field, data=data, more=None), method, progress, **options)
-        except engine.Cancelled as error:
-            if error.kept is not None:
-                error.kept = replace(error.kept, data=on_processor(error.kept.data))
+            return _of_numpy(work(data))
+        except Exception as error:
+            kept = getattr(error, "kept", None)
+            if kept is not None:
+                vars(error)["kept"] = _of_numpy(kept)
             raise
-        return replace(phase, data=on_processor(phase.data))
 
-    phase, note = libraries.by_card(phases, field.data, 2 * field.data.nbytes + CARD_BYTES)
+    phase, note = libraries.by_card(found, data, needed or encoding_on_card(data.nbytes))
     if note:
         phase.report["advice"] = " ".join(filter(None, (phase.report.get("advice"), note)))
     return phase
+
+
+def _of_numpy(phase):
+    return replace(phase, data=on_processor(phase.data))
+
+
+def _encoded(field, method, progress, needed=None, **options):
+    """`engine.encode` by the card where one computes waves; NumPy's phases."""
+    return phases_by_card(
+        lambda data: engine.encode(replace(field, data=data, more=None), method, progress, **options),
+        field.data,
+        needed,
+    )
 
 
 def encode(field, encoding, progress, scene=None, settings=None, store=None, **options):
@@ -395,7 +436,8 @@ def encode(field, encoding, progress, scene=None, settings=None, store=None, **o
             yield from engine.many_frames(*view, plan, progress, store, chosen.frames, along, clocked)
 
     try:
-        phase = _encoded(field, chosen.method, progress, many=many, **options)
+        needed = plan.card_memory.get(chosen.method)
+        phase = _encoded(field, chosen.method, progress, needed, many=many, **options)
     except engine.Cancelled as error:
         if error.kept is not None:
             error.kept.report["plan"] = chosen.to_dict()

@@ -117,14 +117,15 @@ def write(
         with clock("refocusing phases"):
             at = stage(progress, end - 0.02, end)
             light = phase.field(display=encoding.display)
-            shown = pipeline.reconstruct(light, result.focus, request.pupil, at)
+            shown, notes = pipeline.reconstruct(light, result.focus, request.pupil, at)
+            told = [*told, *notes]
             seen = engine.to_rgb(shown, wavelengths)
         with clock("files"):
             phase.save(folder / "hologram")
             files = output.picture_files(seen, result.focus, white, request.pupil)
             output.write_pictures(folder / "reconstruction", output.of_phases(files))
     bake = result.field.report.get("bake")
-    notes = [*result.plan.warnings, *pipeline.bake_notes(bake), *told]
+    notes = list(dict.fromkeys([*result.plan.warnings, *pipeline.bake_notes(bake), *told]))
     report = {
         "scene": origin.name,
         "scene_path": os.path.abspath(origin.name) if os.path.isfile(origin.name) else None,

@@ -64,6 +64,18 @@ def test_auto_is_ahead_of_baselines_only_where_it_is():
     assert rows[30, "psnr"]["best"] == {"auto": 25.0, "full": 40.0, "rgbd": 21.0, "focal-stack": 27.0}
 
 
+def test_a_draft_that_follows_no_mirrors_is_told():
+    """Ours, on scenes with mirrors or glass, where it is the best that there is."""
+    records = [
+        record("auto", 0.5, 19.0, 14.0, kind="ours", effort="draft"),
+        record("auto", 2.0, 21.0, 18.0, kind="ours", effort="preview"),
+        record("rgbd", 0.5, 17.0, effort="draft"),
+    ]
+    assert [row["flat"] for row in compare(records, (1, 3))] == [["auto"], ["auto"], [], []]
+    elsewhere = [each | {"scene": "planes"} for each in records]
+    assert [row["flat"] for row in compare(elsewhere, (1,))] == [[], []]
+
+
 def test_phases_within_a_budget_are_the_best_of_their_frames():
     """Of those that an SLM can show; a complex field does not count."""
     records = [

@@ -18,7 +18,7 @@ import pytest
 
 from holopath_addon import cli, engine
 from holopath_addon.cli import sources
-from holopath_addon.workflow import output
+from holopath_addon.workflow import output, pipeline
 from tests.patience import NEVER, SOON
 
 ROOT = Path(__file__).parents[2]
@@ -381,6 +381,15 @@ def test_report(rendered):
     assert report["warnings"] == [] and report["export_notes"] == [] and report["bake"] is None
     assert [row["focus_m"] for row in report["comparison"]] == [0.5, 2.0, "inf"]
     assert all(row["psnr_db"] > 10 and 0 < row["ssim"] <= 1 for row in report["comparison"])
+
+
+def test_a_card_that_was_too_small_for_refocusing_is_told_of(rendered, tmp_path, monkeypatch, capfd):
+    from holopath_addon.engine.waves import libraries
+
+    whole = pipeline.reconstruct
+    monkeypatch.setattr(pipeline, "reconstruct", lambda *what: (whole(*what)[0], [libraries.RAN_OUT]))
+    assert cli.main(["reconstruct", str(rendered), "--focus", "1m", "--out", str(tmp_path / "out")]) == 0
+    assert capfd.readouterr().err.count(f"note: {libraries.RAN_OUT}") == 1
 
 
 def test_reconstruct_again(rendered, tmp_path, capfd):

@@ -32,6 +32,27 @@ def library(request):
     return np if request.param == "numpy" else found(request.param)
 
 
+@pytest.fixture
+def as_on_a_card(other_library, monkeypatch):
+    """``as_on_a_card(free)``: another library computes waves, in a card's memory, as it seems, with so much free."""
+    from holopath_addon.engine.planning import machine, planner
+    from holopath_addon.engine.waves import libraries
+
+    name = other_library.__name__
+    monkeypatch.setitem(libraries.ON_CARDS, name, "The Library")
+    monkeypatch.setattr(libraries, "_problem", lambda name, device: "")
+    monkeypatch.setenv(libraries.VARIABLE, name)
+
+    def free(count):
+        def on_card(array):
+            return None if isinstance(array, np.ndarray) else (count, count)
+
+        for module in (machine, planner):
+            monkeypatch.setattr(module, "on_card", on_card)
+
+    return free
+
+
 def found(library):
     pytest.importorskip("array_api_compat")
     return pytest.importorskip(library)

@@ -9,7 +9,7 @@ from scipy.special import j1
 
 from holopath_addon import engine
 from holopath_addon.engine import Hologram, InvalidInput
-from holopath_addon.engine.pixels import EvenSteps, averaged
+from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.waves import propagation
 
 GREEN = 516.5e-9
@@ -106,21 +106,6 @@ def test_waves_between_pixels_are_direct_sums(steps):
     np.testing.assert_allclose(
         propagation.sampled(spectrum, (rows, columns)), wanted / spectrum.size, atol=1e-6
     )
-
-
-def test_means_over_squares():
-    """By counting the points of a fine grid."""
-    rng = np.random.default_rng(0)
-    picture, fine = rng.random((2, 6, 9)), 100
-    rows, columns = EvenSteps(0.25, 0.5, 10), EvenSteps(1.3, 1.4, 5)
-    found = averaged(picture, (rows, columns))
-    points = np.repeat(np.repeat(picture, fine, 1), fine, 2)
-    for j, i in np.ndindex(10, 5):
-        (top, bottom), (left, right) = (
-            [round((line.first + 0.5 + line.step * (n + end)) * fine) for end in (-0.5, 0.5)]
-            for line, n in ((rows, j), (columns, i))
-        )
-        np.testing.assert_allclose(found[:, j, i], points[:, top:bottom, left:right].mean((1, 2)), rtol=1e-9)
 
 
 @pytest.mark.oracle

@@ -54,11 +54,11 @@ def renders(monkeypatch):
     """Calls of the engine, as the seed and the frames of each; one whose number is in `failing` fails."""
     render, found, failing = engine.render, [], {}
 
-    def counted(scene, camera, hologram, settings, *arguments, **options):
-        found.append((settings.seed, settings.frames))
+    def counted(scene, camera, hologram, settings, plan, *arguments, **options):
+        found.append((plan.requested.seed, plan.requested.frames))
         if len(found) in failing:
             raise failing[len(found)]
-        return render(scene, camera, hologram, settings, *arguments, **options)
+        return render(scene, camera, hologram, settings, plan, *arguments, **options)
 
     monkeypatch.setattr(engine, "render", counted)
     found_and_failing = type("Renders", (), {"found": found, "failing": failing})

@@ -7,6 +7,7 @@ import pytest
 from holopath_addon import engine, slm
 from holopath_addon.blender import preferences
 from holopath_addon.engine import rendering
+from holopath_addon.engine.waves import libraries
 from holopath_addon.operators import session
 from holopath_addon.operators.jobs import Job
 from holopath_addon.workflow import pipeline
@@ -547,6 +548,30 @@ def test_a_graphics_card_that_is_not_there(scene, monkeypatch):
     told = preferences.missing()
     preferences.look_again()
     assert "no card" in told and "choose Automatic" in told
+
+
+def test_a_card_that_computes_no_waves(scene, monkeypatch):
+    """Check Again says why; Get shows the extension that would change it."""
+    monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (True, "NVIDIA Card"))
+    told = ["it has no memory", engine.InvalidInput("HOLOPATH_ARRAYS is 'jax'."), ""]
+
+    def chosen():
+        said = told.pop(0)
+        if isinstance(said, Exception):
+            raise said
+        return "numpy", said
+
+    monkeypatch.setattr(libraries, "chosen", chosen)
+    for said in ("it has no memory", "HOLOPATH_ARRAYS is 'jax'.", ""):
+        bpy.ops.holopath.check()
+        assert preferences._found["lacking"] == said
+    monkeypatch.undo()
+    bpy.ops.holopath.check()
+    assert preferences.try_card() == ""
+    bpy.ops.holopath.get_card_extension()
+    assert bpy.context.window_manager.extension_search == "HoloPath for NVIDIA Cards"
+    assert bpy.context.preferences.active_section == "EXTENSIONS"
+    bpy.context.window_manager.extension_search = ""
 
 
 def test_dioptres_in_view(scene):

@@ -8,11 +8,19 @@ import pytest
 from holopath_addon import cli, engine, slm
 from holopath_addon.engine.viewing import metrics
 from holopath_addon.engine.waves.gaussian_points import THIRD
+from holopath_addon.engine.waves.supervision import Frames
 from holopath_addon.slm.fitting import parameters, vector
+from holopath_addon.slm.tuning import _Loop
 
 GREEN, PITCH, FOCI, VIEW = 520e-9, 8e-6, (2e-3, 4.5e-3, 7e-3), (0.95, 0.95)
 SIDE, FRAMES = 24, 2
 WINDOW = slm.PatternWindow(SIDE, PITCH, GREEN)
+
+
+@pytest.fixture
+def threads():
+    with Frames() as threads:
+        yield threads
 
 
 def field_of(seed=0):
@@ -99,6 +107,26 @@ def test_stopped_in_the_middle_keeps_the_best(bench):
         slm.tune(phase, field, look, calibration, GREEN)
     kept = stopped.value.kept
     assert len(kept.report["tuned"][0]["psnr_db"]) == 2 and kept.data.shape == phase.data.shape
+
+
+@pytest.mark.parametrize("library", ["array_api_strict", pytest.param("torch", marks=pytest.mark.oracle)])
+def test_libraries_of_arrays_agree(library, bench, threads):
+    """By a camera that always sees the same: phases are of the library that they were of, and go the same way."""
+    library = pytest.importorskip(library)
+    calibration, field = bench[1], field_of()
+    phase, found = engine.encode(field, "sgd", max_steps=1), []
+    picture = np.random.default_rng(1).random(calibration.sensors[0].shape)
+    for made in (np, library):
+        own = replace(phase, data=made.asarray(phase.data))
+        tuned = slm.tune(own, field, lambda levels, distance: picture, calibration, GREEN, rounds=1)
+        assert isinstance(tuned.data, type(own.data))
+        loop = _Loop(own, field, calibration, 0, threads)
+        loop.descend(loop.seen(lambda levels, distance: picture)[1], 0.1)
+        found.append((np.exp(1j * np.asarray(loop.phases.values())), tuned.report["tuned"][0]["psnr_db"]))
+    (wanted, decibels), (values, others) = found
+    assert np.quantile(np.abs(values - wanted), 0.99) < 1e-3
+    assert others == pytest.approx(decibels, abs=1e-4)
+    assert np.median(np.abs(values - np.exp(1j * phase.data[:, 0]))) > 0.05
 
 
 def of_camera(calibration, **change):

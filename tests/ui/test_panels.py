@@ -12,6 +12,7 @@ import pytest
 
 from holopath_addon import engine, slm, ui
 from holopath_addon.blender import preferences
+from holopath_addon.engine.waves import libraries
 from holopath_addon.operators import devices, session
 from holopath_addon.operators.jobs import Job
 from holopath_addon.ui import menus, sections
@@ -135,6 +136,39 @@ def mitsuba_unavailable(scene, monkeypatch):
     yield
     monkeypatch.undo()
     preferences.look_again()
+
+
+@contextmanager
+def a_card(monkeypatch, *installed, lacking=""):
+    """A machine with an NVIDIA card, and these libraries."""
+    monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (True, "NVIDIA Card"))
+    monkeypatch.setattr(libraries, "installed", lambda: list(installed))
+    monkeypatch.setattr(libraries, "chosen", lambda: ("numpy" if lacking else "cupy", lacking))
+    preferences.look_again()
+    if lacking:
+        preferences.try_card()
+    yield
+    monkeypatch.undo()
+    preferences.look_again()
+
+
+@state
+def a_card_without_a_library(scene, monkeypatch):
+    with a_card(monkeypatch):
+        yield
+
+
+@state
+def a_card_whose_driver_is_too_old(scene, monkeypatch):
+    why = "CuPy cannot compute there (CUDA driver version is insufficient)"
+    with a_card(monkeypatch, "cupy", lacking=libraries.advice(why)):
+        yield
+
+
+@state
+def a_card_that_computes_waves(scene, monkeypatch):
+    with a_card(monkeypatch, "cupy"):
+        yield
 
 
 @state
@@ -364,6 +398,38 @@ def test_what_went_wrong_is_said(window, monkeypatch):
             layout = Layout(window)
             ui.panels.device(layout, window)
             assert words in layout.words
+
+
+def test_what_the_preferences_say_of_a_card(window, monkeypatch):
+    """Nothing without one; with one what computes waves there, or what it lacks, what that gains, and what to press."""
+    get, seen = "holopath.get_card_extension", {}
+    for name in ("nothing_rendered", *(name for name in STATES if name.startswith("a_card"))):
+        with STATES[name](window.scene, monkeypatch):
+            if name == "nothing_rendered":
+                monkeypatch.setattr(engine.scene.variants, "_cuda_device", lambda: (False, "no card"))
+                preferences.look_again()
+            layout = draw(preferences.HoloPathPreferences, window)
+            seen[name] = layout.words, get in layout.all("operator", "operator")
+            lines = [text for text in layout.all("label", "text") if not text.startswith(("cuda_", "llvm_"))]
+            assert all(len(line) <= preferences.LINE for line in lines)
+    monkeypatch.undo()
+    preferences.look_again()
+    (none, pressed), (without, offered), (old, _), (computes, _) = seen.values()
+    assert "Waves" not in none and not pressed
+    assert "computed by the processor, as neither CuPy nor PyTorch is installed" in without and offered
+    assert "HoloPath for NVIDIA Cards is an extension of 470 MB" in without and "third of the time" in without
+    assert "driver version is insufficient" in old and "newer NVIDIA driver" in old and "third" not in old
+    assert "computed on the card by CuPy" in computes
+    assert [offered for _, offered in seen.values()] == [False, True, False, False]
+
+
+def test_the_processor_that_the_preferences_choose(window, monkeypatch):
+    """Then nothing is said of a card's waves."""
+    monkeypatch.setattr(preferences, "wanted", lambda: engine.scene.variants.LLVM)
+    with STATES["a_card_without_a_library"](window.scene, monkeypatch):
+        assert preferences.waves() == ("", "") and preferences.try_card() == ""
+    monkeypatch.undo()
+    preferences.look_again()
 
 
 def test_a_layout_is_strict(window):

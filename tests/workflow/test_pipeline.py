@@ -1,6 +1,15 @@
 """What is said of a hologram that was computed."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from holopath_addon import engine
+from holopath_addon.engine.waves import libraries
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Request
 
 
 def test_what_to_know_of_baked_light():
@@ -10,3 +19,50 @@ def test_what_to_know_of_baked_light():
     torn, coarse, traced = pipeline.bake_notes(bake)
     assert torn == "It was torn." and "2.0 times larger" in coarse
     assert traced.startswith("10 shapes'") and traced.endswith("h, ....")
+
+
+class OutOfMemoryError(RuntimeError):
+    """As those of CuPy and PyTorch are called."""
+
+
+def test_a_card_whose_memory_runs_out_is_told_of(monkeypatch):
+    """While waves are computed, or pictures of them: the result's plan says so, once, and all is there."""
+    on_card = SimpleNamespace()
+    monkeypatch.setattr(libraries, "chosen", lambda: ("torch", ""))
+    monkeypatch.setattr(libraries, "beginning", lambda name: on_card)
+    monkeypatch.setattr(libraries, "on_card", lambda array: None)
+    monkeypatch.setattr(libraries, "like", lambda data, array: on_card)
+    reconstructed = engine.reconstruct
+
+    def on_a_full_card(field, *rest):
+        if field.data is on_card:
+            raise OutOfMemoryError
+        return reconstructed(field, *rest)
+
+    monkeypatch.setattr(engine, "reconstruct", on_a_full_card)
+    hologram = engine.Hologram(32, 24, 8e-6, (500e-9,), depth_far=0.5e-3, depth_near=1e-3)
+    camera = engine.Camera(np.eye(4), 0.3)
+    field = engine.WaveField(np.ones((1, 1, 24, 32), np.complex64), hologram, camera, 0.5)
+    images, notes = pipeline.reconstruct(field, [0.5], None, lambda done, message: None)
+    np.testing.assert_array_equal(images, reconstructed(field, [0.5]))
+    assert notes == [libraries.RAN_OUT]
+
+
+@pytest.mark.parametrize("ran_out", [False, True])
+def test_what_happened_while_waves_were_computed_is_said(backend, monkeypatch, ran_out):
+    """What a field's own plan warns of is a warning of the result, too."""
+    from benchmarks.scenes import FOV, GREEN, Scenes
+
+    scenes = Scenes()
+    scene, camera = scenes.two_planes(scenes.emissive), engine.Camera(np.eye(4), FOV)
+    hologram = engine.Hologram(32, 32, 8e-6, (GREEN,), depth_far=0.1e-3, depth_near=0.4e-3)
+    rendered, said = engine.render, {"warnings": [libraries.RAN_OUT]} if ran_out else {}
+
+    def render(*given):
+        field = rendered(*given)
+        return replace(field, plan=field.plan | said)
+
+    monkeypatch.setattr(engine, "render", render)
+    settings = engine.Settings(frames=1, quality="draft", planes=1, max_depth=1)
+    result = pipeline.compute(Request(hologram, settings, [1.0], scene=scene, camera=camera))
+    assert result.plan.warnings.count(libraries.RAN_OUT) == ran_out and result.images.shape == (1, 32, 32, 1)

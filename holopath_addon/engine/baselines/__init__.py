@@ -6,6 +6,7 @@ those Mitsuba renders, with mirrors, glass and all light.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -58,6 +59,8 @@ class BaselineInput:
         World depth of the volume's near end, metres.
     z_low, z_high : float
         Hologram-space depths between which surfaces were seen, metres from the SLM.
+    notes : list of str
+        Takes what the user is to know of how it went.
     """
 
     scene: mi.Scene
@@ -67,6 +70,7 @@ class BaselineInput:
     near: float
     z_low: float
     z_high: float
+    notes: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def mapping(self) -> DepthMapping:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..progress import parts, stage
+from ..waves import arrays
 from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
 from .shots import through_pupil
@@ -19,11 +20,16 @@ if TYPE_CHECKING:
 DEPTHS = 7
 
 
+def planes_of(z_low: float, z_high: float) -> np.ndarray:
+    """Planes whose pictures are shown, evenly between two hologram-space depths, metres from the SLM."""
+    return np.linspace(z_low, z_high, DEPTHS if z_high > z_low else 1)
+
+
 def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     """As of `layers.field`, of one modulus in each wavelength."""
     hologram = job.hologram
     slope = hologram.widest_slope
-    planes = np.linspace(job.z_low, job.z_high, DEPTHS if job.z_high > job.z_low else 1)
+    planes = planes_of(job.z_low, job.z_high)
     # noise of the pictures is what such phases are worst at
     paths = job.paths * len(hologram.wavelengths)
     told = parts(stage(progress, 0.0, 0.4), len(planes))
@@ -32,11 +38,12 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         for z, of_plane in zip(planes, told, strict=True)
     ]
 
-    def pictures(k):
+    def pictures(k, on):
         wavelength = hologram.wavelengths[k]
         vantages = [Vantage(float(z) - hologram.distance_at(wavelength)) for z in planes]
-        wanted = Pictures(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD)
-        wanted.wanted[:] = [job.at_pixels(picture[k], k) for picture in stack]
+        wanted = Pictures(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD, on)
+        for number, picture in enumerate(stack):
+            wanted.wanted[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")
         return wanted
 
     return phases_for(job, pictures, stage(progress, 0.4, 1.0))

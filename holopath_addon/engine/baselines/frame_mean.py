@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-import scipy.fft
-
+from ..waves import arrays
 from ..waves.supervision import DARK, blocks
 
 if TYPE_CHECKING:
+    from ..waves.arrays import Array
     from ..waves.pictures import Pictures
     from ..waves.supervision import Frames
 
@@ -39,96 +38,90 @@ class FrameMean:
         self._threads = threads
         self._waves = None
 
-    def weight(self, number: int) -> np.ndarray:
+    def weight(self, number: int) -> Array:
         """Of the squared error of each pixel of a picture."""
-        weight, target = self.pictures.weight(number), self.pictures.wanted[number]
-        return weight * (target + DARK * target.mean()) if self.amplitudes else weight
+        weight, target = self.pictures.weight(number), self.pictures.wanted[number, ...]
+        mean = arrays.namespace(target).mean(target)
+        return weight * (target + DARK * mean) if self.amplitudes else weight
 
-    def gradient(self, light: np.ndarray, number: int) -> tuple[float, np.ndarray]:
+    def gradient(self, light: Array, number: int) -> tuple[float, Array]:
         """Loss of a picture, and its gradient with respect to the light.
 
         Returns
         -------
         loss : float
-        back : numpy.ndarray
+        back : array
             In memory that the next call overwrites: G with dL = 2 Re sum conj(G) du.
         """
         pictures, (rows, columns) = self.pictures, self.pictures.shape
-        transfer = pictures.transfer(number).astype(light.dtype, copy=False)
+        xp, frames = arrays.namespace(light), light.shape[0]
+        transfer = arrays.as_type(pictures.transfer(number), light.dtype)
         waves = self._seen(light, transfer)
-        target = pictures.wanted[number]
-        scale = self.gain**2 / len(light)
-        error, factor = np.empty((2, *target.shape), light.real.dtype)
-        parts, dark = blocks(target), DARKEST * math.sqrt(target.mean())
+        target = pictures.wanted[number, ...]
+        scale = self.gain**2 / frames
+        kind = "float32" if light.dtype == xp.complex64 else "float64"
+        error, factor = (arrays.empty(target.shape, kind, light) for _ in range(2))
+        parts, dark = blocks(target), DARKEST * math.sqrt(xp.mean(target))
 
         def compare(part):
             block = parts[part]
-            image = scale * _intensity(waves[:, block, :columns])
+            image = scale * arrays.total_intensity(waves[:, block, :columns])
             if self.amplitudes:
-                root = np.sqrt(image)
-                error[block] = root - np.sqrt(target[block])
-                factor[block] = scale / np.maximum(root, dark or 1)
+                root = xp.sqrt(image)
+                error[block, :] = root - xp.sqrt(target[block, :])
+                factor[block, :] = scale / xp.maximum(root, dark or 1.0)
             else:
-                error[block] = image - target[block]
-                factor[block] = 2 * scale
+                error[block, :] = image - target[block, :]
+                factor[block, :] = 2 * scale
 
         self._threads.each(compare, len(parts))
         weighted = error * self.weight(number)
-        loss = float((error * weighted).sum(dtype=np.float64))
-        slope = (factor * weighted).astype(light.dtype)  # a product of unlike numbers is slower
-        adjoint = np.conj(transfer)
+        loss = arrays.total(error * weighted)
+        slope = arrays.as_type(factor * weighted, light.dtype)  # a product of unlike numbers is slower
+        adjoint = xp.conj(transfer)
 
         def back(frame):
-            wave = waves[frame]
+            wave = waves[frame, ...]
             wave[:rows, :columns] *= slope
-            wave[rows:], wave[:rows, columns:] = 0, 0
-            waves[frame] = carried(wave, adjoint)
+            wave[rows:, :] = 0.0
+            wave[:rows, columns:] = 0.0
+            waves[frame, ...] = carried(wave, adjoint)
 
-        self._threads.each(back, len(light))
+        self._threads.each(back, frames)
         return loss, waves[:, :rows, :columns]
 
-    def look(self, light: np.ndarray, number: int) -> np.ndarray:
+    def look(self, light: Array, number: int) -> Array:
         """The picture as it is, without the gain."""
         rows, columns = self.pictures.shape
         waves = self._seen(light, self.pictures.transfer(number))
-        image = np.empty((rows, columns), np.float32)
+        image = arrays.empty((rows, columns), "float32", light)
         parts = blocks(image)
 
         def add(part):
-            image[parts[part]] = _intensity(waves[:, parts[part], :columns])
+            image[parts[part], :] = arrays.total_intensity(waves[:, parts[part], :columns])
 
         self._threads.each(add, len(parts))
-        return image / np.float32(len(light))
+        return image / light.shape[0]
 
     def _seen(self, light, transfer):
         """Waves in a picture's plane, on the padded grid."""
-        padded = self.pictures.padded
-        if self._waves is None or self._waves.dtype != light.dtype or len(self._waves) != len(light):
-            self._waves = np.empty((len(light), *padded), light.dtype)
-        rows, columns = self.pictures.shape
+        shape, (rows, columns) = (light.shape[0], *self.pictures.padded), self.pictures.shape
+        if self._waves is None or self._waves.dtype != light.dtype or self._waves.shape != shape:
+            self._waves = arrays.empty(shape, light.dtype, light)
 
         def see(frame):
-            wave = self._waves[frame]
-            wave[:rows, :columns] = light[frame]
-            wave[rows:], wave[:rows, columns:] = 0, 0
-            self._waves[frame] = carried(wave, transfer)
+            wave = self._waves[frame, ...]
+            wave[:rows, :columns] = light[frame, ...]
+            wave[rows:, :] = 0.0
+            wave[:rows, columns:] = 0.0
+            self._waves[frame, ...] = carried(wave, transfer)
 
-        self._threads.each(see, len(light))
+        self._threads.each(see, shape[0])
         return self._waves
 
 
-def carried(wave: np.ndarray, transfer: np.ndarray) -> np.ndarray:
+def carried(wave: Array, transfer: Array) -> Array:
     """A wave on another plane, in the memory of the first; with the conjugate transfer function, the adjoint."""
-    spectrum = scipy.fft.fft2(wave, overwrite_x=True)
+    spectrum = arrays.fft2(wave, overwrite=True)
     spectrum *= transfer
-    return scipy.fft.ifft2(spectrum, overwrite_x=True)
-
-
-def _intensity(waves):
-    """Sum of the squared magnitudes over frames, shape (frame, y, x)."""
-    total = np.zeros((waves.shape[1], 2 * waves.shape[2]), waves.real.dtype)
-    square = np.empty_like(total)
-    for wave in waves.view(total.dtype):  # real and imaginary parts side by side
-        np.multiply(wave, wave, out=square)
-        total += square
-    return total[:, ::2] + total[:, 1::2]
+    return arrays.ifft2(spectrum, overwrite=True)

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..pixels import axes, coarsest
 from ..progress import parts, stage
+from ..waves import arrays
 from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
 from .shots import through_pupil
@@ -44,14 +45,15 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
         scaled = [(x * slope, y * slope, PART * slope) for x, y in disks]
         views.append(through_pupil(own, z, scaled, of_colour, paths)[:, 0])
 
-    def pictures(k):
+    def pictures(k, on):
         # the edge of the cone is at half a cycle a pixel; rows go down
         wavelength = hologram.wavelengths[k]
         distance = z - hologram.distance_at(wavelength)
         vantages = [Vantage(distance, (0.5 * x, -0.5 * y, 0.5 * PART)) for x, y in disks]
-        wanted = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD)
+        wanted = _Views(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD, on)
         for number, view in enumerate(views[k]):
-            wanted.wanted[number] = wanted.share(number) * job.at_pixels(view, k)
+            seen = wanted.share(number) * job.at_pixels(view, k)
+            wanted.wanted[number, ...] = arrays.like(seen, on, "float32")
         return wanted
 
     return phases_for(job, pictures, stage(progress, 0.4, 1.0), whole=False)
@@ -66,6 +68,11 @@ def parts_of_pupil() -> list[tuple[float, float]]:
 class _Views(Pictures):
     """Pictures through parts of the pupil."""
 
+    def share(self, number):
+        """Part of the light in the band that a vantage lets through."""
+        passes = self.vantages[number].passes(self.padded, self.space.pitch)
+        return float((passes & self.space.band).sum() / self.space.band.sum())
+
     def weight(self, number):
         """Of the pixels that light from the SLM reaches on its way through the part; the others do not count."""
         vantage, space = self.vantages[number], self.space
@@ -76,4 +83,4 @@ class _Views(Pictures):
             slope = math.tan(math.asin(space.wavelength * frequency / coarsest(space.pitch)))
             start = np.arange(count) - vantage.distance * slope / pitch
             inside.append((start >= 0) & (start <= count - 1))
-        return np.where(inside[0][:, None] & inside[1], super().weight(number), 0)
+        return super().weight(number) * arrays.mask(inside[0][:, None] & inside[1], self.wanted)

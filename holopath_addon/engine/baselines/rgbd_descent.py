@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..waves import arrays
 from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
 from ..waves.supervision import relative
@@ -28,13 +29,14 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     radiance, z = picture_with_depth(job.of_pictures, lambda done, what: progress(0.3 * done, what))
     depths, number = sliced(job, z)
 
-    def pictures(k):
+    def pictures(k, on):
         wavelength = hologram.wavelengths[k]
         vantages = [Vantage(float(z) - hologram.distance_at(wavelength)) for z in depths]
-        wanted = _OnLayers(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD)
-        wanted.radiance, own = job.at_pixels(radiance[k], k), job.at_pixels(number, k, order=0)
-        for layer, picture in enumerate(wanted.wanted):
-            picture[:] = np.where(own == layer, wanted.radiance, 0)
+        wanted = _OnLayers(job.shape, hologram.pitch_at(wavelength), wavelength, vantages, TEACHING_GUARD, on)
+        light, own = job.at_pixels(radiance[k], k), job.at_pixels(number, k, order=0)
+        wanted.radiance = arrays.like(light, on)
+        for layer in range(len(depths)):
+            wanted.wanted[layer, ...] = arrays.like(np.where(own == layer, light, 0), on, "float32")
         return wanted
 
     return phases_for(job, pictures, lambda done, what: progress(0.3 + 0.7 * done, what))
@@ -46,4 +48,4 @@ class _OnLayers(Pictures):
     radiance = None
 
     def weight(self, number):
-        return np.where(self.wanted[number] > 0, relative(self.radiance), 0)
+        return arrays.namespace(self.wanted).where(self.wanted[number, ...] > 0, relative(self.radiance), 0.0)

@@ -363,7 +363,7 @@ class _Work:
         self._displays = [
             None
             if asked.display is None
-            else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN)
+            else ShownLight(asked.display[colour], shape, hologram.pitch, MARGIN, field.data)
             for colour in range(count)
         ]
         beams = [hologram.illumination(colour) for colour in range(count)]
@@ -431,21 +431,28 @@ class _Work:
         return self.hologram()
 
     def double_phase(self):
-        """The method dpac; the gain is one for all frames, as their mean intensity counts."""
-        frames, count, *shape = self.field.data.shape
+        """The method dpac."""
+        count = len(self._levels)
         for colour in self.colours:
-            waves = arrays.empty((frames, *shape), "complex64", self.field.data)
-            for frame in range(frames):
-                waves[frame, ...] = self._checkered(frame, colour)
-                self._progress((colour + 0.7 * (frame + 1) / frames) / count, "Encoding")
-            waves = self._at_pixels(waves, colour)
-            level = clipping_level(waves, self._beams[colour]) or 1
-            for frame in range(frames):
-                self.phases[frame, colour, ...] = double_phase(waves[frame, ...] / level)
-                self._progress((colour + 0.7 + 0.3 * (frame + 1) / frames) / count, "Encoding")
+            self._double_phase(
+                colour, lambda done, colour=colour: self._progress((colour + done) / count, "Encoding")
+            )
         self.round()
         for colour in self.colours:  # not the level: what goes astray lights the picture too
             self.gains[colour] = self._gain(colour)
+
+    def _double_phase(self, colour, on_progress):
+        """Double phase of one wavelength; its level is one for all frames, as their mean intensity counts."""
+        frames, _, *shape = self.field.data.shape
+        waves = arrays.empty((frames, *shape), "complex64", self.field.data)
+        for frame in range(frames):
+            waves[frame, ...] = self._checkered(frame, colour)
+            on_progress(0.7 * (frame + 1) / frames)
+        waves = self._at_pixels(waves, colour)
+        level = clipping_level(waves, self._beams[colour]) or 1
+        for frame in range(frames):
+            self.phases[frame, colour, ...] = double_phase(waves[frame, ...] / level)
+            on_progress(0.7 + 0.3 * (frame + 1) / frames)
 
     def begin(self):
         """Phases to start with."""
@@ -474,10 +481,7 @@ class _Work:
                     found = display.phases_for(self._wide(data[frame, colour, ...]))
                     phases[frame, ...] = self._xp.remainder(found, 2 * math.pi)
             elif start == "dpac":
-                waves = self._at_pixels(self._checkered(slice(None), colour), colour)
-                level = clipping_level(waves, self._beams[colour]) or 1
-                for frame in range(self._frames):
-                    phases[frame, ...] = double_phase(waves[frame, ...] / level)
+                self._double_phase(colour, lambda done: self._heard())
             else:
                 waves = self._at_pixels(data[:, colour, ...], colour)
                 phases[...] = self._xp.remainder(arrays.angle(waves), 2 * math.pi)
@@ -718,8 +722,7 @@ class _Work:
             if levels is not None:
                 for frame in range(self._frames):
                     phases = self.phases[frame, colour, ...]
-                    nearest, _ = levels.nearest(arrays.on_processor(phases))
-                    phases[...] = arrays.like(wrapped(nearest), phases)
+                    phases[...] = wrapped(levels.nearest(phases)[0])
 
     @contextmanager
     def _phases(self, group, colour):

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.fft
 
 from ..errors import InvalidInput
-from ..memory import on_processor
+from ..waves import arrays
 from .double_phase import transmission
 from .phase_hologram import PhaseHologram
 
 if TYPE_CHECKING:
     from ..wavefield import WaveField
+    from ..waves.arrays import Array
 
 # Percentile of the field's amplitudes that the reference wave has. A weaker one leaves more of the halo, abs(v)^2,
 # within the stop; of a stronger one the zero order reaches there past the borders of the print. demo:suzanne, 256
@@ -23,7 +23,7 @@ REFERENCE = 99.9
 
 def interference(
     thing: WaveField | PhaseHologram, frame: int = 0, color: int = 0, binary: bool = False
-) -> np.ndarray:
+) -> Array:
     """Intensity of what the pixels are to let through, v, together with a reference wave of amplitude r.
 
     A film whose amplitude transmission is in proportion to it shows the picture along the carrier::
@@ -46,8 +46,8 @@ def interference(
 
     Returns
     -------
-    numpy.ndarray, float32, shape (y, x)
-        Between 0 and 1; row 0 is the top for a viewer to whom the light runs.
+    array, float32, shape (y, x)
+        Of the library of the data. Between 0 and 1; row 0 is the top for a viewer to whom the light runs.
 
     Raises
     ------
@@ -59,18 +59,18 @@ def interference(
         raise InvalidInput(
             "Without a carrier the picture and its twin lie on each other: choose one, such as --carrier 0.5,0."
         )
-    values = on_processor(thing.data[frame, color, ...])
+    values, hologram = thing.data[frame, color, ...], thing.hologram
+    xp = arrays.namespace(values)
     if isinstance(thing, PhaseHologram):
-        waves, reference = np.exp(1j * values), 1.0
+        waves, reference = xp.exp(1j * arrays.as_type(values, "complex64")), 1.0
     else:
-        field, wavelength = values, thing.hologram.wavelengths[color]
-        passes = optics.passes(field.shape, thing.hologram.pitch_at(wavelength))
-        passed = scipy.fft.ifft2(scipy.fft.fft2(field) * passes)
-        waves = transmission(passed, thing.hologram.illumination(color))
-        reference = float(np.percentile(np.abs(waves), REFERENCE))
-    intensity = np.abs(waves + reference) ** 2
-    if not intensity.any():
+        passes = optics.passes(values.shape, hologram.pitch_at(hologram.wavelengths[color]))
+        passed = arrays.ifft2(arrays.fft2(values) * arrays.mask(passes, values))
+        beam = hologram.illumination(color)
+        waves = transmission(passed, beam if beam is None else arrays.like(beam, values))
+        reference = float(np.percentile(arrays.on_processor(xp.abs(waves)), REFERENCE))
+    intensity = xp.abs(waves + reference) ** 2
+    if not xp.any(intensity > 0):
         raise InvalidInput("There is no light in this frame at this wavelength: choose another one.")
-    if binary:
-        return (intensity > intensity.mean()).astype(np.float32)
-    return (intensity / intensity.max()).astype(np.float32)
+    shown = intensity > xp.mean(intensity) if binary else intensity / xp.max(intensity)
+    return arrays.as_type(shown, "float32")

@@ -108,7 +108,7 @@ class PhaseHologram:
         else:
             light = arrays.empty(self.data.shape, "complex64", self.data)
             for colour, model in enumerate(display):
-                shown = ShownLight(model, self.data.shape[-2:], self.hologram.pitch)
+                shown = ShownLight(model, self.data.shape[-2:], self.hologram.pitch, on=self.data)
                 for frame in range(self.data.shape[0]):
                     light[frame, colour, ...] = shown.light(self.data[frame, colour, ...])
         return WaveField(gains * light, self.hologram, self.camera, self.near, modulated=True)
@@ -116,12 +116,11 @@ class PhaseHologram:
     def _nearest(self, levels):
         if levels is None:
             return self.data
-        data = arrays.on_processor(self.data)
-        shown = np.empty_like(data)
+        shown = arrays.empty(self.data.shape, "float32", self.data)
         for color, each in enumerate(levels):
-            for frame, phases in enumerate(data[:, color]):
-                shown[frame, color] = wrapped(each.nearest(phases)[0])
-        return arrays.like(shown, self.data)
+            for frame in range(self.data.shape[0]):
+                shown[frame, color, ...] = wrapped(each.nearest(self.data[frame, color, ...])[0])
+        return shown
 
     def save(self, folder: Path | str, progress: Progress | None = None) -> None:
         """Write ``phase.npy``, a picture of 8 bits for each frame and wavelength, and ``meta.json``.

@@ -145,23 +145,21 @@ class Phases:
         Pixels between levels that are no farther apart than `FINE` stay free: it is enough to round them in the end.
         Where these are most, the others are soon done, and there is time to make up for them.
         """
+        xp = self._xp
         if self._free is None:
             self._free = arrays.mask(np.ones(self._angle.shape, bool), self._angle)
 
         def each(frame):
-            angle, free = (arrays.on_processor(each[frame, :]) for each in (self._angle, self._free))
-            free = free.astype(bool, copy=False)
+            angle, free = self._angle[frame, :], self._free[frame, :]
             target, gaps = levels.nearest(angle)
-            wanting = free & (gaps > FINE)
-            fixed = len(angle) - np.count_nonzero(free)
-            count = min(round(share * len(angle)) - fixed, np.count_nonzero(wanting))
+            wanting = (free > 0) & (gaps > FINE)
+            left, able = (int(xp.count_nonzero(each)) for each in (free, wanting))
+            count = min(round(share * angle.shape[0]) - (angle.shape[0] - left), able)
             if count < 1:
                 return
-            apart = np.where(wanting, np.abs(angle - target), np.inf)
-            chosen = wanting & (apart <= np.partition(apart, count - 1)[count - 1])
-            angle[chosen], free[chosen] = target[chosen], False
-            self._angle[frame, :] = arrays.like(angle, self._angle)
-            self._free[frame, :] = arrays.mask(free, self._angle)
+            apart = xp.where(wanting, xp.abs(angle - target), math.inf)
+            chosen = wanting & (apart <= arrays.smallest(apart, count))
+            angle[chosen], free[chosen] = target[chosen], 0
 
         self._threads.each(each, self._shape[0])
         self._each(self._show)

@@ -6,11 +6,10 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-import scipy.fft
-
-from ..waves.arrays import like, on_processor
+from ..waves import arrays
+from ..waves.arrays import PROCESSOR
 from ..waves.display_model import GRID, DisplayLight
+from ..waves.propagation import resized
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
 class ShownLight:
     """Field behind the relay of a `DisplayModel`, of the middle of its source, and the adjoint.
 
-    The processor computes it; arrays of other libraries than NumPy are copied there and back.
-
     Parameters
     ----------
     model : DisplayModel
@@ -34,22 +31,31 @@ class ShownLight:
         Metres.
     margin : int
         Pixels around the SLM into which light strays that is looked at.
+    on : array, optional
+        In whose namespace it is computed, where that one lies. Default: NumPy's.
     """
 
-    def __init__(self, model: DisplayModel, shape: Sequence[int], pitch: Pitch, margin: int = 0) -> None:
+    def __init__(
+        self,
+        model: DisplayModel,
+        shape: Sequence[int],
+        pitch: Pitch,
+        margin: int = 0,
+        on: Array = PROCESSOR,
+    ) -> None:
         self._model = replace(model, size=0.0, bandwidth=0.0)
-        self._optics = DisplayLight(self._model, shape, pitch, 0.0)
+        self._optics = DisplayLight(self._model, shape, pitch, 0.0, on=on)
         self._pixels = tuple(n // GRID for n in self._optics.padded)
-        self._window = np.ix_(*(np.arange(-margin, n + margin) for n in shape))
-        # frequencies that pixels have, within those of the finer grid
-        self._bins = np.ix_(*(np.r_[0 : (n + 1) // 2, -(n // 2) : 0] for n in self._pixels))
+        self._margin, self._shape = margin, tuple(n + 2 * margin for n in shape)
 
     def light(self, phases: Array) -> Array:
         """Field at the pixels and the margin, complex64, of phases in radians, shape (y, x)."""
-        spectrum = self._optics.spectra(on_processor(phases))[self._model.wavelength]
-        wave = self._optics.relayed(spectrum)[self._bins]
-        light = scipy.fft.ifft2(wave, overwrite_x=True)[self._window] * np.float32(1 / GRID**2)
-        return like(light, phases)
+        wave = self._optics.relayed(self._optics.spectra(phases)[self._model.wavelength])
+        for axis, count in enumerate(self._pixels):
+            wave = resized(wave, count, axis)
+        wave = self._moved(arrays.ifft2(wave, overwrite=True), self._margin)
+        rows, columns = self._shape
+        return wave[:rows, :columns] * (1 / GRID**2)
 
     def slope(self, phases: Array, back: Array) -> Array:
         """Gradient with respect to the phases, float32.
@@ -61,21 +67,32 @@ class ShownLight:
         back : array, complex, shape of `light`
             G with dL = 2 Re sum conj(G) du for a change du of `light`.
         """
-        share = np.float32(2 * math.sqrt(1 - abs(self._model.unmodulated) ** 2))
-        turned = np.exp(np.complex64(-1j) * self._optics.blurred(on_processor(phases)))
-        light = (turned * self._adjoint(on_processor(back))).imag * share
-        return like(self._optics.at_pixels(light), phases)
+        xp, share = arrays.namespace(back), 2 * math.sqrt(1 - abs(self._model.unmodulated) ** 2)
+        light = self._adjoint(back)
+        turned = arrays.as_type(self._optics.blurred(phases), "complex64")
+        turned *= -1j
+        turned = arrays.into(turned, xp.exp, turned)
+        light *= turned
+        return self._optics.at_pixels(xp.imag(light) * share)
 
     def phases_for(self, field: Array) -> Array:
         """Phases, float32, whose light is about a field: those of the field sent back to the pixels."""
-        light = self._adjoint(on_processor(field))
-        phases = np.angle(self._optics.at_pixels(light.real) + 1j * self._optics.at_pixels(light.imag))
-        return like(phases, field)
+        light, xp = self._adjoint(field), arrays.namespace(field)
+        real, imaginary = (self._optics.at_pixels(part) for part in (xp.real(light), xp.imag(light)))
+        return arrays.angle(real + 1j * arrays.as_type(imaginary, "complex64"))
 
     def _adjoint(self, back):
         """Of what is linear: from the field to the light within the pixels, times the beam's conjugate."""
-        optics, count = self._optics, math.prod(self._pixels)
-        field, wave = np.zeros(self._pixels, np.complex64), np.zeros(optics.padded, np.complex64)
-        field[self._window] = back
-        wave[self._bins] = scipy.fft.fft2(field, overwrite_x=True) * np.float32(1 / (count * GRID**2))
+        optics, (rows, columns) = self._optics, self._shape
+        wave = arrays.zeros(self._pixels, "complex64", back)
+        wave[:rows, :columns] = arrays.as_type(back, "complex64")
+        wave = arrays.fft2(self._moved(wave, -self._margin), overwrite=True)
+        wave *= 1 / (math.prod(self._pixels) * GRID**2)
+        for axis, count in enumerate(optics.padded):
+            wave = resized(wave, count, axis)
         return optics.spectra_adjoint(optics.relayed_adjoint(wave))
+
+    @staticmethod
+    def _moved(wave, pixels):
+        """A wave so much farther down and to the right; what is beyond its end comes round."""
+        return arrays.namespace(wave).roll(wave, (pixels, pixels), axis=(0, 1)) if pixels else wave

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.fft
 
-from ..memory import on_processor
 from ..optics import ON_AXIS, Optics
 from ..pixels import EvenSteps, Pitch, axes, coarsest
 from ..scene.variants import threads
@@ -239,8 +238,7 @@ class Views:
             if view.vantage.part is None:
                 self._heard()
                 own = 1.0 if self._places is not None else self._pitch
-                sharp = _deblurred(on_processor(self.wanted[number]), self._optics, own)
-                self.wanted[number] = arrays.like(sharp, self.wanted[number])
+                self.wanted[number] = _deblurred(self.wanted[number], self._optics, own)
 
     def spectra(self, light: Array) -> Array:
         """Padded spectra of light; both of shape (frame, y, x)."""
@@ -359,22 +357,24 @@ class _View:
 
 def _deblurred(blurred, optics, pitch):
     """The picture of which incoherent light through a stop makes this, as far as `SHARPER` steps find it."""
-    rows, columns = blurred.shape
-    blurred = np.pad(blurred, BESIDE, "symmetric")
-    shape = tuple(map(scipy.fft.next_fast_len, blurred.shape))
-    blurred = np.pad(blurred, [(0, n - m) for n, m in zip(shape, blurred.shape, strict=True)], "edge")
+    xp, (rows, columns) = arrays.namespace(blurred), blurred.shape
+    shape = tuple(scipy.fft.next_fast_len(n + 2 * BESIDE) for n in blurred.shape)
+    wide = (np.pad(np.arange(n), BESIDE, "symmetric") for n in blurred.shape)
+    blurred = arrays.at(
+        blurred, *(np.pad(m, (0, n - len(m)), "edge") for n, m in zip(shape, wide, strict=True))
+    )
     kernel = np.abs(scipy.fft.ifft2(optics.passes(shape, pitch))) ** 2
     transfer = scipy.fft.rfft2((kernel / kernel.sum()).astype(np.float32))
+    transfer = arrays.like(transfer, blurred)
 
     def blur(picture):
-        spectrum = scipy.fft.rfft2(picture, workers=threads())
-        return scipy.fft.irfft2(spectrum * transfer, shape, overwrite_x=True, workers=threads())
+        spectrum = arrays.rfft2(picture, workers=threads())
+        return arrays.irfft2(spectrum * transfer, shape, overwrite=True, workers=threads())
 
-    picture = blurred.copy()
-    least = np.float32(1e-6 * blurred.mean())
+    picture, least = arrays.copied(blurred), 1e-6 * float(xp.mean(blurred))
     for _ in range(SHARPER):
-        picture *= blur(blurred / np.maximum(blur(picture), least or 1))
-    return np.maximum(picture, 0)[BESIDE : BESIDE + rows, BESIDE : BESIDE + columns]
+        picture *= blur(blurred / xp.maximum(blur(picture), least or 1.0))
+    return xp.maximum(picture, 0.0)[BESIDE : BESIDE + rows, BESIDE : BESIDE + columns]
 
 
 def _parts_of(frames, shape):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from ..encoding import encoder, views
 from ..encoding.views import MOST_DEPTHS, step_transforms, transforms
-from ..memory import AT_ONCE
-from ..plan import PHASES
+from ..memory import AT_ONCE, encoding_on_card, refocusing_on_card
+from ..plan import CARD_STAGES, PHASES
 from ..progress import OFTEN
 from ..scene.variants import chunks_at_once, units_at_first, units_at_once
 from ..tracing.grains import CHUNK_PATHS, UNIT_PATHS
@@ -59,6 +59,7 @@ FOUND = 0.12  # to see what is wanted of it
 CHARTED = 2000  # triangles from which on charts take their whole time
 # What transforms take:
 MOVE = 0.022e-6  # of a pixel's way to another plane, of each frame and wavelength
+COPY = 0.85e-9  # of a byte that comes from a card's memory to the processor's
 # of encodings, a pixel of each frame and wavelength: `sgd` to its end, and transforms of the padded grid with what is
 # around them, those of a step of all frames together and of looks at all views
 SGD, TRANSFORM, LOOKED = 0.7e-6, 8e-9, 5e-9
@@ -168,7 +169,8 @@ def stages(
     out = {
         "kernel tables": slowness.core * (TABLES[0] + TABLES[1] * len(planes)),
         "wave tracing": traversals * (written + pixels * rays),
-        "propagation": slowness.transforms * pixels * frames * colours * MOVE * len(planes),
+        "propagation": slowness.transforms * pixels * frames * colours * MOVE * len(planes)
+        + slowness.copies * COPY * 8 * pixels * frames * colours,
     }
     if settings.radiance == "ray":
         paths = pixels * (plain + chained) * settings.paths
@@ -220,7 +222,8 @@ def phases(
     rays = pixels * (plain * RAY / seen.rays_per_second + chained * CHAIN / seen.chains_per_second)
     sums = slowness.programs * pixels * colours * (plain + chained) * SUM[1]
     moved = slowness.transforms * pixels * colours * MOVE * len(planes)
-    sgd = slowness.transforms * pixels * frames * colours * SGD
+    copied = slowness.copies * COPY * 4 * pixels * frames * colours  # phases that a card has found
+    sgd = slowness.transforms * pixels * frames * colours * SGD + copied
     step = slowness.transforms * frames * step_transforms(eyebox) * TRANSFORM * padded
     joint = sgd + 3 * frames * look + encoder.STEPS["joint"] * step
     light = sum(taken.get(name, 0.0) for name in ("kernel tables", "radiance"))
@@ -228,13 +231,14 @@ def phases(
     return dict(zip(PHASES, each, strict=True))
 
 
-def phases_memory(survey: Survey, batch_bytes: float) -> dict[str, float]:
+def phases_memory(survey: Survey, batch_bytes: float, most: float = encoder.MOST_BYTES) -> dict[str, float]:
     """Bytes that encodings of a field take at most, with it, by name; see `phases`.
 
-    `batch_bytes` are those of a render of as many frames as `refine` traces at once, see `refine_batch`.
+    `batch_bytes` are those of a render of as many frames as `refine` traces at once, see `refine_batch`, and `most`
+    those of the arrays that a stage works on.
     """
     pixels, frames, colours = _numbers(survey)
-    most, grids = encoder.MOST_BYTES, _grids(survey)
+    grids = _grids(survey)
     own = (8 + 4) * frames * pixels * colours
     targets = [4 * grid * transforms(frames, encoder.eyebox_for(frames)) * depths for grid, depths in grids]
     transfers = [min(views.MOST_BYTES, 8 * grid * depths) for grid, depths in grids]
@@ -275,21 +279,53 @@ def memory(
     """Estimated bytes of the arrays at most, with so many slabs and bins of the radiance map; see `stages`."""
     settings = survey.settings
     pixels, frames, colours = _numbers(survey)
-    fields = _fields(survey, planes)
+    moving = _moving(survey, max(frames, SETS[-1]) if settings.despeckle else frames)
+    # sums of a launch; a card's are brought to the processor in one piece
+    sums = min((chunks_at_once() - 1) * CHUNK_BYTES // 2, 8 * pixels * frames * colours)
+    lighting = _lighting(survey, margin, slabs, bins, cached)
+    return _fields(survey, planes) + lighting + CHUNK_BYTES + sums + moving
+
+
+def card_memory(
+    survey: Survey,
+    planes: Sequence[RecordingPlane],
+    margin: int,
+    slabs: int,
+    bins: int,
+    cached: bool,
+    chunk: int,
+    free: float,
+) -> dict[str, float]:
+    """Estimated bytes of a card's memory that each stage takes at most, where waves are computed there.
+
+    Stages are `CARD_STAGES` and the encodings. Tracing has the light and the tables beside the fields, and sums of a
+    launch with a copy; propagation one field on its way. See `memory`; `chunk` is the plan's, and encodings work on
+    half of what is free at once.
+    """
+    pixels, frames, colours = _numbers(survey)
+
+    def traced(survey):
+        sums = 8 * pixels * survey.settings.frames * colours
+        working = CHUNK_BYTES + 2 * min(chunks_at_once() * chunk, sums)
+        return _fields(survey, planes) + _lighting(survey, margin, slabs, bins, cached) + working
+
+    field = 8 * pixels * frames * colours
+    render = traced(survey), _fields(survey, planes) + _moving(survey, 1)
+    views = refocusing_on_card(field, 4 * pixels * colours)
+    batches = phases_memory(survey, traced(refine_batch(survey)), min(encoder.MOST_BYTES, free / 2))
+    encodings = {name: max(needed, encoding_on_card(field)) for name, needed in batches.items()}
+    return dict(zip(CARD_STAGES, (*render, views), strict=True)) | encodings
+
+
+def _lighting(survey, margin, slabs, bins, cached):
+    """Bytes of kernel tables, of the radiance map, and of baked light."""
+    settings, (pixels, _, colours) = survey.settings, _numbers(survey)
     tables = 0 if settings.estimator == "paper" else LEVELS[1] * margin**2 * 8 * colours
     surfaces = SURFACES * (1 + (bins**2 - 1) * survey.seen.binned) * CELL_BYTES
     cells = 0 if settings.radiance == "ray" else columns_of(survey, margin)
     radiance = cells * ((16 * slabs << survey.chains.splits) + surfaces)
     texels = min(pixels * ATLAS_TEXELS, MOST_TEXELS) * TEXEL_BYTES if cached else 0
-    moving = _moving(survey, max(frames, SETS[-1]) if settings.despeckle else frames)
-    # sums of a launch; a card's are brought to the processor in one piece
-    sums = min((chunks_at_once() - 1) * CHUNK_BYTES // 2, 8 * pixels * frames * colours)
-    return fields + tables + radiance + texels + CHUNK_BYTES + sums + moving
-
-
-def waves_memory(survey: Survey, planes: Sequence[RecordingPlane]) -> float:
-    """Estimated bytes of a card's memory that waves take: fields, one on its way, and sums of a launch with a copy."""
-    return _fields(survey, planes) + 2 * chunks_at_once() * CHUNK_BYTES + _moving(survey, 1)
+    return tables + radiance + texels
 
 
 def _fields(survey, planes):

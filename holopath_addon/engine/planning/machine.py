@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from ..memory import on_card
 from ..scene import variants
 from ..waves import arrays, libraries
 
@@ -28,8 +29,10 @@ _timing = threading.Lock()  # history and profiling are the process's
 FILE = "speed.json"
 KEPT = 600  # seconds
 STEPS = 100_000  # of Python
-LANES, READ = 1 << 20, 64  # numbers that each lane reads
+LANES, RAYS = 1 << 18, 16  # rays of each lane, which add light of so many frames from one of these grains
+FRAMES, GRAINS = 24, 1 << 16
 SIDE, TRANSFORMS = 1024, 4
+COPIED = 1 << 22  # complex numbers
 
 
 @dataclass(frozen=True)
@@ -43,24 +46,28 @@ class Slowness:
     core : float
         What one processor core does: Python, which writes programs down, and meshes.
     programs : float
-        Dr.Jit's programs; those that follow rays the pilot times in the scene.
+        Dr.Jit's programs, as the sums of all frames that rays add to; what rays meet the pilot times in the scene.
     transforms : float
-        Fourier transforms.
+        Fourier transforms, by the library and where it computes, see `waves.libraries`.
+    copies : float
+        Copies from a graphics card's memory to the processor's, than on the card of `costs`; 0 where waves are in the
+        processor's.
     """
 
     core: float
     programs: float
     transforms: float
+    copies: float = 0.0
 
     def or_less(self, other: Slowness) -> Slowness:
         """The least of both, each by itself."""
         return Slowness(*map(min, astuple(self), astuple(other)))
 
 
-USUAL = Slowness(0.003, 0.045, 0.027)  # seconds of `_measured`'s work on that machine
+USUAL = Slowness(0.003, 0.023, 0.027, 0.028)  # seconds of `_measured`'s work on that machine
 
 
-def slowness(folder: Path | None = None) -> Slowness:
+def slowness(folder: Path | None = None, library: str | None = None) -> Slowness:
     """How slow this machine is.
 
     Parameters
@@ -69,34 +76,36 @@ def slowness(folder: Path | None = None) -> Slowness:
         Where the figures are kept for `KEPT` seconds. Then they are measured again, and the least count: other
         programs can make a machine look slow, none can make it look fast. Where Mitsuba, Dr.Jit, the backend or the
         threads are others, nothing that was kept counts.
+    library : str, optional
+        By which waves are computed, see `waves.libraries`. Default: that of `libraries.chosen`.
 
     Returns
     -------
     Slowness
     """
-    return _slowness(folder, time.time() // KEPT)
+    return _slowness(folder, library or libraries.chosen()[0], time.time() // KEPT)
 
 
-@lru_cache(1)
-def _slowness(folder, now):
+@lru_cache(2)
+def _slowness(folder, library, now):
     """`slowness`; a process that runs on looks again when `now` is another."""
     variant = variants.activate()
     import drjit
     import mitsuba
 
     versions = [getattr(module, "__version__", "") for module in (mitsuba, drjit)]
-    variant = " ".join([variant, *filter(libraries.ON_CARDS.get, libraries.chosen()[:1])])
+    variant = " ".join([variant, *filter(libraries.ON_CARDS.get, [library])])
     made_with = f"{versions[0]} {versions[1]} {variant} {platform.machine()} {variants.threads()} {USUAL}"
     file, least = folder and folder / FILE, Slowness(math.inf, math.inf, math.inf)
     if file is not None:
         with suppress(OSError, ValueError, KeyError, TypeError):
             kept = json.loads(file.read_text())
             before = Slowness(**kept["slowness"])
-            if kept["made_with"] == made_with and all(0 < times < 1e3 for times in astuple(before)):
+            if kept["made_with"] == made_with and all(0 <= times < 1e3 for times in astuple(before)):
                 least = before
                 if abs(time.time() - file.stat().st_mtime) < KEPT:
                     return least
-    least = least.or_less(_process_slowness(made_with, now))
+    least = least.or_less(_process_slowness(made_with, library, now))
     if file is not None:
         with suppress(OSError):  # measured again the next time
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -106,16 +115,17 @@ def _slowness(folder, now):
     return least
 
 
-@lru_cache(1)
-def _process_slowness(_made_with, _now):
+@lru_cache(2)
+def _process_slowness(_made_with, library, _now):
     """What is measured once in a process, for whichever folder."""
     timed(_programs)  # compiles
-    return reduce(Slowness.or_less, [_measured() for _ in range(3)])
+    return reduce(Slowness.or_less, [_measured(library) for _ in range(3)])
 
 
-def _measured():
+def _measured(library):
     """Some of each kind of work, by the seconds that it usually takes."""
-    taken = _seconds(_core), timed(_programs)[0], _seconds(_transforms)
+    on = libraries.beginning(library)
+    taken = _seconds(_core), timed(_programs)[0], _seconds(lambda: _transforms(on)), _copies(on)
     return Slowness(*(seconds / usual for seconds, usual in zip(taken, astuple(USUAL), strict=True)))
 
 
@@ -162,26 +172,38 @@ def _core():
 
 
 def _programs():
-    """Random numbers, with reads from memory."""
+    """Rays' share of the wave kernel but for what they meet: phasors of a grain at random, added for every frame."""
     import drjit as dr
     import mitsuba as mi
 
-    table = mi.Float(np.ones(LANES, np.float32))
+    from ..scene.buffers import gather_phasors, packed_phasors
+
+    phasors = packed_phasors(np.ones((FRAMES, GRAINS), np.complex64))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, LANES)
 
-    def body(number, total, sampler):
-        at = dr.minimum(mi.UInt32(sampler.next_1d() * LANES), LANES - 1)
-        return number + 1, total + dr.sin(dr.gather(mi.Float, table, at)), sampler
+    def body(ray, sums, sampler):
+        grain = dr.minimum(mi.UInt32(sampler.next_1d() * GRAINS), GRAINS - 1)
+        amplitude, parts = sampler.next_1d(), gather_phasors(phasors, grain, FRAMES)
+        added = [dr.fma(amplitude, part, total) for part, total in zip(parts, sums, strict=True)]
+        return ray + 1, added, sampler
 
-    state = (mi.UInt32(0), mi.Float(0), sampler)
-    _, total, _ = dr.while_loop(state, lambda number, *_: number < READ, body, label="speed")
-    return total
+    state = (mi.UInt32(0), [dr.zeros(mi.Float, LANES) for _ in range(2 * FRAMES)], sampler)
+    _, sums, _ = dr.while_loop(state, lambda ray, *_: ray < RAYS, body, label="speed")
+    return sums
 
 
-def _transforms():
-    on = libraries.beginning(libraries.chosen()[0])
+def _transforms(on):
     waves = arrays.like(np.ones((SIDE, SIDE), np.complex64), on)
     for _ in range(TRANSFORMS):
         waves = arrays.fft2(waves, workers=variants.threads(), norm="ortho")
     arrays.on_processor(waves[:1, :1])  # a card is waited for
+
+
+def _copies(on):
+    """Seconds in which a card's numbers come to the processor; 0 without a card."""
+    if on_card(on) is None:
+        return 0.0
+    waves = arrays.zeros((COPIED,), "complex64", on)
+    arrays.on_processor(waves[:1])
+    return _seconds(lambda: arrays.on_processor(waves))

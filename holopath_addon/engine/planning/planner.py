@@ -10,10 +10,11 @@ from ..errors import InvalidInput
 from ..hologram import AerialImage
 from ..mapping import DepthMapping, traced
 from ..memory import available, on_card, shortage
-from ..plan import Decided, Decision, Plan, gathered_on
+from ..plan import CARD_STAGES, Decided, Decision, Plan, gathered_on
 from ..progress import named
 from ..scene import variants
 from ..scene.meshes.joining import MANY_INSTANCES, instances_cost
+from ..scene.variants import chunks_at_once
 from ..settings import BASELINES, Settings
 from ..tracing.kernel_table import LEVELS
 from ..waves import despeckle, libraries
@@ -29,9 +30,10 @@ from ..waves.phase_fields import (
 from ..waves.propagation import padded_shape
 from .fixable import check_fixed
 from .layouts import CONE, by_region
+from .machine import slowness
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import mitsuba as mi
 
@@ -48,6 +50,7 @@ MOST_OFFSET = 0.03  # of the near end's depth: 0.5 dB
 # columns that the radiance map's filter ends at
 FILTER_REACH = {"draft": 2, "preview": 4, "balanced": 4, "high": 4}
 FEW_LEVELS = 64  # of a draft's or preview's kernel tables at least
+TO_THE_SLM = CARD_STAGES[:2]  # stages whose waves stay where they are until the SLM
 CHUNK_BYTES = 128 << 20  # of the sums of pixels that are traced at once, at most
 
 
@@ -128,8 +131,13 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
     paths = light.radiance_paths(survey, cached)
     cells = light.radiance_map(survey, margin)
     rays = light.wavelengths(survey)
-    frames, chunk, padding = _frames(survey), _chunk(settings), _padding(survey.hologram, planes.value)
-    library = _library(costs.waves_memory(survey, planes.value))
+    frames, padding, free = _frames(survey), _padding(survey.hologram, planes.value), _free_on_card()
+    chunk = _chunk(settings, free)
+    (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
+    what = planes.value, margin, slabs, bins, cached
+    on = {} if free is None else costs.card_memory(survey, *what, chunk.value, free)
+    whole = on and costs.card_memory(survey, *what, chunk.value, math.inf)
+    library = _library(on, [stage for stage in on if on[stage] < whole[stage]], free)
     choices = (
         _depth(survey),
         _window(survey),
@@ -146,13 +154,15 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
         padding,
         library,
     )
-    (passes, error), (slabs, bins), (grey, traversals) = paths.value, cells.value, rays.value
-    what = planes.value, margin, slabs, bins, cached
     memory, batch_bytes = (costs.memory(each, *what) for each in (survey, costs.refine_batch(survey)))
     warnings += [warning for choice in choices for warning in choice.warnings]
     warnings += _cautions(survey) + shortage(memory, "This hologram")
     chains, most = survey.chains, noise.most_passes(settings)
-    taken = costs.stages(survey, planes.value, margin, traversals, baking.value)
+    rendering, encoding = (
+        survey if all(on[stage] <= free for stage in stages) else _by_processor(survey)
+        for stages in (on and TO_THE_SLM, on.keys() - CARD_STAGES)
+    )
+    taken = costs.stages(rendering, planes.value, margin, traversals, baking.value)
     return Plan(
         near=survey.near,
         z_low=survey.z_low,
@@ -185,7 +195,7 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
         textures=noise.asked_textures(settings),
         chunk=chunk.value,
         stages=costs.compiled(survey, taken),
-        phases=costs.phases(survey, planes.value, traversals, taken),
+        phases=costs.phases(encoding, planes.value, traversals, taken),
         phases_memory=costs.phases_memory(survey, batch_bytes),
         error=error,
         memory_bytes=memory,
@@ -195,6 +205,7 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
         warnings=tuple(warnings),
         library=library.value,
         beside=survey.beside,
+        card_memory=on,
     )
 
 
@@ -288,16 +299,8 @@ def _of_baseline(plan, settings, warnings):
     own = Decision("method", label, f"{what}; as asked, to be compared with HoloPath's own")
     frames = Decision("frames", str(settings.frames), "as asked")
     decisions = *plan.decisions[:2], own, frames
-    return replace(
-        plan,
-        settings=settings,
-        decisions=decisions,
-        stages={},
-        phases={},
-        phases_memory={},
-        error=0.0,
-        warnings=tuple(warnings),
-    )
+    nothing = {"stages": {}, "phases": {}, "phases_memory": {}, "card_memory": {}, "error": 0.0}
+    return replace(plan, settings=settings, decisions=decisions, warnings=tuple(warnings), **nothing)
 
 
 def _depth(survey: Survey) -> Decided[None]:
@@ -370,31 +373,66 @@ def _frames(survey: Survey) -> Decided[None]:
     return Decided(None, (frames, Decision("despeckling", f"{settings.despeckle} steps", reason)))
 
 
-def _chunk(settings: Settings) -> Decided[int]:
-    """Bytes of the sums of pixels that are traced at once."""
+def _by_processor(survey: Survey) -> Survey:
+    """A survey whose waves the processor computes although there is a card."""
+    return replace(survey, slowness=slowness(None, libraries.NUMPY))
+
+
+def _free_on_card() -> int | None:
+    """Bytes of the card's memory that are free where waves are computed there; None where they are not."""
+    memory = on_card(libraries.beginning(libraries.chosen()[0]))
+    return memory[1] if memory else None
+
+
+def _chunk(settings: Settings, free: int | None) -> Decided[int]:
+    """Bytes of the sums of pixels that are traced at once, of which a card has so many free."""
     asked = settings.fixed.get("chunk")
     if settings.radiance == "ray" or settings.estimator == "paper":
         chunk, reason = CHUNK_BYTES, "the same everywhere, as random numbers are drawn by chunks"
     else:
-        chunk = min(CHUNK_BYTES, max(1 << 20, (available() or CHUNK_BYTES << 3) >> 3))
+        free = (free or available() or CHUNK_BYTES << 3) if free is None else free // chunks_at_once()
+        chunk = min(CHUNK_BYTES, max(1 << 20, free >> 3))
         reason = "an eighth of what is free at most"
     chunk, reason = (asked, "as asked") if asked else (chunk, reason)
     return Decided(chunk, (Decision("memory of a chunk", f"{chunk / 1e6:.0f} MB", reason),))
 
 
-def _library(needed: float) -> Decided[str]:
-    """What computes waves and phases; that the processor does it without a card needs no words."""
+def _library(
+    needs: Mapping[str, float], in_batches: Sequence[str] = (), free: int | None = None
+) -> Decided[str]:
+    """What computes waves and phases; that the processor does it without a card needs no words.
+
+    Parameters
+    ----------
+    needs : dict of str to float
+        Bytes of a card's memory that stages take, see `Plan.card_memory`.
+    in_batches : sequence of str
+        Of these, encodings whose batches are smaller there.
+    free : int or None
+        Bytes that the card has; None where waves are in the processor's memory.
+    """
     name, advice = libraries.chosen()
     if name == libraries.NUMPY:
         return Decided(name, warnings=(advice,) if advice else ())
-    known, memory = libraries.ON_CARDS[name], on_card(libraries.beginning(name))
-    if memory and memory[1] < needed:
-        free = f"of which {memory[1] / 1e9:.3g} are free"
-        reason = f"{known} would need {needed / 1e9:.3g} GB of the card's memory, {free}"
-        return Decided(libraries.NUMPY, (Decision("waves", "processor", reason),))
-    return Decided(
-        name, (Decision("waves", known, "fields and phases stay in the memory where it computes"),)
-    )
+    known = libraries.ON_CARDS[name]
+    stays = Decision("waves", known, "fields and phases stay in the memory where it computes")
+    if free is None:
+        return Decided(name, (stays,))
+    waves = max(needs[stage] for stage in TO_THE_SLM)
+    if waves > free:
+        reason = f"{known} would need {_size(waves)} of the card's memory, of which {_size(free)} are free"
+        name, stays = libraries.NUMPY, Decision("waves", "processor", reason)
+    beside = [stage for stage in needs if stage not in TO_THE_SLM and needs[stage] > free]
+    smaller = [stage for stage in in_batches if stage not in beside]
+    notes = [f"left to the processor: {', '.join(beside)}"] if beside else []
+    notes += [f"in smaller batches, which fit: {', '.join(smaller)}"] if smaller else []
+    taken = ", ".join(f"{stage} {_size(needed)}" for stage, needed in needs.items())
+    reason = "; ".join(notes) or ("all else fits" if waves > free else "all fit")
+    return Decided(name, (stays, Decision("card's memory", f"{taken}; {_size(free)} free", reason)))
+
+
+def _size(count):
+    return f"{count / 1e9:.3g} GB"
 
 
 def _propagation(hologram: Hologram) -> Decided[None]:

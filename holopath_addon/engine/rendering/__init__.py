@@ -89,6 +89,7 @@ def render(
         job = baselines.BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
         with clock(settings.method):
             field = baselines.field(job, progress)
+        plan = replace(plan, warnings=(*plan.warnings, *job.notes))
         report = {"seconds": clock.seconds, "frames": settings.frames}
         return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
     planned = PlannedRender(scene, camera, hologram, plan, clock)

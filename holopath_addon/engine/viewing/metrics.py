@@ -97,7 +97,7 @@ def psnr(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
 
     Infinite where noise leaves nothing of the error.
     """
-    return _decibels(squared_error(image, reference, border).mean())
+    return decibels(squared_error(image, reference, border).mean())
 
 
 def psnr_of_halves(images: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
@@ -116,10 +116,11 @@ def psnr_of_halves(images: np.ndarray, reference: np.ndarray, border: int = 0) -
         np.minimum(np.sqrt(np.maximum(np.asarray(both, np.float64)[:, inner, inner], 0)), white) / white
         for both in (images, reference)
     )
-    return _decibels(np.prod(first - second, axis=0).mean())
+    return decibels(np.prod(first - second, axis=0).mean())
 
 
-def _decibels(error):
+def decibels(error: float) -> float:
+    """PSNR of a mean squared error with the peak 1; infinite of none."""
     return float("inf") if error <= 0 else float(-10 * np.log10(error))
 
 
@@ -137,10 +138,26 @@ def psnr_deviation(image: np.ndarray, reference: np.ndarray, border: int = 0) ->
 
 
 def ssim(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
-    """Structural similarity of `display_values`, averaged over channels.
+    """Structural similarity, see `similarity`, averaged over pixels and channels; parameters as of `squared_error`."""
+    return mean_similarity(similarity(image, reference, border))
+
+
+def mean_similarity(values: np.ndarray) -> float:
+    """Mean of `similarity` where its window sees only the picture."""
+    pad = 5  # half the window
+    return float(values[pad:-pad, pad:-pad].mean())
+
+
+def similarity(image: np.ndarray, reference: np.ndarray, border: int = 0) -> np.ndarray:
+    """Structural similarity of `display_values` at each pixel and channel.
 
     Wang et al., IEEE TIP 13, 600 (2004): Gaussian window of sigma 1.5, K1 = 0.01, K2 = 0.03. By two halves the
     reference's variance is their covariance, to which independent noise adds nothing. Parameters as of `squared_error`.
+
+    Returns
+    -------
+    numpy.ndarray, shape (y, x, channel)
+        Without the border.
     """
     pair = reference if np.ndim(reference) == 4 else np.stack([reference, reference])
     a, b, own = _by_halves(image, pair, border)
@@ -155,13 +172,11 @@ def ssim(image: np.ndarray, reference: np.ndarray, border: int = 0) -> float:
         var_b, covariance**2 / np.maximum(var_a, 1e-12)
     )  # as of all variances (Cauchy and Schwarz)
     c1, c2 = 0.01**2, 0.03**2
-    similarity = (
+    return (
         (2 * mean_a * mean_b + c1)
         * (2 * covariance + c2)
         / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
     )
-    pad = 5  # half the window: where it sees only the picture
-    return float(similarity[pad:-pad, pad:-pad].mean())
 
 
 def speckle_contrast(picture: np.ndarray, truth: np.ndarray, border: int = 0) -> float | None:

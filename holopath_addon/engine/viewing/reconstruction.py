@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..hologram import channel
 from ..memory import shortage
 from ..optics import ON_AXIS, Optics
-from ..pixels import Pitch, averaged, axes, beyond, coarsest, frequencies
+from ..pixels import Pitch, axes, beyond, coarsest, frequencies
 from ..progress import stage
 from ..waves import arrays
 from ..waves.lens import Collins, behind_lens
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..hologram import Hologram
     from ..mapping import DepthMapping
     from ..optics import Pupil
+    from ..pixels import EvenSteps
     from ..progress import Progress
     from ..wavefield import WaveField
     from ..waves.arrays import Array
@@ -310,8 +311,7 @@ class Refocuser:
                         progress(done / (len(views) * frames * colours), "Refocusing")
                 for number, total in enumerate(sums, first):
                     if lines is not None:
-                        mean = averaged(arrays.on_processor(total), lines)[::apart, ::apart]
-                        total = arrays.like(mean, total, "float32")
+                        total = arrays.as_type(averaged(total, lines)[::apart, ::apart], "float32")
                     images[number, ..., k] = total / frames
         return images
 
@@ -372,6 +372,37 @@ class Refocuser:
         if padded == self._padded(k, 0.0) and held <= self._most_bytes:
             self._spectra[k, m, padded] = waves
         return waves
+
+
+def averaged(pictures: Array, lines: Sequence[EvenSteps]) -> Array:
+    """Intensities on the pixels of another grid: each is the mean over its square, of squares that are even.
+
+    Between pixels a field of unit modulus is not of unit modulus, and its intensity is speckled. So intensities are
+    taken at the field's own pixels, and spread over these.
+
+    Parameters
+    ----------
+    pictures : array, shape (..., y, x)
+    lines : (EvenSteps, EvenSteps)
+        Rows and columns of the other grid, all of which lie within the pictures.
+
+    Returns
+    -------
+    array, float64, of as many rows and columns
+    """
+    xp, pictures = arrays.namespace(pictures), arrays.as_type(pictures, "float64")
+    for axis, line in zip((-2, -1), lines, strict=True):
+        values = xp.moveaxis(pictures, axis, -1)
+        count = values.shape[-1]
+        sums = arrays.zeros((*values.shape[:-1], count + 1), "float64", values)
+        sums[..., 1:] = arrays.cumulative(values)
+        ends = line.first + 0.5 + line.step * (np.arange(line.count + 1) - 0.5)
+        ends = ends.clip(0, count)  # rounding
+        low = np.minimum(ends.astype(int), count - 1)
+        share, low = arrays.like(ends - low, values), arrays.like(low, values)
+        part = (xp.take(sums, low, axis=-1) + share * xp.take(values, low, axis=-1)) / line.step
+        pictures = xp.moveaxis(part[..., 1:] - part[..., :-1], -1, axis)
+    return pictures
 
 
 def _bins(mask, apart):

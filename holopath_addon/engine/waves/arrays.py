@@ -68,19 +68,17 @@ def mask(passes: np.ndarray, array: Array) -> Array:
 
 def empty(shape: Sequence[int], kind: Any, array: Array) -> Array:
     """Memory in the namespace of an array, and where it lies."""
-    return (
-        np.empty(shape, kind) if isinstance(array, np.ndarray) else _made(array, "empty", tuple(shape), kind)
-    )
+    return _made(array, "empty", tuple(shape), kind)
 
 
 def zeros(shape: Sequence[int], kind: Any, array: Array) -> Array:
     """Zeros in the namespace of an array, and where it lies."""
-    return (
-        np.zeros(shape, kind) if isinstance(array, np.ndarray) else _made(array, "zeros", tuple(shape), kind)
-    )
+    return _made(array, "zeros", tuple(shape), kind)
 
 
 def _made(array, maker, what, kind):
+    if isinstance(array, np.ndarray):
+        return getattr(np, maker)(what, kind)
     import array_api_compat
 
     make = getattr(namespace(array), maker)
@@ -104,9 +102,7 @@ def fft(
     `workers` is how many threads of the processor do it, by default one; `overwrite` allows it to use the array's
     memory.
     """
-    if isinstance(array, np.ndarray):
-        return scipy.fft.fft(array, count, axis, norm, overwrite, workers)
-    return namespace(array).fft.fft(array, n=count, axis=axis, norm=norm)
+    return _transformed("fft", array, count, axis, norm, overwrite, workers)
 
 
 def ifft(
@@ -118,9 +114,7 @@ def ifft(
     workers: int | None = None,
 ) -> Array:
     """Inverse of `fft`."""
-    if isinstance(array, np.ndarray):
-        return scipy.fft.ifft(array, count, axis, norm, overwrite, workers)
-    return namespace(array).fft.ifft(array, n=count, axis=axis, norm=norm)
+    return _transformed("ifft", array, count, axis, norm, overwrite, workers)
 
 
 def fft2(
@@ -131,16 +125,29 @@ def fft2(
     workers: int | None = None,
 ) -> Array:
     """FFT of the last two axes, padded to `shape`; see `fft`."""
-    if isinstance(array, np.ndarray):
-        return scipy.fft.fft2(array, shape, (-2, -1), norm, overwrite, workers)
-    return namespace(array).fft.fftn(array, s=shape, axes=(-2, -1), norm=norm)
+    return _transformed("fftn", array, shape, (-2, -1), norm, overwrite, workers)
 
 
 def ifft2(array: Array, norm: str = "backward", overwrite: bool = False, workers: int | None = None) -> Array:
     """Inverse of `fft2`."""
+    return _transformed("ifftn", array, None, (-2, -1), norm, overwrite, workers)
+
+
+def rfft2(array: Array, workers: int | None = None) -> Array:
+    """FFT of the last two axes of real numbers: half of `fft2`."""
+    return _transformed("rfftn", array, None, (-2, -1), "backward", False, workers)
+
+
+def irfft2(array: Array, shape: Sequence[int], overwrite: bool = False, workers: int | None = None) -> Array:
+    """Inverse of `rfft2`, of which this was the shape."""
+    return _transformed("irfftn", array, shape, (-2, -1), "backward", overwrite, workers)
+
+
+def _transformed(name, array, size, axis, norm, overwrite, workers):
     if isinstance(array, np.ndarray):
-        return scipy.fft.ifft2(array, None, (-2, -1), norm, overwrite, workers)
-    return namespace(array).fft.ifftn(array, axes=(-2, -1), norm=norm)
+        return getattr(scipy.fft, name)(array, size, axis, norm, overwrite, workers)
+    what = {"n": size, "axis": axis} if isinstance(axis, int) else {"s": size, "axes": axis}
+    return getattr(namespace(array).fft, name)(array, **what, norm=norm)
 
 
 def into(memory: Array, function: Any, *values: Any) -> Array:
@@ -223,6 +230,20 @@ def angle(waves: Array) -> Array:
 def arccos(values: Array) -> Array:
     """Radians from 0 to pi."""
     return np.arccos(values) if isinstance(values, np.ndarray) else namespace(values).acos(values)
+
+
+def cumulative(values: Array) -> Array:
+    """Sums along the last axis: of the first number, of the first two, and so on."""
+    if isinstance(values, np.ndarray):
+        return values.cumsum(-1)
+    return namespace(values).cumulative_sum(values, axis=-1)
+
+
+def smallest(values: Array, count: int) -> Array:
+    """The largest of so many numbers that are the smallest ones of an array of one axis."""
+    if isinstance(values, np.ndarray):
+        return np.partition(values, count - 1)[count - 1]
+    return namespace(values).sort(values)[count - 1]
 
 
 def product(first: Array, second: Array) -> complex:

@@ -27,8 +27,10 @@ from scipy.special import erf, j1
 
 from ..errors import InvalidInput
 from ..pixels import Pitch, axes, coarsest, half_sides, scaled
+from . import arrays
+from .arrays import PROCESSOR, Array
 from .gaussian_points import FIFTH
-from .propagation import padded_shape, transfer_function
+from .propagation import padded_shape, resized, transfer_function
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -156,6 +158,8 @@ class DisplayLight:
         Farthest distance from the SLM at which pictures are wanted, metres.
     source : tuple
         Of `gaussian_points`: what its points and its spectrum are taken for.
+    on : array, optional
+        In whose namespace it is computed, where that one lies. Default: NumPy's.
     """
 
     def __init__(
@@ -165,6 +169,7 @@ class DisplayLight:
         pitch: Pitch,
         reach: float,
         source: tuple = FIFTH,
+        on: Array = PROCESSOR,
     ) -> None:
         self.model, self.shape, self.pitch = model, tuple(shape), pitch
         self._half = half_sides(shape, pitch, model.half)
@@ -175,61 +180,62 @@ class DisplayLight:
             ]
         self.padded = tuple(GRID * n for n in padded)
         self._blurs = [_blurred_pixels(n, model.crosstalk) for n in shape]
-        self._boxes = [_unaliased(n, model.crosstalk) for n in self.padded]
-        self._bins = [np.r_[0 : n // 2, -(n // 2) : 0] for n in self.padded]
+        if not isinstance(on, np.ndarray):  # sparse matrices are not of the standard
+            self._blurs = [arrays.like(blur.toarray(), on) for blur in self._blurs]
+        self._boxes = [arrays.like(_unaliased(n, model.crosstalk), on) for n in self.padded]
         points = source if model.size or model.bandwidth else [(0.0, 0.0, 0.0, 1.0)]
         self._points = [
             ((model.size * x, model.size * y), model.wavelength + model.bandwidth * c, weight)
             for x, y, c, weight in points
         ]
-        self._transfers: dict[float, list[np.ndarray]] = {}
+        self._transfers: dict[float, list[Array]] = {}
         self._illuminations = {
-            wavelength: self._illumination(wavelength) for _, wavelength, _ in self._points
+            wavelength: arrays.like(self._illumination(wavelength), on) for _, wavelength, _ in self._points
         }
         self._relays, self._slopes, self._places = [], [], []
         varies = any(model.across) or any(model.down)
         for sines, wavelength, _ in self._points:
-            self._relays.append((_relay(self.padded, pitch, model, sines, wavelength), wavelength))
+            what = self.padded, pitch, model, sines, wavelength
+            self._relays.append((arrays.like(_relay(*what), on), wavelength))
             if varies and len(self._points) > 1:
-                self._slopes.append(_slopes(self.padded, pitch, model, sines, wavelength))
+                self._slopes.append([arrays.like(slope, on) for slope in _slopes(*what)])
         if varies:
             at = [self._half_sides(axis).astype(np.float32) for axis in (0, 1)]
-            self._at = at[1][None, :], at[0][:, None]
+            self._at = [arrays.like(each, on) for each in (at[1][None, :], at[0][:, None])]
             rows, columns = map(_lagrange, at)
             for eta, row in zip(NODES, rows, strict=True):
                 for xi, column in zip(NODES, columns, strict=True):
                     relay = _relay(self.padded, pitch, model, (0.0, 0.0), model.wavelength, (xi, eta))
-                    self._places.append((relay, row[:, None], column[None, :]))
+                    what = relay, row[:, None], column[None, :]
+                    self._places.append([arrays.like(each, on) for each in what])
 
-    def spectra(self, phases: np.ndarray) -> dict[float, np.ndarray]:
+    def spectra(self, phases: Array) -> dict[float, Array]:
         """Spectrum of the light that leaves the pixels, at each wavelength of the source.
 
         Parameters
         ----------
-        phases : numpy.ndarray, shape (y, x)
+        phases : array, shape (y, x)
             Radians, at the model's wavelength; the optical path is the same at others.
         """
         model, smooth = self.model, self.blurred(phases)
         found = {}
         for wavelength, beam in self._illuminations.items():
-            phase = smooth * np.float32(model.wavelength / wavelength)
-            light = np.empty(phase.shape, np.complex64)
-            light.real, light.imag = np.cos(phase), np.sin(phase)
-            light *= np.float32(math.sqrt(1 - abs(model.unmodulated) ** 2))
-            light += np.complex64(model.unmodulated)
+            light = arrays.phasors(smooth * (model.wavelength / wavelength))
+            light *= math.sqrt(1 - abs(model.unmodulated) ** 2)
+            light += complex(model.unmodulated)
             light *= beam
             for axis in (1, 0):  # what stays dark, and what is not wanted, is left out
-                light = scipy.fft.fft(light, FINE * self.padded[axis] // GRID, axis=axis)
-                light = light.take(self._bins[axis], axis=axis)
+                light = arrays.fft(light, FINE * self.padded[axis] // GRID, axis)
+                light = resized(light, self.padded[axis], axis)
             light *= self._boxes[0][:, None]
             light *= self._boxes[1][None, :]
             found[wavelength] = light
         return found
 
-    def picture(self, spectra: dict[float, np.ndarray], distance: float) -> np.ndarray:
+    def picture(self, spectra: dict[float, Array], distance: float) -> Array:
         """Intensity at a distance from the SLM, `GRID` samples in a pixel's side, float32, on the padded grid."""
         relayed = self.relayed(spectra[self.model.wavelength])
-        image = np.zeros(self.padded, np.float32)
+        image = arrays.zeros(self.padded, "float32", self._boxes[0])
         transfers = self._transfers_to(distance)
         middle = self._relays[0][0] * spectra[self.model.wavelength]
         for number, ((relay, wavelength), transfer) in enumerate(zip(self._relays, transfers, strict=True)):
@@ -239,63 +245,59 @@ class DisplayLight:
                 wave = relayed + (light - middle)
                 if self._slopes:
                     wave += self._varied(light, middle, number)
-            wave = scipy.fft.ifft2(wave * transfer, overwrite_x=True)
-            image += np.float32(self._points[number][2]) * (wave.real**2 + wave.imag**2)
+            wave = arrays.ifft2(wave * transfer, overwrite=True)
+            image += self._points[number][2] * arrays.intensity(wave)
         return image
 
     def _varied(self, light, middle, number):
         """Spectrum of how a point's aberrations change over the field otherwise than the middle's, to first order."""
-        change = np.zeros(self.padded, np.complex64)
+        change = arrays.zeros(self.padded, "complex64", self._boxes[0])
         for at, slope, own in zip(self._at, self._slopes[number], self._slopes[0], strict=True):
-            change += at * scipy.fft.ifft2(slope * light - own * middle, overwrite_x=True)
-        change *= np.complex64(1j)
-        return scipy.fft.fft2(change, overwrite_x=True)
+            change += at * arrays.ifft2(slope * light - own * middle, overwrite=True)
+        change *= 1j
+        return arrays.fft2(change, overwrite=True)
 
-    def relayed(self, spectrum: np.ndarray) -> np.ndarray:
+    def relayed(self, spectrum: Array) -> Array:
         """Spectrum of the light behind the relay, at the SLM's image."""
         if not self._places:
             return self._relays[0][0] * spectrum
-        light = np.zeros(self.padded, np.complex64)
+        light = arrays.zeros(self.padded, "complex64", self._boxes[0])
         for relay, rows, columns in self._places:
-            wave = scipy.fft.ifft2(relay * spectrum, overwrite_x=True)
+            wave = arrays.ifft2(relay * spectrum, overwrite=True)
             wave *= rows
             wave *= columns
             light += wave
-        return scipy.fft.fft2(light, overwrite_x=True)
+        return arrays.fft2(light, overwrite=True)
 
-    def relayed_adjoint(self, spectrum: np.ndarray) -> np.ndarray:
+    def relayed_adjoint(self, spectrum: Array) -> Array:
         """Adjoint of `relayed`."""
+        xp = arrays.namespace(spectrum)
         if not self._places:
-            return self._relays[0][0].conj() * spectrum
-        light = scipy.fft.ifft2(spectrum)
-        wave = np.zeros(self.padded, np.complex64)
+            return xp.conj(self._relays[0][0]) * spectrum
+        light = arrays.ifft2(spectrum)
+        wave = arrays.zeros(self.padded, "complex64", self._boxes[0])
         for relay, rows, columns in self._places:
-            wave += relay.conj() * scipy.fft.fft2(light * rows * columns, overwrite_x=True)
+            wave += xp.conj(relay) * arrays.fft2(light * rows * columns, overwrite=True)
         return wave
 
-    def spectra_adjoint(self, spectrum: np.ndarray) -> np.ndarray:
+    def spectra_adjoint(self, spectrum: Array) -> Array:
         """Adjoint of what makes a spectrum of the light of the pixels, beam and all, at the model's wavelength."""
-        light = spectrum * self._boxes[0].conj()[:, None]
-        light *= self._boxes[1].conj()[None, :]
+        xp = arrays.namespace(spectrum)
+        light = spectrum * xp.conj(self._boxes[0])[:, None]
+        light *= xp.conj(self._boxes[1])[None, :]
         for axis in (0, 1):
-            count = FINE * self.padded[axis] // GRID
-            shape = [*light.shape]
-            shape[axis] = count
-            wide = np.zeros(shape, np.complex64)
-            if axis == 0:
-                wide[self._bins[0]] = light
-            else:
-                wide[:, self._bins[1]] = light
-            wide = scipy.fft.ifft(wide, axis=axis, norm="forward", overwrite_x=True)
-            light = wide.take(np.arange(FINE * self.shape[axis]), axis=axis)
-        return light * self._illuminations[self.model.wavelength].conj()
+            light = resized(light, FINE * self.padded[axis] // GRID, axis)
+            light = arrays.ifft(light, None, axis, "forward", overwrite=True)
+            count = FINE * self.shape[axis]
+            light = light[:count, :] if axis == 0 else light[:, :count]
+        return light * xp.conj(self._illuminations[self.model.wavelength])
 
-    def blurred(self, phases: np.ndarray) -> np.ndarray:
+    def blurred(self, phases: Array) -> Array:
         """Phases within the pixels, float32, `FINE` samples in a pixel's side."""
         rows, columns = self._blurs
-        return rows @ (columns @ np.asarray(phases, np.float32).T).T
+        return rows @ (columns @ arrays.as_type(arrays.known(phases), "float32").T).T
 
-    def at_pixels(self, fine: np.ndarray) -> np.ndarray:
+    def at_pixels(self, fine: Array) -> Array:
         """Adjoint of `blurred`."""
         rows, columns = self._blurs
         return rows.T @ (columns.T @ fine.T).T
@@ -304,7 +306,7 @@ class DisplayLight:
         if distance not in self._transfers:
             pitch = scaled(self.pitch, 1 / GRID)
             self._transfers[distance] = [
-                transfer_function(self.padded, pitch, wavelength, distance, "full", sines)
+                transfer_function(self.padded, pitch, wavelength, distance, "full", sines, self._boxes[0])
                 for sines, wavelength, _ in self._points
             ]
         return self._transfers[distance]

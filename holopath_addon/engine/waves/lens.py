@@ -20,6 +20,7 @@ import scipy.fft
 from ..hologram import AerialImage
 from ..pixels import axes
 from . import arrays
+from .propagation import bluestein, phasor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,8 +106,7 @@ class Collins:
 class _Axis:
     """sqrt(abs(s)) exp(-2 pi i s x x') exp(i pi b x^2), with places x and x' in pixels from the middle.
 
-    A convolution with a chirp, as 2 j k = j^2 + k^2 - (j - k)^2: L. I. Bluestein, IEEE Trans. Audio Electroacoust. 18,
-    451 (1970). Where s = 1 / n, it is a Fourier transform.
+    By `bluestein`; where s = 1 / n, it is a Fourier transform.
 
     Parameters
     ----------
@@ -131,44 +131,36 @@ class _Axis:
         last = size * middle * (k - middle_there)
         if not self.whole:
             first, last = first - size * j**2 / 2, last - size * k**2 / 2
-            self._bins = scipy.fft.next_fast_len(2 * max(used, count) - 1)
-            apart = scipy.fft.fftfreq(self._bins, 1 / self._bins)
-            chirp = scipy.fft.fft(_phasor(size * apart**2 / 2))
+            bins = scipy.fft.next_fast_len(2 * max(used, count) - 1)
+            apart = scipy.fft.fftfreq(bins, 1 / bins)
+            chirp = scipy.fft.fft(phasor(size * apart**2 / 2))
             self._chirp = (math.sqrt(size) * chirp).astype(np.complex64)
-        self._ends = [_phasor(turns).astype(np.complex64) for turns in (first, last)]
+        self._ends = [phasor(turns).astype(np.complex64) for turns in (first, last)]
 
     def there(self, fields, place):
-        xp = arrays.namespace(fields)
-        fields = xp.moveaxis(fields, place, -1)[..., self.used]
-        first, last = self._ends
-        if self._mirrored:
-            fields = xp.conj(self._along(xp.conj(fields), first, last, self._count))
-        else:
-            fields = self._along(fields, first, last, self._count)
+        xp, (first, last) = arrays.namespace(fields), self._ends
+        fields = self._along(xp.moveaxis(fields, place, -1)[..., self.used], first, last, self._mirrored)
         return xp.moveaxis(fields, -1, place)
 
     def back(self, fields, place):
         xp, (first, last) = arrays.namespace(fields), self._ends
-        fields, used = xp.moveaxis(fields, place, -1), self.used.stop - self.used.start
         # what lies between the two chirps is symmetric, so its adjoint is its conjugate
-        if self._mirrored:
-            fields = self._along(fields, last, first, used)
-        else:
-            fields = xp.conj(self._along(xp.conj(fields), last, first, used))
-        if used < self._n:
+        fields = self._along(xp.moveaxis(fields, place, -1), last, first, not self._mirrored)
+        if self._count < self._n:
             wide = arrays.zeros((*fields.shape[:-1], self._n), fields.dtype, fields)
             wide[..., self.used] = fields
             fields = wide
         return xp.moveaxis(fields, -1, place)
 
-    def _along(self, fields, first, last, count):
-        """The last axis times one chirp, transformed, times the other."""
-        first, last = arrays.like(first, fields), arrays.like(last, fields)
-        waves = fields * first
+    def _along(self, fields, first, last, conjugate):
+        """The last axis times one chirp, transformed, times the other; or by the conjugates of all of them."""
+        xp, first, last = arrays.namespace(fields), arrays.like(first, fields), arrays.like(last, fields)
+        fields = xp.conj(fields) if conjugate else fields
         if self.whole:
-            return arrays.fft(waves, norm="ortho", overwrite=True) * last
-        waves = arrays.fft(waves, self._bins) * arrays.like(self._chirp, fields)
-        return arrays.ifft(waves, overwrite=True)[..., :count] * last
+            fields = arrays.fft(fields * first, norm="ortho", overwrite=True) * last
+        else:
+            fields = bluestein(fields, first, arrays.like(self._chirp, fields), last)
+        return xp.conj(fields) if conjugate else fields
 
 
 def behind_lens(hologram: Hologram, wavelength: float) -> Collins | None:
@@ -211,8 +203,4 @@ def spread_waves(frames: int, shape: Sequence[int]) -> np.ndarray:
     y, x = ((2 * np.arange(n) + 1) / n - 1 for n in shape)
     along_y, along_x = y[:, None] ** 2, x[None, :] ** 2
     bent = rows * along_y + columns * along_x - 2 * ROUND * math.sqrt(rows * columns) * along_y * along_x
-    return np.stack([_phasor(bent / 8 * (-1) ** frame) for frame in range(frames)]).astype(np.complex64)
-
-
-def _phasor(turns):
-    return np.exp(2j * math.pi * np.mod(turns, 1.0))
+    return np.stack([phasor(bent / 8 * (-1) ** frame) for frame in range(frames)]).astype(np.complex64)

@@ -25,7 +25,11 @@ NUMPY = "numpy"
 # which is loaded in less time.
 ON_CARDS = {"cupy": "CuPy", "torch": "PyTorch"}
 VARIABLE = "HOLOPATH_ARRAYS"
-INSTALL = "pip install 'holopath[cuda]'"
+EXTENSION = "HoloPath for NVIDIA Cards"  # which brings one to Blender
+# What does elsewhere.
+INSTALL = (
+    f"add the extension {EXTENSION}" if __name__.startswith("bl_ext.") else "`pip install 'holopath[cuda]'`"
+)
 RAN_OUT = (
     "The graphics card's memory did not suffice, and the processor went on: choose fewer pixels, frames or "
     f"wavelengths, or set {VARIABLE}=numpy."
@@ -57,7 +61,7 @@ def chosen() -> tuple[str, str]:
             )
         problem = "" if named == NUMPY else _problem(named, device)
         if problem:
-            raise InvalidInput(f"{VARIABLE} is '{named}', and {problem}: `{INSTALL}`, or unset it.")
+            raise InvalidInput(f"{VARIABLE} is '{named}', and {problem}: {INSTALL}, or unset it.")
         return named, ""
     if device != "cuda":
         return NUMPY, ""
@@ -76,9 +80,18 @@ def installed() -> list[str]:
 
 
 def advice(why: str = "") -> str:
-    """Why the processor computes waves although there is a card, and what to do, a sentence."""
-    why = why or f"neither {' nor '.join(ON_CARDS.values())} is installed"
-    return f"Waves and phases are computed by the processor, as {why}: `{INSTALL}` has the card do it."
+    """Why the processor computes waves although there is a card, and what to do, a sentence.
+
+    `why` is what keeps the libraries that are installed from it; by default none is.
+    """
+    if why:
+        cure = "a newer NVIDIA driver, or a library that fits the one that is there, has the card do it"
+    else:
+        why, cure = (
+            f"neither {' nor '.join(ON_CARDS.values())} is installed",
+            f"{INSTALL}, and the card does it",
+        )
+    return f"Waves and phases are computed by the processor, as {why}: {cure}."
 
 
 def described() -> str:
@@ -132,8 +145,10 @@ def by_card(work: Callable[[Array], Result], data: np.ndarray, needed: float) ->
 
 
 def out_of_memory(error: BaseException) -> bool:
-    """Whether a card's memory ran out; each library has an error of its own for that."""
-    return type(error).__name__ == "OutOfMemoryError"
+    """Whether a card's memory ran out; libraries, FFTs in them and Dr.Jit each have an error of their own for that."""
+    words = str(error)
+    ran_out = "CUFFT_ALLOC_FAILED" in words or "out of memory" in words
+    return type(error).__name__ == "OutOfMemoryError" or (isinstance(error, RuntimeError) and ran_out)
 
 
 def from_drjit(values: Any, array: Array) -> Array:

@@ -63,17 +63,21 @@ class Modulator:
 
     def shown(self, phases: Array) -> Array:
         """Phases that the pixels have when sent these, radians, float32, shape (..., y, x)."""
-        if self.bits is None and not self.crosstalk:
-            return arrays.as_type(arrays.known(phases), "float32")
-        return arrays.like(self._shown(arrays.on_processor(phases).astype(np.float32)), phases)
-
-    def _shown(self, phases):
+        phases = arrays.as_type(arrays.known(phases), "float32")
         if self.bits is not None:
-            phases = (grey_levels(phases, self.bits) * (2 * math.pi / 2**self.bits)).astype(np.float32)
-        if self.crosstalk:
+            levels = arrays.as_type(grey_levels(phases, self.bits), "float64")
+            phases = arrays.as_type(levels * (2 * math.pi / 2**self.bits), "float32")
+        return self._blurred(phases) if self.crosstalk else phases
+
+    def _blurred(self, phases):
+        if isinstance(phases, np.ndarray):
             sigma = (0,) * (phases.ndim - 2) + (self.crosstalk,) * 2
-            phases = scipy.ndimage.gaussian_filter(phases, sigma, mode="nearest")
-        return phases
+            return scipy.ndimage.gaussian_filter(phases, sigma, mode="nearest")
+        rows, columns = (
+            scipy.ndimage.gaussian_filter1d(np.eye(n, dtype=np.float32), self.crosstalk, 0, mode="nearest")
+            for n in phases.shape[-2:]
+        )
+        return arrays.like(rows, phases) @ phases @ arrays.like(columns.T, phases)
 
     def light(self, phases: Array) -> Array:
         """Field of amplitude 1 at most that leaves the pixels, complex64, shape (..., y, x).
@@ -134,7 +138,7 @@ class Levels:
         given = unwrapped(given)
         kept = one_turn(given)
         object.__setattr__(self, "phases", np.unique(np.mod(given[kept], 2 * math.pi)))
-        object.__setattr__(self, "_first", given[0])
+        object.__setattr__(self, "_first", float(given[0]))
         object.__setattr__(self, "_steps", np.unique(given - given[0]))
         object.__setattr__(self, "_whole", bool(kept.all()))
         turn = given[kept] if np.ptp(given[kept]) < 2 * math.pi else self.phases
@@ -158,57 +162,62 @@ class Levels:
     def __len__(self) -> int:
         return len(self.phases)
 
-    def nearest(self, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def nearest(self, phases: Array) -> tuple[Array, Array]:
         """What pixels can show that is nearest to phases, around the circle.
 
         Parameters
         ----------
-        phases : numpy.ndarray, float
+        phases : array, float
             Radians, of any turn; where there is a correction or a variation, of as many pixels.
 
         Returns
         -------
-        shown, gaps : numpy.ndarray
-            Radians, as `phases` by shape and type: what is shown, in the turn of the phase; and how far the levels on
-            both sides of it are from each other.
+        shown, gaps : array
+            Radians, as `phases` by library, shape and type: what is shown, in the turn of the phase; and how far the
+            levels on both sides of it are from each other.
         """
-        turn, correction = 2 * math.pi, 0
+        xp, turn, correction = arrays.namespace(phases), 2 * math.pi, 0.0
         if self.correction is not None:
-            correction = self.correction.reshape(phases.shape)
+            correction = arrays.like(self.correction.ravel(), phases)
         if self.variation is not None:
             correction = correction - self._first
-        wanted = phases + correction
-        begun = np.floor(wanted / turn) * turn
+        wanted = xp.reshape(phases, (-1,)) + correction
+        begun = xp.floor(wanted / turn) * turn
         within = wanted - begun
         if self.variation is None:
             low, high = self._around(within)
         else:
-            low, high = self._around_each(within, self.variation.reshape(within.shape))
-        level = np.where(within - low <= high - within, low, high) + begun - correction
-        return level.astype(phases.dtype), (high - low).astype(phases.dtype)
+            low, high = self._around_each(within, self.variation)
+        level = xp.where(within - low <= high - within, low, high) + begun - correction
+        shown, gaps = (
+            xp.reshape(arrays.as_type(each, phases.dtype), phases.shape) for each in (level, high - low)
+        )
+        return shown, gaps
 
     def _around(self, within):
         """Levels on both sides of phases in [0, 2 pi)."""
-        turn = 2 * math.pi
+        xp, turn = arrays.namespace(within), 2 * math.pi
         ring = np.concatenate([[self.phases[-1] - turn], self.phases, [self.phases[0] + turn]])
-        above = np.clip(np.searchsorted(ring, within), 1, len(ring) - 1)
-        return ring[above - 1], ring[above]
+        ring = arrays.like(ring, within)
+        above = xp.clip(_places(ring, within), 1, len(self) + 1)
+        return xp.take(ring, above - 1), xp.take(ring, above)
 
-    def _around_each(self, within, share):
+    def _around_each(self, within, variation):
         """The same of steps from the first level, of which each pixel makes a share."""
-        turn, steps = 2 * math.pi, self._steps
-        low, high = np.full(within.shape, -math.inf), np.full(within.shape, math.inf)
-        ends = steps[[0, -1]] * share.max() / turn
-        first, last = 0, len(steps)
+        xp, turn, first, last = arrays.namespace(within), 2 * math.pi, 0, len(self._steps)
+        steps, share = (arrays.like(each.ravel(), within) for each in (self._steps, variation))
         if not self._whole:
-            first, last = np.searchsorted(steps, -turn / share, "right"), np.searchsorted(steps, turn / share)
+            first, last = _places(steps, -turn / share, "right"), _places(steps, turn / share)
+        low = arrays.zeros(within.shape, "float64", within) - math.inf
+        high = -low
+        ends = self._steps[[0, -1]] * variation.max() / turn
         for turns in range(math.floor(ends[0]) - 1, math.ceil(ends[1]) + 2):
-            found = np.searchsorted(steps, (within + turns * turn) / share)
-            below, above = np.minimum(found, last), np.maximum(found, first)
-            shown = share * steps[np.maximum(below - 1, 0)] - turns * turn
-            low = np.where(below > first, np.maximum(low, shown), low)
-            shown = share * steps[np.minimum(above, len(steps) - 1)] - turns * turn
-            high = np.where(above < last, np.minimum(high, shown), high)
+            found = _places(steps, (within + turns * turn) / share)
+            below, above = xp.minimum(found, last), xp.maximum(found, first)
+            shown = share * xp.take(steps, xp.maximum(below - 1, 0)) - turns * turn
+            low = xp.where(below > first, xp.maximum(low, shown), low)
+            shown = share * xp.take(steps, xp.minimum(above, len(self._steps) - 1)) - turns * turn
+            high = xp.where(above < last, xp.minimum(high, shown), high)
         return low, high
 
     def to_dict(self) -> dict:
@@ -231,6 +240,11 @@ class Levels:
         steps = (share * self._steps for share in shares)
         rings = (np.unique(np.mod(each[np.abs(each) < turn], 2 * math.pi)) for each in steps)
         return float(max(np.diff(ring, append=ring[0] + 2 * math.pi).max() for ring in rings))
+
+
+def _places(rising, values, side="left"):
+    """Where values lie between numbers of double precision."""
+    return arrays.namespace(values).searchsorted(rising, arrays.as_type(values, "float64"), side=side)
 
 
 def unwrapped(phases: np.ndarray) -> np.ndarray:
@@ -288,6 +302,7 @@ def wrapped(phases: Array) -> Array:
     return xp.where(phases < turn, phases, 0.0)  # the largest float below a turn is rounded to it
 
 
-def grey_levels(phases: np.ndarray, bits: int = 8) -> np.ndarray:
+def grey_levels(phases: Array, bits: int = 8) -> Array:
     """Phases in radians as an SLM takes them: whole numbers in [0, 2^bits), of which a full turn is 0 again."""
-    return np.round(phases * (2**bits / (2 * math.pi))).astype(np.uint32) % 2**bits
+    levels = arrays.namespace(phases).round(phases * (2**bits / (2 * math.pi)))
+    return arrays.as_type(levels, "int32") % 2**bits

@@ -132,11 +132,6 @@ class Pictures:
             self._transfers[number] = transfer
         return transfer
 
-    def share(self, number: int) -> float:
-        """Part of the light in the band that a vantage lets through."""
-        passes = self.vantages[number].passes(self.padded, self.space.pitch)
-        return 1.0 if passes is None else float((passes & self.space.band).sum() / self.space.band.sum())
-
     def spectra(self, fields: Array, threads: Frames) -> list[Array]:
         """Spectra of fields of shape (frames, y, x), cut to the band."""
         band = arrays.mask(self.space.band, fields)

@@ -29,26 +29,6 @@ WHOLE = 1e-8  # of a grid's pixel, by which a step may be off to count as a whol
 BYTES = 40  # of a pixel of a padded grid: spectrum, transfer function, their product, and what FFTs take
 
 
-def spectral_u(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
-    """(wavelength x spatial frequency)^2 on the FFT grid: the squared sine of each plane wave's angle.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns.
-    pitch : float or (float, float)
-        Metres, see `pixels`.
-    wavelength : float
-        Metres.
-
-    Returns
-    -------
-    numpy.ndarray, float64, `shape`
-    """
-    fy, fx = (scipy.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
-    return (wavelength * fx[None, :]) ** 2 + (wavelength * fy[:, None]) ** 2
-
-
 def circular_band(shape: Sequence[int], pitch: Pitch = 1.0) -> np.ndarray:
     """True on the FFT bins within the circle of radius 1 / (2 pitch), of the larger pitch: what a pixel grid records at
     every azimuth (paper section 4.3, Omega_f)."""
@@ -121,7 +101,8 @@ def transfer_function(
 
 def lag(shape: Sequence[int], pitch: Pitch, wavelength: float) -> np.ndarray:
     """Radians a metre by which each plane wave falls behind the carrier: k - kz."""
-    u = spectral_u(shape, pitch, wavelength)
+    fy, fx = (wavelength * scipy.fft.fftfreq(n, d) for n, d in zip(shape, axes(pitch), strict=True))
+    u = fx[None, :] ** 2 + fy[:, None] ** 2  # squares of sines
     return (2 * math.pi / wavelength) * u / (1 + np.sqrt(np.maximum(1 - u, 0)))
 
 
@@ -328,7 +309,7 @@ def sampled(spectrum_: Array, places: Sequence[EvenSteps]) -> Array:
 
     Sums of waves at evenly spaced places are an FFT of another length where their steps are whole parts of the grid,
     and else a chirp-z transform along each axis (Rabiner, Schafer and Rader, IEEE Trans. Audio Electroacoust. 17, 86
-    (1969)), which the processor computes.
+    (1969)).
 
     Parameters
     ----------
@@ -345,39 +326,61 @@ def sampled(spectrum_: Array, places: Sequence[EvenSteps]) -> Array:
     return _at_places(_at_places(spectrum_, columns).T, rows).T
 
 
+def resized(spectra: Array, count: int, axis: int) -> Array:
+    """As many of the lowest frequencies of a spectrum in FFT order, with zeros beyond those that it has."""
+    shape, at = list(spectra.shape), (slice(None),) * axis
+    n, shape[axis] = shape[axis], count
+    wide = arrays.zeros(shape, spectra.dtype, spectra)
+    low, high = min(n, count) // 2, (min(n, count) + 1) // 2
+    wide[(*at, slice(0, high), ...)] = spectra[(*at, slice(0, high), ...)]
+    wide[(*at, slice(count - low, count), ...)] = spectra[(*at, slice(n - low, n), ...)]
+    return wide
+
+
 def _at_places(spectra, line):
     """The last axis at the places of a line."""
     n = spectra.shape[1]
     if _off(n, line.step) >= WHOLE:
-        return arrays.like(_by_chirps(arrays.on_processor(spectra), line), spectra)
+        return _by_chirps(spectra, line)
     m = round(n / line.step)
-    low = min(n, m) // 2  # of the bins that both lengths have, from -low to high - 1
-    high = min(n, m) - low
-    wide = arrays.zeros((spectra.shape[0], m), "complex64", spectra)
-    bins = scipy.fft.fftfreq(n, 1 / n)
-    turn = np.exp(2j * math.pi * np.mod(bins * (line.first / n), 1.0)) * (m / n)
-    turn = arrays.like(turn, spectra, "complex64")
-    wide[:, :high] = spectra[:, :high] * turn[:high]
-    wide[:, m - low :] = spectra[:, n - low :] * turn[n - low :]
+    turn = phasor(scipy.fft.fftfreq(n, 1 / n) * (line.first / n)) * (m / n)
+    wide = resized(spectra, m, 1)
+    wide *= resized(arrays.like(turn, spectra, "complex64"), m, 0)
     return arrays.ifft(wide, overwrite=True, workers=threads())[:, : line.count]
 
 
 def _by_chirps(spectra, line):
     """The same wherever the places lie, in double precision, some rows at a time."""
-    from scipy.signal import ZoomFFT  # takes a fifth of a second, and is seldom needed
-
-    n = spectra.shape[1]
-    last = line.first + line.step * line.count
-    zoom = ZoomFFT(n, [line.first / n, last / n], line.count, fs=1.0, endpoint=False)
-    place = line.first + line.step * np.arange(line.count)
-    # bins are counted from the lowest frequency on
-    turn = np.exp(-2j * math.pi * np.mod(place * (n // 2) / n, 1.0)) / n
-    out = np.empty((len(spectra), line.count), np.complex64)
-    height = max(1, BLOCK // n)
-    for first in range(0, len(spectra), height):
-        part = slice(first, first + height)
-        out[part] = zoom(scipy.fft.fftshift(spectra[part], axes=1).conj()).conj() * turn
+    (rows, n), m, xp = spectra.shape, line.count, arrays.namespace(spectra)
+    bend, low = line.step / n / 2, n // 2  # bins are counted from the lowest frequency on
+    j, k, apart = (np.arange(count) for count in (n, m, scipy.fft.next_fast_len(n + m - 1)))
+    apart -= len(apart) * (apart >= m)
+    first = phasor(bend * j**2 + line.first / n * j)
+    last = phasor(bend * k**2 - (line.first + line.step * k) * low / n) / n
+    between = scipy.fft.fft(phasor(-bend * apart**2))
+    chirps = [arrays.like(each, spectra) for each in (first, between, last)]
+    out, height = arrays.empty((rows, m), "complex64", spectra), max(1, BLOCK // n)
+    for begun in range(0, rows, height):
+        part = slice(begun, min(begun + height, rows))
+        waves = bluestein(xp.fft.fftshift(spectra[part, :], axes=1), *chirps)
+        out[part, :] = arrays.as_type(waves, "complex64")
     return out
+
+
+def bluestein(fields: Array, first: Array, between: Array, last: Array) -> Array:
+    """Fields times a chirp, convolved with another one, of which this is the spectrum, and times a third.
+
+    Along the last axis: a chirp-z transform, as 2 j k = j^2 + k^2 - (j - k)^2 (L. I. Bluestein, IEEE Trans. Audio
+    Electroacoust. 18, 451 (1970)).
+    """
+    waves = arrays.fft(fields * first, between.shape[0])
+    waves *= between
+    return arrays.ifft(waves, overwrite=True)[..., : last.shape[0]] * last
+
+
+def phasor(turns: np.ndarray) -> np.ndarray:
+    """exp(2 pi i turns)."""
+    return np.exp(2j * math.pi * np.mod(turns, 1.0))
 
 
 def carrier(wavelength: float, distance: float) -> complex:

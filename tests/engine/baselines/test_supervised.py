@@ -1,10 +1,19 @@
 """RGB-D layers, and the methods that find phases by descent: brightness, focus, occlusion, loss, frames, cancelling."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from benchmarks.scenes import FOV, GREEN
 from holopath_addon import engine
+from holopath_addon.engine.baselines import BaselineInput, frame_mean
+from holopath_addon.engine.baselines.frame_mean import FrameMean
+from holopath_addon.engine.baselines.supervised import phases_for
+from holopath_addon.engine.encoding.double_phase import even_double_phase
+from holopath_addon.engine.waves import arrays, libraries
+from holopath_addon.engine.waves.phase_fields import aimed_waves
+from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import propagate
 
 SIDE, BORDER = 128, 24
@@ -50,6 +59,19 @@ def test_a_plane_is_as_bright_as_it_should_be(build, camera, method):
     field = render(method, wall, camera, display(colours))
     mean = inner(engine.reconstruct(field, [1.0])[0]).mean((0, 1))
     assert mean == pytest.approx([0.8, 0.3][-len(colours) :], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("frames", "randomness", "smooth"), [(3, None, True), (6, None, False), (6, 0.1, True)]
+)
+def test_phases_begin_as_random_as_is_set(build, camera, frames, randomness, smooth):
+    """After one step, which turns each by a fifth of a radian at most: around a checkerboard, aimed, or anyhow."""
+    wall = build.scene(wall=build.plane(1.0, build.emissive(build.grey(0.5))))
+    hologram = display(side=64)
+    field = render("focal-stack", wall, camera, hologram, frames, 1, spp=1, randomness=randomness)
+    start = aimed_waves(frames, (64, 64)) * np.exp(1j * even_double_phase((64, 64)))
+    alike = abs((np.exp(1j * np.angle(field.data[:, 0])) * start.conj()).mean())
+    assert alike > 0.9 if smooth else alike < 0.2
 
 
 @pytest.mark.parametrize("method", ["rgbd", "point", "polygon", "gaussian"])
@@ -192,12 +214,6 @@ def test_phases_of_one_modulus_that_get_better(build, camera, method):
 
 def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
     """Of pictures that phases can show: those of other phases."""
-    from types import SimpleNamespace
-
-    from holopath_addon.engine.baselines.frame_mean import FrameMean
-    from holopath_addon.engine.baselines.supervised import phases_for
-    from holopath_addon.engine.waves.pictures import Pictures, Vantage
-
     rng = np.random.default_rng(5)
     pictures = Pictures((64, 80), 8e-6, GREEN, [Vantage(1e-3), Vantage(2e-3), Vantage(3e-3)])
     pictures.add(1.7 * np.exp(2j * np.pi * rng.random((3, 64, 80))).astype(np.complex64))
@@ -209,13 +225,51 @@ def test_descent_lowers_the_loss_and_keeps_the_brightness(threads):
             shape=(64, 80),
         )
         told = []
-        light = phases_for(job, lambda k: pictures, lambda done, what: told.append(done))[:, 0]  # noqa: B023
+        light = phases_for(job, lambda k, on: pictures, lambda done, what: told.append(done))[:, 0]  # noqa: B023
         assert len(told) == steps and told == sorted(told) and told[-1] == 1
         mean = FrameMean(pictures, 1.0, threads)
         losses.append(sum(mean.gradient(light, number)[0] for number in range(3)))
         shown = [mean.look(light, number) for number in range(3)]
         assert np.mean(shown) == pytest.approx(pictures.wanted.mean(), rel=0.05)
     assert losses[0] > 2 * losses[1] > 4 * losses[2]
+
+
+@pytest.mark.parametrize("frames", [2, 4])
+def test_libraries_of_arrays_agree(other_library, monkeypatch, frames):
+    """On the light that shows pictures, by amplitudes and by intensities; and NumPy goes on where memory runs out."""
+    hologram, told = engine.Hologram(40, 32, 8e-6, (GREEN, 640e-9), 1e-3, 2e-3), []
+    picture = np.random.default_rng(3).random((32, 40)).astype(np.float32)
+
+    def pictures(k, on):
+        told.append(type(on))
+        wanted = Pictures((32, 40), 8e-6, hologram.wavelengths[k], [Vantage(1e-3), Vantage(2e-3)], on=on)
+        wanted.wanted[...] = arrays.like(np.stack([picture, 1 - picture]), on)
+        return wanted
+
+    def light():
+        settings = engine.Settings(frames=frames, fixed={"steps": 3})
+        job = BaselineInput(None, None, hologram, settings, 0.5, 1e-3, 2e-3)
+        return phases_for(job, pictures, lambda done, what: None), job.notes
+
+    wanted, _ = light()
+    monkeypatch.setattr(libraries, "beginning", lambda name: other_library.zeros(0))
+    found, notes = light()
+    assert told == [np.ndarray] * 2 + [type(other_library.zeros(0))] * 2 and not notes
+    assert np.quantile(np.abs(found - wanted), 0.99) < 1e-4 * np.abs(wanted).max()
+
+    class OutOfMemoryError(RuntimeError):
+        pass
+
+    def carried(wave, transfer):
+        if not isinstance(wave, np.ndarray):
+            raise OutOfMemoryError
+        return whole(wave, transfer)
+
+    whole = frame_mean.carried
+    monkeypatch.setattr(frame_mean, "carried", carried)
+    found, notes = light()
+    np.testing.assert_array_equal(found, wanted)
+    assert notes == [libraries.RAN_OUT]
 
 
 @pytest.mark.slow

@@ -48,3 +48,72 @@ def test_launches_of_many_units_from_the_first(backend, monkeypatch):
                 left -= pace.together
             made += 1
         assert costs.launches(1e-3, units, 16) == pytest.approx(made, rel=0.5, abs=1)
+
+
+def test_memory_of_a_card_by_stage(build, camera, as_on_a_card):
+    """What holds at least: the field, with what each stage has beside it; and what is too large is the processor's."""
+    hologram = engine.Hologram(128, 64, 8e-6, (640e-9, 500e-9), depth_far=0.5e-3, depth_near=3e-3)
+    scene, settings = build.two_planes(build.emissive), engine.Settings(frames=8, planes=1, max_depth=1)
+    field = 8 * 128 * 64 * 2 * 8
+
+    def plan():
+        return engine.plan(scene, camera, hologram, settings)
+
+    as_on_a_card(64 << 30)
+    large = plan()
+    assert list(large.card_memory) == ["wave tracing", "propagation", "reconstruction", *large.phases_memory]
+    assert all(needed >= field for needed in large.card_memory.values())
+    assert large.card_memory["joint"] > 2 * field + (1 << 30)
+    assert "64" not in large.library and large.library != "numpy" and "(all fit)" in str(large)
+    as_on_a_card(1 << 30)
+    small = plan()
+    assert small.library == large.library
+    assert f"(left to the processor: {', '.join(large.phases_memory)})" in str(small)
+    as_on_a_card(field)
+    tiny = plan()
+    assert tiny.library == "numpy" and "The Library would need" in str(tiny)
+    assert tiny.chunk == 1 << 20 and large.chunk > tiny.chunk
+
+
+def test_batches_that_go_by_a_card_s_memory(build, camera, as_on_a_card, monkeypatch):
+    """They are half of what is free, and the plan says which encodings have smaller ones."""
+    from holopath_addon.engine import memory
+
+    monkeypatch.setattr(memory, "CARD_BATCH", 1 << 20)
+    hologram = engine.Hologram(256, 256, 8e-6, (500e-9,), depth_far=0.5e-3, depth_near=3e-3)
+    scene, settings = build.two_planes(build.emissive), engine.Settings(frames=24, planes=1, max_depth=1)
+
+    def plan(free):
+        as_on_a_card(free)
+        return engine.plan(scene, camera, hologram, settings)
+
+    large = plan(64 << 30)
+    own, step = 8 + 4, 40  # bytes of a pixel of a frame
+    steps = large.card_memory["sgd"] * step / (own + step)
+    free = int(1.4 * steps)
+    small = plan(free)
+    assert large.card_memory["sgd"] - small.card_memory["sgd"] == pytest.approx(steps - free // 2)
+    assert "sgd" in str(small).split("in smaller batches, which fit: ")[1].split(")")[0]
+
+
+def test_seconds_of_a_card(build, camera, small, as_on_a_card, monkeypatch):
+    """Copies of the field and of phases to the processor count, and waves that do not fit take the processor's time."""
+    from holopath_addon.engine.planning import costs, planner, survey
+    from holopath_addon.engine.planning.machine import Slowness
+
+    card, processor = Slowness(1.0, 0.1, 0.01, 2.0), Slowness(1.0, 1.0, 1.0)
+    monkeypatch.setattr(survey, "slowness", lambda folder: card)
+    monkeypatch.setattr(planner, "slowness", lambda folder, library: processor)
+    scene, settings = build.two_planes(build.emissive), engine.Settings(frames=4, planes=1)
+    taken = {}
+    for free in (64 << 30, 1 << 30, 1 << 10):
+        as_on_a_card(free)
+        taken[free] = engine.plan(scene, camera, small, settings)
+    large, few, tiny = taken.values()
+    field, pixels = 8 * 128 * 128 * 4, 128 * 128 * 4
+    moved = pixels * costs.MOVE
+    assert large.stages["propagation"] == pytest.approx(0.01 * moved + 2 * costs.COPY * field)
+    assert few.stages["propagation"] == large.stages["propagation"]
+    assert tiny.stages["propagation"] == pytest.approx(moved)
+    assert large.phases["sgd"] == pytest.approx(0.01 * pixels * costs.SGD + 2 * costs.COPY * field / 2)
+    assert few.phases["sgd"] == tiny.phases["sgd"] == pytest.approx(pixels * costs.SGD)

@@ -8,6 +8,7 @@ import sys
 from dataclasses import asdict, astuple
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from holopath_addon.engine.planning import machine
@@ -29,7 +30,8 @@ def forget():
 def test_the_machine_s_speed_is_kept(tmp_path, monkeypatch):
     found = anew(tmp_path)
     # a card runs programs in a hundredth; beside other work any number of times as slow is right
-    assert all(1e-3 < times < math.inf for times in astuple(found))
+    *times, copies = astuple(found)
+    assert all(1e-3 < each < math.inf for each in times) and 0 <= copies < math.inf
     with monkeypatch.context() as patched:
         patched.delattr(machine, "_measured")
         assert anew(tmp_path) == found
@@ -73,9 +75,29 @@ def test_a_machine_that_was_busy_is_measured_again(tmp_path, monkeypatch):
         ((1, 3, 1), 1, (5, 2, 9)),
         ((1, 3, 1), machine.KEPT, (1, 2, 1)),
     ):
-        monkeypatch.setattr(machine, "_measured", lambda taken=taken: Slowness(*taken))
+        monkeypatch.setattr(machine, "_measured", lambda library, taken=taken: Slowness(*taken))
         if age:
             os.utime(file, (file.stat().st_mtime - age,) * 2)
         assert anew(tmp_path) == Slowness(*expected)
         assert json.loads(file.read_text())["slowness"] == asdict(Slowness(*expected))
     forget()
+
+
+def test_a_library_s_own_transforms_and_copies_are_timed(backend, as_on_a_card, monkeypatch):
+    """Where its memory is a card's; else nothing is copied, and the processor's transforms count."""
+    from holopath_addon.engine.waves import arrays, libraries
+
+    for name, less in (("SIDE", 16), ("COPIED", 64), ("LANES", 16)):
+        monkeypatch.setattr(machine, name, less)
+    kinds, fft2 = [], arrays.fft2
+
+    def seen(waves, **options):
+        kinds.append(type(waves))
+        return fft2(waves, **options)
+
+    monkeypatch.setattr(arrays, "fft2", seen)
+    name, _ = libraries.chosen()
+    assert machine._measured("numpy").copies == machine._measured(name).copies == 0
+    as_on_a_card(1 << 30)
+    assert machine._measured(name).copies > 0
+    assert kinds[0] is np.ndarray and len(set(kinds)) == 2

@@ -8,6 +8,7 @@ import pytest
 
 from holopath_addon import engine
 from holopath_addon.engine.mapping import DepthMapping
+from holopath_addon.engine.pixels import EvenSteps
 from holopath_addon.engine.viewing import reconstruction
 from holopath_addon.engine.waves.propagation import circular_band
 
@@ -65,6 +66,21 @@ def test_parts_of_the_pupil_in_other_libraries(other_library, field):
         for data in (field.data, other_library.asarray(field.data))
     )
     np.testing.assert_allclose(np.asarray(found), wanted, atol=2e-6 * wanted.max())
+
+
+def test_means_over_squares(library):
+    """By counting the points of a fine grid."""
+    rng = np.random.default_rng(0)
+    picture, fine = rng.random((2, 6, 9)), 100
+    rows, columns = EvenSteps(0.25, 0.5, 10), EvenSteps(1.3, 1.4, 5)
+    found = np.asarray(reconstruction.averaged(library.asarray(picture), (rows, columns)))
+    points = np.repeat(np.repeat(picture, fine, 1), fine, 2)
+    for j, i in np.ndindex(10, 5):
+        (top, bottom), (left, right) = (
+            [round((line.first + 0.5 + line.step * (n + end)) * fine) for end in (-0.5, 0.5)]
+            for line, n in ((rows, j), (columns, i))
+        )
+        np.testing.assert_allclose(found[:, j, i], points[:, top:bottom, left:right].mean((1, 2)), rtol=1e-9)
 
 
 def test_pupil_outside_the_light_is_refused(field):

@@ -130,14 +130,16 @@ def test_zernike_polynomials_are_orthonormal():
 
 
 @pytest.mark.parametrize("shape", [(24, 30), (23, 31)])
-def test_gradient_of_the_light_with_respect_to_phases(shape):
+def test_gradient_of_the_light_with_respect_to_phases(library, shape):
     rng = np.random.default_rng(0)
-    shown = ShownLight(DisplayModel(GREEN, **OFF), shape, PITCH, 4)
+    shown = ShownLight(DisplayModel(GREEN, **OFF), shape, PITCH, 4, library.zeros(0))
     phases, way = rng.uniform(0, 6, shape), rng.normal(size=shape)
     back = rng.normal(size=(2, *(n + 8 for n in shape)))
     back = back[0] + 1j * back[1]
-    change = (shown.light(phases + 0.01 * way) - shown.light(phases - 0.01 * way)) / 0.02
-    assert (shown.slope(phases, back) * way).sum() == pytest.approx(2 * np.vdot(back, change).real, rel=1e-3)
+    ends = (np.asarray(shown.light(library.asarray(phases + s * way))) for s in (0.01, -0.01))
+    change = np.subtract(*ends) / 0.02
+    slope = np.asarray(shown.slope(library.asarray(phases), library.asarray(back)))
+    assert (slope * way).sum() == pytest.approx(2 * np.vdot(back, change).real, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -151,6 +153,28 @@ def test_the_bench_agrees(source, pitch):
     bench = slm.Bench(model, np.arange(256), slm.Sensor((8, 8)), phases.shape, pitch)
     seen, other = picture(model, phases, pitch=pitch), bench.picture(phases, Z)
     assert np.std(seen - other) < 0.006 * np.std(other)
+
+
+@pytest.mark.parametrize("source", [{}, {"size": 3e-4, "bandwidth": 6e-9}], ids=["point", "wide"])
+def test_libraries_of_arrays_agree(other_library, source):
+    """On pictures, and on the field that descents compare, with its slope and the phases that it begins with."""
+    model, rng = DisplayModel(GREEN, **OFF, **source), np.random.default_rng(4)
+    phases = rng.uniform(0, TURN, (23, 32)).astype(np.float32)
+    back = (rng.normal(size=(29, 38)) + 1j * rng.normal(size=(29, 38))).astype(np.complex64)
+    found = []
+    for library in (np, other_library):
+        own, on = library.asarray(phases), library.asarray(back)
+        light, shown = (
+            DisplayLight(model, phases.shape, PITCH, Z, gaussian_points.THIRD, on),
+            ShownLight(model, phases.shape, PITCH, 3, on),
+        )
+        seen, begun = light.picture(light.spectra(own), Z), shown.phases_for(on)
+        values = seen, begun, shown.light(own), shown.slope(own, on)
+        assert all(isinstance(each, type(own)) for each in values)
+        seen, begun, *rest = map(np.asarray, values)
+        found.append([seen, np.exp(1j * begun), *rest])
+    for wanted, values in zip(*found, strict=True):
+        assert np.linalg.norm(values - wanted) < 1e-5 * np.linalg.norm(wanted)
 
 
 @pytest.mark.oracle

@@ -1,5 +1,7 @@
 """Which library computes waves: what is installed, what is named, what a card's memory holds, and Dr.Jit's numbers."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from holopath_addon.engine.planning import planner
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves import libraries
 from holopath_addon.workflow import pipeline
-from holopath_addon.workflow.request import Encoding
+from holopath_addon.workflow.request import Encoding, Request
 
 
 @pytest.fixture
@@ -31,7 +33,7 @@ def test_a_card_without_a_library(card):
     name, advice = libraries.chosen()
     assert name == "numpy" and advice == libraries.described()
     assert "neither CuPy nor PyTorch is installed" in advice and "pip install 'holopath[cuda]'" in advice
-    assert planner._library(1e9).warnings == (advice,)
+    assert planner._library({}).warnings == (advice,)
 
 
 def test_the_library_that_is_installed_computes(card):
@@ -39,7 +41,9 @@ def test_the_library_that_is_installed_computes(card):
     assert libraries.chosen() == ("torch", "") and "by PyTorch" in libraries.described()
     card("cupy", "torch", problem="CuPy cannot compute there (CUDA driver version is insufficient)")
     name, advice = libraries.chosen()
-    assert name == "numpy" and "driver version is insufficient" in advice
+    assert name == "numpy" and "driver version is insufficient" in advice and advice.count(".") == 1
+    assert "a newer NVIDIA driver" in advice and "pip" not in advice
+    assert planner._library({}).warnings == (advice,)
 
 
 def test_without_a_card_the_processor_computes(monkeypatch):
@@ -47,7 +51,7 @@ def test_without_a_card_the_processor_computes(monkeypatch):
     monkeypatch.setattr(variants, "on_card", lambda: False)
     assert libraries.chosen() == ("numpy", "")
     assert libraries.beginning("numpy") is libraries.PROCESSOR
-    assert planner._library(1e9) == planner.Decided("numpy")
+    assert planner._library({}) == planner.Decided("numpy")
 
 
 @pytest.mark.parametrize(
@@ -64,21 +68,41 @@ def test_what_is_named_and_cannot_be(monkeypatch, named, says):
 def test_a_card_that_is_too_small(card, monkeypatch):
     """Is left alone, and the plan says so."""
     card("torch")
-    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
-    for module in (libraries, planner):
-        monkeypatch.setattr(module, "on_card", lambda array: (8 << 30, 1 << 30))
-    library = planner._library(2e9)
+    needs = {"wave tracing": 2e9, "propagation": 1e9, "reconstruction": 0.5e9, "sgd": 3e9, "joint": 0.9e9}
+    library = planner._library(needs, ["sgd", "joint"], 1 << 30)
     assert library.value == "numpy" and not library.warnings
-    assert "PyTorch would need 2 GB" in str(library.decisions[0]) and "1.07 are free" in str(
-        library.decisions[0]
+    waves, memory = map(str, library.decisions)
+    assert "PyTorch would need 2 GB of the card's memory, of which 1.07 GB are free" in waves
+    assert (
+        "wave tracing 2 GB, propagation 1 GB, reconstruction 0.5 GB, sgd 3 GB, joint 0.9 GB; 1.07 GB"
+        in memory
     )
-    assert planner._library(1e9).value == "torch"
+    assert "(left to the processor: sgd; in smaller batches, which fit: joint)" in memory
+    library = planner._library(needs | {"wave tracing": 1e9}, [], 1 << 30)
+    assert library.value == "torch" and "PyTorch" in str(library.decisions[0])
+    assert str(planner._library(needs, [], 4 << 30).decisions[1]).endswith("; 4.29 GB free (all fit)")
+    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "on_card", lambda array: (8 << 30, 1 << 30))
     data = np.ones(3)
     assert libraries.by_card(lambda given: given is data, data, 2e9) == (True, "")
 
 
 class OutOfMemoryError(RuntimeError):
     """As those of CuPy and PyTorch are called."""
+
+
+@pytest.mark.parametrize(
+    ("error", "ran_out"),
+    [
+        (OutOfMemoryError("Out of memory allocating 512 bytes"), True),
+        (RuntimeError("cuFFT error: CUFFT_ALLOC_FAILED"), True),
+        (RuntimeError("jit_malloc(): out of memory! Could not allocate 512 bytes of device memory."), True),
+        (RuntimeError("cuFFT error: CUFFT_INVALID_SIZE"), False),
+        (MemoryError("out of memory"), False),  # the machine's, which the processor would run out of, too
+    ],
+)
+def test_errors_of_a_card_s_memory(error, ran_out):
+    assert libraries.out_of_memory(error) == ran_out
 
 
 def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
@@ -109,6 +133,29 @@ def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
     phase = pipeline.encode(field, Encoding("dpac"), lambda done, message: None)
     assert phase.report["advice"].endswith(libraries.RAN_OUT)
     np.testing.assert_array_equal(phase.data, encoded(field, "dpac").data)
+
+
+def test_refocusing_says_that_memory_ran_out(card, build, camera, small, monkeypatch):
+    """In the plan of a render, beside what the field's says; its pictures are there."""
+    scene, settings = build.three_planes(), engine.Settings(frames=1, max_depth=1, quality="draft")
+    plan = engine.plan(scene, camera, small, settings)
+    field = engine.render(scene, camera, small, settings, plan)
+    refocused = engine.reconstruct
+    card("torch")
+    monkeypatch.setattr(libraries, "beginning", lambda name: "an array on the card")
+    monkeypatch.setattr(libraries, "on_card", lambda array: None)
+    monkeypatch.setattr(libraries, "like", lambda data, array: None)
+
+    def on_a_full_card(field, *rest):
+        if field.data is None:
+            raise OutOfMemoryError
+        return refocused(field, *rest)
+
+    monkeypatch.setattr(engine, "reconstruct", on_a_full_card)
+    field.plan["warnings"] = ["Of the waves."]
+    result = pipeline.compute(Request(small, settings, [1.0], scene=scene, camera=camera), rendered=field)
+    assert result.plan.warnings[-2:] == ("Of the waves.", libraries.RAN_OUT)
+    np.testing.assert_array_equal(result.images, refocused(field, [1.0]))
 
 
 def test_memory_of_the_machine_is_no_card_s():
@@ -158,7 +205,8 @@ def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch,
         field = engine.render(scene, camera, small, settings, plan)
         assert field.plan["library"] == name and isinstance(field.data, np.ndarray)
         phase = pipeline.encode(field, Encoding("sgd"), lambda done, message: None, max_steps=2)
-        seen = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
+        seen, notes = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
+        assert not notes
         found.append((field.data, seen, np.exp(1j * phase.data)))
     for wanted, values in zip(*found, strict=True):
         assert isinstance(values, np.ndarray)
@@ -182,3 +230,32 @@ def test_memory_that_runs_out_while_waves_are_moved(build, camera, small, monkey
     field = engine.render(scene, camera, small, settings, engine.Plan(**vars(plan) | {"library": "torch"}))
     np.testing.assert_array_equal(field.data, wanted.data)
     assert field.plan["library"] == "numpy" and libraries.RAN_OUT in field.plan["warnings"]
+
+
+def test_phases_are_found_where_the_plan_says(build, camera, small, as_on_a_card, monkeypatch):
+    """What the plan says that they take decides; a plan that was made without a card leaves it to the field's size."""
+    scene, settings = build.two_planes(build.emissive), engine.Settings(frames=1, quality="draft", planes=1)
+    needed = []
+
+    def by_card(work, data, count):
+        needed.append(count)
+        return work(data), ""
+
+    monkeypatch.setattr(libraries, "by_card", by_card)
+    as_on_a_card(64 << 30)
+    plan = engine.plan(scene, camera, small, settings)
+    data = np.ones((1, 1, 128, 128), np.complex64)
+    for planned in (plan, dataclasses.replace(plan, card_memory={})):
+        field = engine.WaveField(data, small, camera, plan.near, planned.to_dict())
+        pipeline.encode(field, Encoding("dpac"), lambda done, message: None, scene, settings)
+    assert needed == [plan.card_memory["dpac"], memory.encoding_on_card(data.nbytes)]
+
+
+@pytest.mark.parametrize(("free", "sizes"), [(None, [24]), (40 << 20, [5, 5, 4, 5, 5]), (1 << 20, [1] * 24)])
+def test_batches_of_frames_go_by_what_a_card_has_free(monkeypatch, free, sizes):
+    """Half of it, and a frame at least."""
+    from holopath_addon.engine.encoding import encoder
+
+    monkeypatch.setattr(encoder, "on_card", lambda array: free and (free, free))
+    groups = encoder._groups(np.empty((24, 2)), 4 << 20)
+    assert [each.stop - each.start for each in groups] == sizes

@@ -19,8 +19,8 @@ def test_an_ideal_display_changes_nothing(phases):
 
 
 @pytest.mark.parametrize("bits", [1, 4, 8, 10])
-def test_levels(phases, bits):
-    shown = Modulator(bits).shown(phases)
+def test_levels(library, phases, bits):
+    shown = np.asarray(Modulator(bits).shown(library.asarray(phases)))
     turn = shown / (2 * math.pi) * 2**bits
     np.testing.assert_allclose(turn, grey_levels(phases, bits), atol=1e-3)
     error = np.angle(np.exp(1j * (shown - phases)))
@@ -61,15 +61,24 @@ def test_unmodulated_light(phases):
     assert (np.abs(light) ** 2).mean() == pytest.approx(1, abs=0.1)
 
 
-def test_crosstalk():
+def test_crosstalk(library):
     """A step of phase is an error function."""
     from scipy.special import erf
 
     step = np.zeros((1, 1, 9, 40), np.float32)
     step[..., 20:] = 2
     x = np.arange(40) - 19.5
-    shown = Modulator(crosstalk=1.5).shown(step)[0, 0, 4]
+    shown = np.asarray(Modulator(crosstalk=1.5).shown(library.asarray(step)))[0, 0, 4]
     np.testing.assert_allclose(shown, 1 + erf(x / (1.5 * math.sqrt(2))), atol=0.02)
+
+
+def test_libraries_of_arrays_agree(other_library, phases):
+    """On all that a modulator does to light, of phases of any turn."""
+    modulator = Modulator(bits=3, fill_factor=0.8, unmodulated=0.1, crosstalk=0.7)
+    phases = 4 * phases - 9
+    found = modulator.light(other_library.asarray(phases))
+    assert isinstance(found, type(other_library.asarray(phases)))
+    np.testing.assert_allclose(np.asarray(found), modulator.light(phases), atol=1e-5)
 
 
 @pytest.mark.parametrize(

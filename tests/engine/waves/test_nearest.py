@@ -14,10 +14,10 @@ TURN = 2 * math.pi
 @pytest.mark.parametrize(
     "levels", [np.arange(16) * (TURN / 16), np.array([0.3, 0.5, 4.0]), np.array([6.1, 6.2])]
 )
-def test_the_nearest_on_the_circle(levels):
+def test_the_nearest_on_the_circle(library, levels):
     """Against the smallest chord of all; the gap is the arc that the phase lies in."""
     phases = np.random.default_rng(0).uniform(-20, 20, 500)
-    found, gaps = Levels(levels[::-1] - TURN).nearest(phases)
+    found, gaps = map(np.asarray, Levels(levels[::-1] - TURN).nearest(library.asarray(phases)))
     chords = np.abs(np.exp(1j * phases[:, None]) - np.exp(1j * levels))
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * levels[chords.argmin(axis=1)]), atol=1e-9)
     assert (np.abs(found - phases) <= gaps / 2 + 1e-9).all()
@@ -25,12 +25,12 @@ def test_the_nearest_on_the_circle(levels):
     assert Levels(levels).widest_gap == pytest.approx(gaps.max())
 
 
-def test_the_nearest_that_a_corrected_pixel_shows():
+def test_the_nearest_that_a_corrected_pixel_shows(library):
     """Its levels are turned back by the correction, which may be of any turn."""
     rng = np.random.default_rng(1)
     phases, correction = rng.uniform(-20, 20, (4, 5)).astype(np.float32), rng.uniform(-40, 40, (4, 5))
     levels = np.array([0.3, 0.5, 4.0])
-    found, _ = Levels(levels, correction).nearest(phases)
+    found = np.asarray(Levels(levels, correction).nearest(library.asarray(phases))[0])
     chords = np.abs(np.exp(1j * phases[..., None]) - np.exp(1j * (levels - correction[..., None])))
     wanted = levels[chords.argmin(axis=-1)] - correction
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * wanted), atol=1e-5)
@@ -42,7 +42,7 @@ def test_the_nearest_that_a_corrected_pixel_shows():
 @pytest.mark.parametrize(
     ("turns", "count"), [(0.4, 15), (0.9, 15), (1.0, 15), (2.3, 15), (1.7, 150), (-1.7, 150)]
 )
-def test_the_nearest_where_the_response_varies(turns, count):
+def test_the_nearest_where_the_response_varies(library, turns, count):
     """Each pixel makes its own share of the steps from the first level; of many, those within a turn from there."""
     rng = np.random.default_rng(2)
     rising = np.append(0, np.sort(rng.uniform(0, 1, count)))
@@ -52,7 +52,7 @@ def test_the_nearest_where_the_response_varies(turns, count):
     phases, correction = rng.uniform(-20, 20, (6, 7)), rng.uniform(-40, 40, (6, 7)).astype(np.float32)
     variation = rng.uniform(0.7, 1.4, (6, 7)).astype(np.float32)
     levels = Levels(given, correction, variation)
-    found, gaps = levels.nearest(phases)
+    found, gaps = map(np.asarray, levels.nearest(library.asarray(phases)))
     correction = np.mod(correction.astype(float), TURN)
     steps = variation[..., None] * (given - given[0])
     if count > 15:
