@@ -11,6 +11,7 @@ from holopath_addon.engine.memory import on_processor
 from holopath_addon.engine.waves import arrays, libraries
 from holopath_addon.engine.waves.propagation import padded_shape
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 from .full_hd import rendered, row
 from .kernel import timed
@@ -138,7 +139,7 @@ def _phases(made, method, steps):
     scene, _, _, settings = made.view
     options = {"max_steps": steps} if steps else {}
     start = time.perf_counter()
-    phase = pipeline.encode(made.field, method, _quiet, scene, settings, **options)
+    phase = pipeline.encode(made.field, Encoding(method), _quiet, scene, settings, **options)
     seconds = time.perf_counter() - start
     stages = phase.report["stages"]
     decibels = [stage["psnr_db"] for stage in stages if "psnr_db" in stage]

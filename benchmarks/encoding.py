@@ -23,6 +23,7 @@ from holopath_addon.engine.waves.modulator import grey_levels
 from holopath_addon.engine.waves.phase_fields import phasors_of
 from holopath_addon.engine.waves.supervision import Frames
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 from .convergence import border
 from .parts import drawn, joined
@@ -286,7 +287,7 @@ def _start(subject, start, **options):
         light = np.exp(np.complex64(1j) * phases)
         field = engine.WaveField(light, subject.hologram, subject.camera, plan.near, plan.to_dict())
 
-    return pipeline.encode(field, "refine", lambda *_: None, subject.scene, settings, **options)
+    return pipeline.encode(field, Encoding("refine"), lambda *_: None, subject.scene, settings, **options)
 
 
 def _stages(phase, curve):
@@ -345,10 +346,12 @@ def seconds(side=SIDE, count=None, given=GIVEN, frames=8):
             *(("auto", limit) for limit in limits),
         ] + [("joint", limit) for limit in limits[:-1]]:
             plan = engine.plan(*view, settings)
-            along = engine.frames_along(plan, settings, subject.hologram, method, options.get("seconds"))
+            along = engine.frames_along(plan, subject.hologram, method, options.get("seconds"))
             field = engine.render(*view, settings, plan, more=along)
             start = time.perf_counter()
-            phase = pipeline.encode(field, method, lambda *_: None, subject.scene, settings, **options)
+            phase = pipeline.encode(
+                field, Encoding(method, **options), lambda *_: None, subject.scene, settings
+            )
             taken, stages = time.perf_counter() - start, phase.report["stages"]
             more = sum(stage.get("frames", 0) for stage in stages)
             lines.append(

@@ -73,7 +73,7 @@ class Subject:
         near, middle, far = pipeline.default_focus(plan, *self._view[1:])
         self._foci = near, middle, far
         self._truth = looks.truth_of(*self._view, self._foci, TRUTH)
-        self._more = list(engine.many_frames(*self._view, engine.Settings(), plan, lambda *_: None))
+        self._more = list(engine.many_frames(*self._view, plan, lambda *_: None))
 
     def field(self, frames, **settings):
         """The complex field."""

@@ -12,6 +12,7 @@ from holopath_addon.engine.mapping import DepthMapping
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.viewing.metrics import display_values
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 from .chart.looks import HALVES, border_of, slope_of
 from .chart.scenes import SCENES, built
@@ -162,19 +163,16 @@ class Bench:
 
     def _light(self, display, settings, steps=None):
         """The light of a display's phases; of as many steps at most."""
-        words = dict(display.encode)
-        along = (words["method"], words.get("seconds"))
+        encoding, options = Encoding(**display.encode), {}
         if display.bits < 8:
-            words["bits"] = display.bits
+            encoding = replace(encoding, bits=display.bits)
         if steps is not None:
-            words["max_steps"] = steps
+            options["max_steps"] = steps
             settings = replace(settings, fixed={"steps": steps})
         plan = engine.plan(*self._view, settings)
-        more = engine.frames_along(plan, settings, self._view[2], *along)
+        more = engine.frames_along(plan, self._view[2], encoding.method, encoding.seconds)
         field = engine.render(*self._view, settings, plan, more=more)
-        phases = pipeline.encode(
-            field, progress=lambda done, message: None, scene=self._view[0], settings=settings, **words
-        )
+        phases = pipeline.encode(field, encoding, lambda *_: None, self._view[0], settings, **options)
         return phases.field(engine.Modulator(bits=display.bits))
 
     def draw(self, shown, folder):

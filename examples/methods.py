@@ -11,6 +11,7 @@ from holopath_addon.engine.scene import variants
 from holopath_addon.engine.viewing import assessment
 from holopath_addon.export import export_scene
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 METHODS = ("auto", "focal-stack", "light-field", "rgbd", "point", "polygon", "gaussian", "stereogram")
 
@@ -28,7 +29,7 @@ for method in METHODS:
     settings = engine.Settings(method=method, frames=8, fixed={"steps": 100} if "-" in method else {})
     field = engine.render(*view, settings)
     if "-" not in method:
-        phase = pipeline.encode(field, "auto", lambda done, what: None, exported.scene, settings)
+        phase = pipeline.encode(field, Encoding("auto"), lambda done, what: None, exported.scene, settings)
         field = phase.field()
     seconds = time.monotonic() - start
 

@@ -18,6 +18,7 @@ from benchmarks.scenes import FOV, GREEN, Scenes
 from holopath_addon import engine
 from holopath_addon.engine.scene import variants
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 variants.activate()
 
@@ -65,7 +66,7 @@ found["refocus"] = waits(lambda progress: engine.reconstruct(field, [0.5, 1.0], 
 
 one, few = engine.Settings(frames=1), engine.Hologram(256, 256, 8e-6, (GREEN,), 0.5e-3, 2e-3)
 seen = engine.render(box, camera, few, one)
-found["few"] = waits(lambda progress: pipeline.encode(seen, "refine", progress, box, one, max_steps=3))
+found["few"] = waits(lambda progress: pipeline.encode(seen, Encoding("refine"), progress, box, one, max_steps=3))
 lens = engine.Hologram(384, 384, 8e-6, (GREEN,), optics=engine.Optics(lens=engine.Lens(0.1)))
 behind = engine.WaveField(data, lens, camera, 0.5)
 focus = [float(behind.mapping.z_to_depth(z)) for z in (0.0, 1e-3)]

@@ -25,6 +25,7 @@ from holopath_addon import engine
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.viewing.metrics import display_values
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 from ..parts import sentence_of
 from . import looks, peers
@@ -293,7 +294,9 @@ def _timed(method, scene, camera, hologram, settings, encoding, clock):
 def _encode(method, field, encoding, clock, scene, settings):
     """Phases; those of other methods take nothing more of the scene."""
     scene = scene if method.kind == "ours" else None
-    return pipeline.encode(field, progress=clock, scene=scene, settings=settings, **encoding)
+    own = {name: value for name, value in encoding.items() if name not in ("method", "seconds")}
+    asked = Encoding(encoding["method"], encoding.get("seconds"))
+    return pipeline.encode(field, asked, clock, scene, settings, **own)
 
 
 def _rendered(method, scene, camera, hologram, settings, encoding, clock, plan=None):
@@ -302,7 +305,7 @@ def _rendered(method, scene, camera, hologram, settings, encoding, clock, plan=N
     along = 0
     if encoding:
         plan = plan or engine.plan(scene, camera, hologram, settings)
-        along = engine.frames_along(plan, settings, hologram, **encoding)
+        along = engine.frames_along(plan, hologram, **encoding)
     if method.kind == "peer":
         return peers.render(method.name, scene, camera, hologram, settings, plan, clock)
     return engine.render(scene, camera, hologram, settings, plan, clock, more=along)

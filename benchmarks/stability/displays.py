@@ -17,6 +17,7 @@ from holopath_addon.engine.encoding import descent
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves import propagation
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 from .sweep import LIMITS, Sweep
 
@@ -288,7 +289,7 @@ def frames_encoded(frames):
     scene, view, hologram = planes(), camera(), display()
     plan = engine.plan(scene, view, hologram, settings)
     field = engine.render(scene, view, hologram, settings, plan)
-    phases = pipeline.encode(field, "auto", lambda done, message: None, scene, settings)
+    phases = pipeline.encode(field, Encoding("auto"), lambda done, message: None, scene, settings)
     return _seen(phases.field())
 
 

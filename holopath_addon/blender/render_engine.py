@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -13,7 +14,7 @@ from ..export import unit_scale
 from ..operators import background, session
 from ..operators.jobs import on_main_thread
 from ..operators.rendering import output_size
-from ..workflow import output, stills
+from ..workflow import output, pipeline, stills
 from . import properties, viewport
 
 NOTHING = 1e10  # depth where there is no surface, as Cycles writes it
@@ -55,14 +56,16 @@ class HoloPathEngine(bpy.types.RenderEngine):
             spent = time.perf_counter() - start
             keep = self.is_animation and props.keep_fields
             listed = keep or properties.of_layer(layer).use_pass_focus
-            still = task.still(properties.focus_list_of(props) if listed else ())
+            request = task.built
+            if listed:
+                request = replace(request, focus=[*request.focus, *properties.focus_list_of(props)])
             if keep:
-                result = self._kept(still, _folder(depsgraph), progress, spent)
+                result = self._kept(request, _folder(depsgraph), progress, spent)
             else:
-                result = still.compute(progress)
+                result = pipeline.compute(request, progress)
             session.keep(task, result)
-            session.current.found = result.focus[0] if task.focus is None else None
-            pixels = _pixels(still, result, depsgraph)
+            session.current.found = result.focus[0] if request.autofocus else None
+            pixels = _pixels(request, result, depsgraph)
         except BaseException as error:
             failure = session.fail(error)
         target = self.begin_result(0, 0, *size, layer=layer.name)
@@ -79,14 +82,14 @@ class HoloPathEngine(bpy.types.RenderEngine):
         if failure:
             self.report({"ERROR"}, failure)
 
-    def _kept(self, still, folder, progress, export_seconds):
-        """The render of a still, made and put into its folder, or taken from there."""
+    def _kept(self, request, folder, progress, export_seconds):
+        """The render of a request, made and put into its folder, or taken from there."""
 
         def say(text):
             self.report({"INFO"}, f"{folder.name}: {text}")
 
-        result, _ = stills.update(folder, still, progress, export_seconds, say)
-        return result or still.compute(progress, stills.kept(folder))
+        result, _ = stills.update(folder, request, progress, export_seconds, say)
+        return result or pipeline.compute(request, progress, stills.kept(folder))
 
     def view_update(self, context: bpy.types.Context, depsgraph):
         """Called by Blender when its scene has changed; `viewport` listens for itself."""
@@ -158,7 +161,7 @@ def _check_passes(hologram, layer):
         )
 
 
-def _pixels(still, result, depsgraph):
+def _pixels(request, result, depsgraph):
     """Arrays [y, x, channel] of the passes by their names, row 0 at the top.
 
     Phase and amplitude are those of the first of the frames that are shown one after the other, a channel a
@@ -178,8 +181,8 @@ def _pixels(still, result, depsgraph):
     if properties.of_layer(layer).use_pass_amplitude:
         found["Amplitude"] = np.abs(wave)
     if properties.of_layer(layer).use_pass_depth or layer.use_pass_z:
-        camera, picture = squared(still.camera, result.field.hologram)
-        depth = engine.depth_map(still.scene, camera, picture.width, picture.height)
+        camera, picture = squared(request.camera, result.field.hologram)
+        depth = engine.depth_map(request.scene, camera, picture.width, picture.height)
         found["Depth"] = np.minimum(depth / unit_scale(depsgraph.scene), NOTHING)
     return {name: np.ascontiguousarray(array, np.float32) for name, array in found.items()}
 

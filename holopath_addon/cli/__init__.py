@@ -209,9 +209,9 @@ def _plan(args):
     plan = engine.plan(loaded.scene, loaded.camera, hologram, settings, args.store)
     encoding = axis = None
     if args.encode != "none":
-        along = engine.frames_along(plan, settings, hologram, args.encode, seconds)
+        along = engine.frames_along(plan, hologram, args.encode, seconds)
         eyebox = render_command.eyebox_of(args, args.encode)
-        encoding = engine.plan_encoding(plan, settings, args.encode, seconds, along, eyebox)
+        encoding = engine.plan_encoding(plan, args.encode, seconds, along, eyebox)
         axis = engine.axis_decision(encoding.method, args.bits, hologram)
     if args.json:
         print(

@@ -15,6 +15,7 @@ from ..farm.job import EncodingJob, digests
 from ..farm.units import Unit
 from ..farm.work import Work
 from ..workflow import output, pipeline
+from ..workflow.request import Encoding
 from . import options, render_command, sources
 from .cluster_command import add_option, animating, work_by
 from .console import Progress
@@ -194,18 +195,21 @@ def _phases(args, folder, start, progress, scene=None, settings=None):
         )
     field = engine.at_panel(field, optics)
     steps = {} if args.max_steps is None else {"max_steps": args.max_steps}
+    encoding = Encoding(
+        args.method,
+        args.encode_seconds,
+        render_command.eyebox_of(args, args.method),
+        args.bits,
+        render_command.levels_of(args, field.hologram),
+        render_command.display_of(args, field.hologram.wavelengths),
+    )
     return pipeline.encode(
         field,
-        args.method,
+        encoding,
         progress,
         scene,
         settings,
         args.store,
-        args.encode_seconds,
-        render_command.eyebox_of(args, args.method),
-        bits=args.bits,
-        levels=render_command.levels_of(args, field.hologram),
-        display=render_command.display_of(args, field.hologram.wavelengths),
         supervision=args.supervision,
         compared_planes=args.compared_planes,
         aperture=args.aperture,

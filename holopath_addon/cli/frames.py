@@ -13,7 +13,7 @@ from ..engine.rendering.job_light import DECIDED, JobLight
 from ..farm.units import Unit
 from ..farm.worker import wait_until
 from ..workflow import output, stills
-from ..workflow.stills import Still
+from ..workflow.request import Request
 from .sources import BlenderSource
 
 LIGHT = "light"  # name of the unit, and of its folder
@@ -35,11 +35,11 @@ class AnimationFrames:
     method : str
         That is asked for.
     encode : str
-        As of the stills.
+        As `Encoding.method` of all requests.
     store : engine.BakeStore or None
-        As of the stills.
-    still : callable
-        ``still()`` exports the scene in its current frame.
+        As of all requests.
+    request : callable
+        ``request()`` exports the scene in its current frame.
     finished : callable
         ``finished(folder, report)`` of each frame that this process makes.
     say : callable
@@ -62,13 +62,13 @@ class AnimationFrames:
         method: str,
         encode: str,
         store: engine.BakeStore | None,
-        still: Callable[[], Still],
+        request: Callable[[], Request],
         finished: Callable[[Path, dict], None],
         say: Callable[[str], None],
         in_turn: bool = False,
     ) -> None:
         self.names: list[str] = []
-        self._source, self._job, self._encode, self._still = source, job, encode, still
+        self._source, self._job, self._encode, self._request = source, job, encode, request
         self._finished, self._say = finished, say
         self._light = JobLight(out / LIGHT, job, store) if method in DECIDED else None
         self._folders = {number: output.frame_folder(out, number) for number in numbers}
@@ -104,31 +104,32 @@ class AnimationFrames:
             began = time.perf_counter()
             at(0.0, "Exporting the scene")
             self._source.go_to(number)
-            still = self._alike(self._still(), at)
+            request = self._alike(self._request(), at)
             if number in self._before:
-                still = replace(still, phases_before=self._folders[self._before[number]] / "hologram")
+                before = self._folders[self._before[number]] / "hologram"
+                request = replace(request, encoding=replace(request.encoding, before=before))
             spent = time.perf_counter() - began
             result, report = stills.update(
-                folder, still, stage(at, 0.05, 1.0), spent, lambda text: self._say(f"{folder.name}: {text}")
+                folder, request, stage(at, 0.05, 1.0), spent, lambda text: self._say(f"{folder.name}: {text}")
             )
         if result is not None:
             self.names.append(folder.name)
             self._finished(folder, report)
 
-    def _alike(self, still, progress):
-        """A frame's still with the light that all have; settings may be animated, though."""
-        if self._light is None or still.settings.method not in DECIDED:
-            return still
+    def _alike(self, request, progress):
+        """A frame's request with the light that all have; settings may be animated, though."""
+        if self._light is None or request.settings.method not in DECIDED:
+            return request
         wait_until(self._light.done, self._light.folder, progress)
-        method = self._light.method if still.settings.method == "auto" else None
-        return replace(still, store=self._light.store, method=method)
+        method = self._light.method if request.settings.method == "auto" else None
+        return replace(request, store=self._light.store, method=method)
 
     def _make_light(self, progress):
         assert self._light is not None
 
         def look(number):
             self._source.go_to(number)
-            return self._still()
+            return self._request()
 
         self._light.make(
             self._source.frames, look, lambda done, message: progress(done, f"{LIGHT_TOLD}{message}")

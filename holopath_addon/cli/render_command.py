@@ -19,6 +19,7 @@ from ..farm.job import SharedJob, digests
 from ..farm.work import Work
 from ..slm.calibration import fitted_display, measured_levels, response_files
 from ..workflow import lengths, output, stills
+from ..workflow.request import Encoding, Origin, Outputs, Request
 from . import options, sources
 from .attended import Told, attended
 from .cluster_command import add_option, animating, work_by
@@ -547,42 +548,30 @@ def check_encoding(args, settings, hologram):
     return levels, display
 
 
-def still_of(args, source, job=None):
-    """The `Still` that the words ask for, of the scene in its current frame."""
+def request_of(args, source, job=None):
+    """The `Request` that the words stand for, of the scene in its current frame."""
     seconds = encode_seconds_of(args)
     loaded, hologram, settings = load(args, source)
     levels, display = check_encoding(args, settings, hologram)
-    return stills.Still(
-        args.scene,
-        loaded.scene,
-        loaded.camera,
+    opened = {
+        "frame": source.frame,
+        "camera": args.camera,
+        "scene": args.scene_name,
+        "view_layer": args.view_layer,
+        **({"define": dict(args.define)} if args.define else {}),
+        **({"capture": given} if (given := sources.capture_options(args).to_dict()) else {}),
+    }
+    request = Request(
         hologram,
         settings,
         args.focus,
         pupil_of(args),
         args.store,
-        loaded.notes,
-        args.compare_reference,
-        args.encode,
-        args.bits,
-        job,
-        args.rgbd,
-        args.light_field,
-        encode_seconds=seconds,
-        eyebox=eyebox_of(args, args.encode),
-        levels=levels,
-        quilt=args.quilt,
-        display=display,
-        contact_sheet=args.contact_sheet,
-        opened={
-            "frame": source.frame,
-            "camera": args.camera,
-            "scene": args.scene_name,
-            "view_layer": args.view_layer,
-            **({"define": dict(args.define)} if args.define else {}),
-            **({"capture": given} if (given := sources.capture_options(args).to_dict()) else {}),
-        },
+        Encoding(args.encode, seconds, eyebox_of(args, args.encode), args.bits, levels, display),
+        Outputs(args.compare_reference, args.rgbd, args.light_field, args.quilt, args.contact_sheet),
+        Origin(args.scene, opened=opened, job=job),
     )
+    return request.of(loaded.scene, loaded.camera, loaded.notes)
 
 
 def _render(args):
@@ -605,9 +594,9 @@ def _work(args, progress):
         source = sources.asked(args)
         _say_size(args, source, progress.say)
         progress(0.03, "Exporting the scene")
-        still = still_of(args, source)
+        request = request_of(args, source)
         spent = time.perf_counter() - start
-        _, report = stills.write(folder, still, stage(progress, 0.05, 1.0), spent)
+        _, report = stills.write(folder, request, stage(progress, 0.05, 1.0), spent)
     if report.get("encoding", {}).get("stopped"):
         raise engine.Cancelled(
             f"Cancelled while encoding: {args.out} holds the render, and the phases as they were then."
@@ -681,7 +670,7 @@ def units_of(args, say, saved=lambda picture, seconds: None) -> Work:
         options.asked(args, source.settings).method,
         args.encode,
         args.store,
-        lambda: still_of(args, source, job.digest),
+        lambda: request_of(args, source, job.digest),
         finished,
         say,
         args.encode_start == "before",

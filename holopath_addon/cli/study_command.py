@@ -166,10 +166,10 @@ def _unit(out, folder, args, scenes, work, called, say):
             progress(0.0, "Opening the scene")
             source = scenes.open(args)
             progress(0.03, "Exporting the scene")
-            still = render_command.still_of(args, source, job)
+            request = render_command.request_of(args, source, job)
             spent = time.perf_counter() - start
             result, _ = stills.update(
-                folder, still, stage(progress, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")
+                folder, request, stage(progress, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")
             )
         except Exception as error:
             if failures.cancelled(error) or isinstance(error, OSError):

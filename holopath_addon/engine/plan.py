@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Generic, TypeVar
 
+from .settings import Settings
 from .slabs import Slab
 
 T = TypeVar("T")
@@ -157,6 +158,10 @@ class Plan:
         Estimated error of the wave field by the radiance's noise, relative to the field.
     memory_bytes : int
         Estimated peak of the arrays.
+    requested : Settings
+        For which it was made.
+    settings : Settings
+        Those with what they imply, see `planning.planner.resolved`; what renders obeys these.
     decisions : tuple of Decision
     warnings : tuple of str
     library : str
@@ -203,6 +208,8 @@ class Plan:
     phases_memory: dict
     error: float
     memory_bytes: int
+    requested: Settings = field(repr=False)
+    settings: Settings = field(repr=False)
     decisions: tuple = field(repr=False)
     warnings: tuple = ()
     library: str = "numpy"
@@ -245,6 +252,7 @@ class Plan:
             **{name: value for name, value in values.items() if name != "seconds"}
             | {
                 "planes": tuple(map(_plane, values["planes"])),
+                **{name: Settings(**values[name]) for name in ("requested", "settings")},
                 "decisions": tuple(Decision(**decision) for decision in values["decisions"]),
                 "warnings": tuple(values["warnings"]),
             }

@@ -12,6 +12,7 @@ from ..blender.properties.optics import optics_of, set_colors
 from ..engine.scene import variants
 from ..slm.calibration import colors_of
 from ..workflow import failures, pipeline
+from ..workflow.request import Encoding
 from . import session
 from .working import Saving, Working, encoded, refused, rendered
 
@@ -42,26 +43,28 @@ class HOLOPATH_OT_encode(Working, bpy.types.Operator):
         props = properties.of(bpy.data.scenes[scene])
         optics = optics_of(props)
         method, calibration = props.encoding, calibration_of(props.device)
-        display = {"bits": props.bits if props.bits < ENOUGH_BITS else None}
+        encoding = Encoding(method, properties.encode_seconds_of(props), properties.eyebox_of(props))
         if calibration is not None:
-            found = calibration.display(field.hologram.wavelengths)
-            display = {"levels": calibration.levels_of(field.hologram), "display": found}
-        wanted, seconds = preferences.wanted(), properties.encode_seconds_of(props)
-        eyebox = properties.eyebox_of(props)
+            levels, display = (
+                calibration.levels_of(field.hologram),
+                calibration.display(field.hologram.wavelengths),
+            )
+            encoding = replace(encoding, levels=levels, display=display)
+        elif props.bits < ENOUGH_BITS:
+            encoding = replace(encoding, bits=props.bits)
+        wanted = preferences.wanted()
 
         def encode(job, progress):
             scene = ()
             if task is not None and field.report.get("variant") == variants.activate(wanted):
-                scene = task.exported.scene, task.settings, task.store
+                scene = task.exported.scene, task.request.settings, task.request.store
             elif method == "refine":
                 raise engine.InvalidInput(
                     "The scene of this hologram is no longer at hand: press Render Hologram, or choose another "
                     "encoding."
                 )
             try:
-                options = {"seconds": seconds, "eyebox": eyebox, **display}
-                on_bench = engine.at_panel(field, optics)
-                return field, pipeline.encode(on_bench, method, progress, *scene, **options)
+                return field, pipeline.encode(engine.at_panel(field, optics), encoding, progress, *scene)
             except engine.Cancelled as error:
                 if error.kept is None or before is not None:
                     raise

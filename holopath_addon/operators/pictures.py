@@ -20,6 +20,7 @@ from ..export.camera import find_camera, view_of
 from ..export.notes import Note
 from ..export.shading.node_graph import tree_of
 from ..workflow import failures
+from ..workflow.request import Origin
 from . import session
 from .working import Working, push_undo, ready, refused
 
@@ -276,17 +277,13 @@ def view_task(scene, path, options):
     hologram = properties.hologram_of(props)
     for stop in session.making_way:
         stop()
-    return session.Task(
-        str(path),
-        ViewReading(scene.name, file, (hologram.picture.width, hologram.picture.height)),
-        hologram,
-        replace(
-            properties.settings_of(props), method=METHODS[0], max_depth=1
-        ),  # it shines, and reflects nothing
-        None if props.focus_auto else properties.focus_of(props),
-        properties.pupil_or_none(props),
-        preferences.store(),
+    reading = ViewReading(scene.name, file, (hologram.picture.width, hologram.picture.height))
+    # it shines, and reflects nothing
+    settings = replace(properties.settings_of(props), method=METHODS[0], max_depth=1)
+    origin = Origin(
+        str(path), opened={"frame": None, "camera": None, "scene": scene.name, "view_layer": None}
     )
+    return session.Task(reading, session.request_of(props, hologram, settings, origin))
 
 
 def draw_view_options(layout, options):

@@ -16,9 +16,11 @@ from .. import engine
 from ..blender import preferences, properties
 from ..blender.properties.optics import bench_changed
 from ..engine import rendering
+from ..engine.planning.planner import resolved
 from ..engine.scene import variants
 from ..export import ExportCache, Exported, read_scene
-from ..workflow import failures, pipeline, stills
+from ..workflow import failures, pipeline
+from ..workflow.request import Origin, Request
 from .jobs import Job
 
 IMAGE = "HoloPath Reconstruction"
@@ -128,23 +130,28 @@ class SceneReading(Protocol):
 
 @dataclass(frozen=True)
 class Task:
-    """What was read of a scene and how to render it; holds nothing of bpy, so a thread may work on it."""
+    """What was read of a scene and what its render is to bring; holds nothing of bpy, so a thread may work on it.
 
-    name: str  # of the file, or the scene
+    Attributes
+    ----------
+    reading : SceneReading
+    request : Request
+        Without the scene, which the reading brings.
+    """
+
     reading: SceneReading
-    hologram: engine.Hologram
-    settings: engine.Settings
-    focus: float | None  # metres; None finds it
-    pupil: engine.Pupil | None
-    store: engine.BakeStore
-    frame: int | None = None  # of the scene
-    camera: str | None = None  # where it is not the scene's
-    view_layer: str | None = None
+    request: Request
 
     @cached_property
     def exported(self):
         """`export.Exported`, with the scene that Mitsuba builds when this is first asked for."""
         return self.reading.build()
+
+    @property
+    def built(self):
+        """The `Request` with its scene."""
+        exported = self.exported
+        return self.request.of(exported.scene, exported.camera, [note.to_dict() for note in exported.notes])
 
     def put_away(self):
         """Let go of Mitsuba's scene until it is asked for again."""
@@ -158,42 +165,21 @@ class Task:
     def plan(self, progress):
         """`engine.Plan` of the task."""
         progress(0.0, "Building the scene")
-        scene, camera = self.exported.scene, self.exported.camera
-        return engine.plan(scene, camera, self.hologram, self.settings, self.store, progress)
-
-    def still(self, more=()):
-        """`stills.Still` of the task: a picture at its own focus, and at `more` distances."""
-        exported = self.exported
-        return stills.Still(
-            self.name,
-            exported.scene,
-            exported.camera,
-            self.hologram,
-            self.settings,
-            ["centre" if self.focus is None else self.focus, *more],
-            self.pupil,
-            self.store,
-            [note.to_dict() for note in exported.notes],
-            opened={
-                "frame": self.frame,
-                "camera": self.camera,
-                "scene": self.reading.name,
-                "view_layer": self.view_layer,
-            },
-        )
+        built = self.built
+        return engine.plan(built.scene, built.camera, built.hologram, built.settings, built.store, progress)
 
     def compute(self, progress, offer=None):
         """`pipeline.Result` of the task; `offer` is called with what can be looked at meanwhile, see there."""
         progress(0.0, "Building the scene")
-        return self.still().compute(progress, offer=offer)
+        return pipeline.compute(self.built, progress, offer=offer)
 
     def bake(self, progress, anew=False):
         """Picture of the baked light and its `engine.baking.Bake`; `anew` takes nothing from the store."""
         progress(0.0, "Building the scene")
-        scene, camera = self.exported.scene, self.exported.camera
+        built = self.built
         progress(0.0, "Planning")
         return rendering.baked_picture(
-            scene, camera, self.hologram, self.settings, self.store, progress, anew
+            built.scene, built.camera, built.hologram, built.settings, built.store, progress, anew
         )
 
 
@@ -221,18 +207,31 @@ def prepare(depsgraph, props, resolution=None, camera=None):
     variants.activate(preferences.wanted())
     for stop in making_way:
         stop()
-    return Task(
-        bpy.data.filepath or depsgraph.scene.name,
-        read_scene(depsgraph, (hologram.picture.width, hologram.picture.height), camera, cache),
-        hologram,
-        settings,
-        None if props.focus_auto else properties.focus_of(props),
-        properties.pupil_or_none(props),
-        preferences.store(),
-        depsgraph.scene.frame_current,
-        camera and camera.name,
-        depsgraph.view_layer.name,
-    )
+    size = hologram.picture.width, hologram.picture.height
+    reading = read_scene(depsgraph, size, camera, cache)
+    opened = {
+        "frame": depsgraph.scene.frame_current,
+        "camera": camera and camera.name,
+        "scene": reading.name,
+        "view_layer": depsgraph.view_layer.name,
+    }
+    origin = Origin(bpy.data.filepath or depsgraph.scene.name, opened=opened)
+    return Task(reading, request_of(props, hologram, settings, origin))
+
+
+def request_of(props, hologram, settings, origin):
+    """The `Request` of a scene's properties: an image at their focus.
+
+    Parameters
+    ----------
+    props : properties.HoloPathSettings
+    hologram : engine.Hologram
+    settings : engine.Settings
+    origin : Origin
+    """
+    focus = "centre" if props.focus_auto else properties.focus_of(props)
+    pupil, store = properties.pupil_or_none(props), preferences.store()
+    return Request(hologram, settings, [focus], pupil, store, origin=origin)
 
 
 def keep(task, result, draft=False):
@@ -265,12 +264,13 @@ def keep_shown(props, task, result, draft=False):
     bpy.types.Image
     """
     keep(task, result, draft)
-    focus = task.focus
+    request = task.request
+    focus = None if request.autofocus else request.focus[0]
     if props is not None and focus is None and props.focus_auto:
         properties.note_focus(props, result.focus[0])
         focus = properties.focus_of(props)
     image = bpy.data.images.get(IMAGE)
-    if image is None or props is None or not _moved(props, (focus, task.pupil, task.hologram.optics)):
+    if image is None or props is None or not _moved(props, (focus, request.pupil, request.hologram.optics)):
         return show(result.images[0], result.field.hologram.wavelengths)
     refocus_as_set(props)  # it was moved meanwhile
     return image
@@ -369,14 +369,15 @@ def encoding_of(scene):
     props, along = properties.of(scene), 0
     field, task = current.field, current.task
     if field is not None and task is not None:
-        plan, settings = current.made, task.settings
+        plan = current.made
         along = 0 if field.more is None else len(field.more)
     else:
         plan, settings = plan_of(scene), properties.settings_of(props)
+        plan = plan and replace(plan, requested=settings, settings=resolved(settings))
     if plan is None:
         return None
     seconds = properties.encode_seconds_of(props)
-    return engine.plan_encoding(plan, settings, props.encoding, seconds, along, properties.eyebox_of(props))
+    return engine.plan_encoding(plan, props.encoding, seconds, along, properties.eyebox_of(props))
 
 
 def keep_baked(task, texture, done):

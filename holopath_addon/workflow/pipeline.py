@@ -172,9 +172,10 @@ def _begun(started, plan):
     return min(max(least, spent / (spent + plan.seconds)), most) if plan.seconds else least
 
 
-def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, progress, offer):
+def _preview(request, plan, focus, seconds, progress, offer):
     """Offer pictures through a thin lens, ever finer: one, and more for so long."""
     start = time.monotonic()
+    camera, hologram, pupil = request.camera, request.hologram, request.pupil
     mapping = DepthMapping.of(hologram, camera, plan.near)
     aperture = float(np.mean([mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]))
     aperture *= hologram.optics.opening[2]
@@ -183,7 +184,8 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, pro
     size, centre = (hologram.width, hologram.height), (0.0, 0.0)
     if pupil is not None:
         aperture, centre = min(aperture, pupil.diameter / 2), (pupil.x, pupil.y)
-    picture = engine.Preview(scene, camera, *size, focus, aperture, settings.max_depth, centre=centre)
+    vertices = request.settings.max_depth
+    picture = engine.Preview(request.scene, camera, *size, focus, aperture, vertices, centre=centre)
     # each picture has twice the paths of the last, and takes as long as all before
     while 2 * (time.monotonic() - start) < seconds or not picture.spp:
         light = picture.refine(max(1, picture.spp), progress)
@@ -194,13 +196,13 @@ def _preview(scene, camera, hologram, settings, plan, focus, pupil, seconds, pro
 class _Draft:
     """A hologram of less quality that is there in a fraction of the time."""
 
-    settings: engine.Settings
     plan: engine.Plan
     seconds: float  # foretold
 
 
-def _draft(scene, camera, hologram, settings, plan, store):
+def _draft(request, plan):
     """The `_Draft` of a planned hologram; None where waiting for the hologram itself is as good."""
+    settings = request.settings
     if settings.method not in DRAFTED or settings.quality == "draft":
         return None
     settings = resolved(settings)
@@ -214,7 +216,7 @@ def _draft(scene, camera, hologram, settings, plan, store):
         despeckle=0,
     )
     compiles, started = Compiling(), time.monotonic()
-    drafted = engine.plan(scene, camera, hologram, settings, store)
+    drafted = engine.plan(request.scene, request.camera, request.hologram, settings, request.store)
     stages = {name: min(own, plan.stages.get(name, own)) for name, own in drafted.stages.items()}
     if "radiance" in stages and plan.passes and not plan.cached:
         # The wanted plan has looked at more paths, and knows better how long they take.
@@ -222,61 +224,37 @@ def _draft(scene, camera, hologram, settings, plan, store):
     seconds = sum(stages.values())
     if compiles():
         seconds += COMPILED * (time.monotonic() - started)
-    return _Draft(settings, drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
+    return _Draft(drafted, seconds) if SEVERAL * seconds <= plan.seconds else None
 
 
-def _drafted(scene, camera, hologram, draft, depths, pupil, progress, store):
+def _drafted(request, draft, depths, progress):
     """The `Result` of a draft."""
+    view = request.scene, request.camera, request.hologram
 
     def told(done, message):
         progress(done, f"Draft: {message}")
 
     at = stage(told, 0.0, 0.95)
-    field = engine.render(scene, camera, hologram, draft.settings, draft.plan, at, store)
-    images, notes = reconstruct(field, depths, pupil, stage(told, 0.95, 1.0))
+    field = engine.render(*view, plan=draft.plan, progress=at, store=request.store)
+    images, notes = reconstruct(field, depths, request.pupil, stage(told, 0.95, 1.0))
     return Result(_warned(draft.plan, *notes), field, depths, images, field.report["seconds"])
 
 
-def compute(
-    scene,
-    camera,
-    hologram,
-    settings=None,
-    focus=None,
-    pupil=None,
-    progress=None,
-    store=None,
-    field=None,
-    offer=None,
-    encoding="none",
-    encode_seconds=None,
-):
+def compute(request, progress=None, rendered=None, offer=None):
     """Plan, render and refocus.
 
     Parameters
     ----------
-    scene : mitsuba.Scene
-    camera : engine.Camera
-    hologram : engine.Hologram
-    settings : engine.Settings, optional
-    focus : sequence of float or 'centre', optional
-        World depths, metres; 'centre', alone or among them, is `centre_depth`, else the nearest surface. Those that
-        coincide give one picture. Default: `default_focus`.
-    pupil : engine.Pupil, optional
+    request : Request
+        Frames that its encoding goes towards are traced along.
     progress : callable, optional
         ``progress(done, message)``, may raise `engine.Cancelled`.
-    store : engine.BakeStore, optional
-        Where baked light is kept.
-    field : engine.WaveField, optional
+    rendered : engine.WaveField, optional
         Of the same scene and settings, to be refocused instead of rendering it again.
     offer : callable, optional
         ``offer(picture)`` with pictures, array [y, x, 3], to look at meanwhile; ``offer(picture, draft)`` with the
         `Result` of quality draft that it is of, where the hologram takes several times as long. The hologram is the
         same with and without.
-    encoding : str
-        That follows, of `engine.encode`, or none: frames that it goes towards are traced along.
-    encode_seconds : float, optional
-        That it may take.
 
     Returns
     -------
@@ -287,46 +265,58 @@ def compute(
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
     """
     progress = progress or (lambda done, message: None)
-    settings = settings or engine.Settings()
+    if request.method is not None:
+        request = replace(request, settings=replace(request.settings, method=request.method))
+    scene, camera, hologram, settings = request.scene, request.camera, request.hologram, request.settings
     started, clock = time.monotonic(), Clock()
     progress(0.0, "Planning")
     with clock("plan"):
         at = stage(progress, 0.0, 0.0)
-        plan = _planned(field) or engine.plan(scene, camera, hologram, settings, store, at)
-    asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, camera, hologram)
-    if "centre" in asked:
-        centre = centre_depth(scene, camera) or default_focus(plan, camera, hologram)[0]
-        asked = [centre if depth == "centre" else depth for depth in asked]
-    depths: list = list(dict.fromkeys(asked))
-    _check_view(plan, camera, hologram, depths, pupil)
-    if field is None:
+        plan = _planned(rendered) or engine.plan(scene, camera, hologram, settings, request.store, at)
+    depths = _depths(request, plan)
+    _check_view(plan, camera, hologram, depths, request.pupil)
+    if rendered is None:
         begun = _begun(started, plan)
         if offer is not None and plan.seconds >= SOON:
-            progress(begun, "Draft: Planning")
-            with clock("draft"):
-                draft = _draft(scene, camera, hologram, settings, plan, store)
-            share = PREVIEW_SHARE * (plan.seconds if draft is None else draft.seconds)
-            begun = max(begun, _begun(started, plan))
-            at = stage(progress, begun, begun)
-            with clock("preview"):
-                _preview(scene, camera, hologram, settings, plan, depths[0], pupil, share, at, offer)
-            begun = max(begun, _begun(started, plan))
-            if draft is not None:
-                drawn = _begun(started - draft.seconds, plan)
-                with clock("draft"):
-                    early = _drafted(
-                        scene, camera, hologram, draft, depths, pupil, stage(progress, begun, drawn), store
-                    )
-                offer(engine.to_rgb(early.images[0], hologram.wavelengths), early)
-                begun = max(drawn, _begun(started, plan))
-        along = engine.frames_along(plan, settings, hologram, encoding, encode_seconds)
+            begun = _early(request, plan, depths, started, clock, progress, offer)
+        encoding = request.encoding
+        along = engine.frames_along(plan, hologram, encoding.method, encoding.seconds)
         at = stage(progress, begun, 0.95)
-        field = engine.render(scene, camera, hologram, settings, plan, at, store, along)
-        clock.seconds.update(field.report["seconds"])
+        rendered = engine.render(scene, camera, hologram, None, plan, at, request.store, along)
+        clock.seconds.update(rendered.report["seconds"])
     with clock("refocusing"):
-        images, notes = reconstruct(field, depths, pupil, stage(progress, 0.95, 1.0))
-    plan = _warned(plan, *field.plan.get("warnings", ()), *notes)
-    return Result(plan, field, depths, images, clock.seconds)
+        images, notes = reconstruct(rendered, depths, request.pupil, stage(progress, 0.95, 1.0))
+    plan = _warned(plan, *rendered.plan.get("warnings", ()), *notes)
+    return Result(plan, rendered, depths, images, clock.seconds)
+
+
+def _depths(request, plan):
+    """World depths of the images, metres, each once."""
+    focus, view = request.focus, (request.camera, request.hologram)
+    asked = [focus] if focus == "centre" else list(focus) if focus else default_focus(plan, *view)
+    if "centre" in asked:
+        centre = centre_depth(request.scene, request.camera) or default_focus(plan, *view)[0]
+        asked = [centre if depth == "centre" else depth for depth in asked]
+    return list(dict.fromkeys(asked))
+
+
+def _early(request, plan, depths, started, clock, progress, offer):
+    """Offer previews, and a draft where the hologram takes several times as long; the progress that is then reached."""
+    progress(_begun(started, plan), "Draft: Planning")
+    with clock("draft"):
+        draft = _draft(request, plan)
+    share = PREVIEW_SHARE * (plan.seconds if draft is None else draft.seconds)
+    begun = _begun(started, plan)
+    with clock("preview"):
+        _preview(request, plan, depths[0], share, stage(progress, begun, begun), offer)
+    begun = max(begun, _begun(started, plan))
+    if draft is not None:
+        drawn = _begun(started - draft.seconds, plan)
+        with clock("draft"):
+            early = _drafted(request, draft, depths, stage(progress, begun, drawn))
+        offer(engine.to_rgb(early.images[0], request.hologram.wavelengths), early)
+        begun = max(drawn, _begun(started, plan))
+    return begun
 
 
 def _warned(plan, *warnings):
@@ -398,16 +388,14 @@ def _encoded(field, method, progress, needed=None, **options):
     )
 
 
-def encode(
-    field, method, progress, scene=None, settings=None, store=None, seconds=None, eyebox=None, **options
-):
+def encode(field, encoding, progress, scene=None, settings=None, store=None, **options):
     """Encode a field, with many more frames of its scene where the method wants them.
 
     Parameters
     ----------
     field : engine.WaveField
-    method : str
-        Of `engine.encode`; `auto` is what `engine.plan_encoding` chooses.
+    encoding : Encoding
+        What it begins with, `before`, is left to the `options`.
     progress : callable
         ``progress(done, message)``, may raise `engine.Cancelled`.
     scene : mitsuba.Scene, optional
@@ -416,12 +404,8 @@ def encode(
         With which it was.
     store : engine.BakeStore, optional
         Where baked light is kept.
-    seconds : float, optional
-        That it may take.
-    eyebox : float, optional
-        See `engine.plan_encoding`.
     options
-        Of `engine.encode`.
+        Others of `engine.encode`.
 
     Returns
     -------
@@ -432,13 +416,14 @@ def encode(
     ------
     engine.InvalidInput, engine.BackendUnavailable, engine.Cancelled
     """
-    options["seconds"] = seconds
+    seconds = encoding.seconds
+    options |= {**encoding.options, "seconds": seconds}
     if scene is None or settings is None:
-        return _encoded(field, method, progress, eyebox=eyebox, **options)
-    view = scene, field.camera, field.hologram, settings
-    plan = _planned(field) or engine.plan(*view, store, stage(progress, 0.0, 0.0))
+        return _encoded(field, encoding.method, progress, eyebox=encoding.eyebox, **options)
+    view = scene, field.camera, field.hologram
+    plan = _planned(field) or engine.plan(*view, settings, store, stage(progress, 0.0, 0.0))
     along = 0 if field.more is None else len(field.more)
-    chosen = engine.plan_encoding(plan, settings, method, seconds, along, eyebox)
+    chosen = engine.plan_encoding(plan, encoding.method, seconds, along, encoding.eyebox)
     options |= {"randomness": chosen.randomness, "eyebox": chosen.eyebox}
     if chosen.steps:
         options.setdefault("max_steps", chosen.steps)

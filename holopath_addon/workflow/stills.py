@@ -1,21 +1,19 @@
-"""A still and its output folder: the command line writes one, an animation one a frame. Imports no bpy."""
+"""What is requested of a still, in its output folder: the command line writes one, an animation one a frame. Imports
+no bpy.
+"""
 
-import dataclasses
 import math
 import os
 import shutil
 import time
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import engine
 from ..engine.mapping import squared
 from ..engine.pixels import coarsest
-from ..engine.planning.planner import resolved
 from ..engine.progress import Clock, stage
 from ..engine.settings import current
 from ..engine.viewing import assessment
@@ -23,9 +21,7 @@ from ..engine.viewing.depth import image_depth_map
 from ..engine.viewing.light_field import pinhole_pictures, pupil_points, pupil_row, quilt
 from . import output, pipeline
 from .lengths import format_distance
-
-if TYPE_CHECKING:
-    import mitsuba as mi
+from .request import Outputs
 
 VIEW_PATHS = 64  # a pixel, of each view of a light field
 SHEET_PATHS = 16  # and of the thin lens's picture on a contact sheet
@@ -62,134 +58,8 @@ _NAMES = {
 }
 
 
-@dataclass(frozen=True)
-class Still:
-    """An exported scene and all that is asked of its render.
-
-    Attributes
-    ----------
-    name : str
-        Of the scene, for the report.
-    scene : mitsuba.Scene
-    camera : engine.Camera
-    hologram : engine.Hologram
-    settings : engine.Settings
-    focus : list or None
-        Of the pictures, see `pipeline.compute`.
-    pupil : engine.Pupil or None
-    store : engine.BakeStore or None
-    notes : list of dict
-        What the exporter approximated or left out, see `export.Note`.
-    compare : bool
-        Whether to render every picture with a thin-lens camera, too.
-    encode : str
-        Of `engine.encode`, or none.
-    bits : int or None
-        Of the SLM that it is encoded for.
-    job : str or None
-        Digest of the job that it is made for, see `farm.job.SharedJob`: by it, what is done is known without its scene.
-    rgbd : bool
-        Whether to write a picture in which everything is sharp, with the depths in it.
-    light_field : int or None
-        Points of the pupil in a row and in a column to write such pictures through.
-    quilt : (int, int) or None
-        Columns and rows of such pictures, from the left of the pupil to its right, to write as one.
-    method : str or None
-        How light is found, where that was decided for all frames of an animation and the settings leave it open.
-    encode_seconds : float or None
-        That encoding may take, see `engine.plan_encoding`.
-    eyebox : float or None
-        Weight of parts of the pupil in the phases, see `engine.plan_encoding`.
-    phases_before : Path or None
-        Folder of the hologram whose phases those of this still begin with: the frame's before.
-    levels : list of engine.Levels, or None
-        That the SLM has at each wavelength.
-    display : list of engine.DisplayModel, or None
-        What the display does to light at each wavelength, see `engine.encode`.
-    contact_sheet : str or None
-        Name of a picture to write that shows all at a glance, see `output.contact_sheet`.
-    opened : dict
-        The scene's frame and the name of the camera that was asked for, None each where there is none: with them it can
-        be opened again.
-    """
-
-    name: str
-    scene: "mi.Scene"
-    camera: engine.Camera
-    hologram: engine.Hologram
-    settings: engine.Settings
-    focus: list | None = None
-    pupil: engine.Pupil | None = None
-    store: engine.BakeStore | None = None
-    notes: list = dataclasses.field(default_factory=list)
-    compare: bool = False
-    encode: str = "none"
-    bits: int | None = None
-    job: str | None = None
-    rgbd: bool = False
-    light_field: int | None = None
-    method: str | None = None
-    encode_seconds: float | None = None
-    eyebox: float | None = None
-    phases_before: Path | None = None
-    levels: list | None = None
-    quilt: tuple | None = None
-    display: list | None = None
-    contact_sheet: str | None = None
-    opened: dict = dataclasses.field(default_factory=dict)
-
-    @cached_property
-    def asked(self):
-        """All that decides the result, as the report holds it."""
-        from ..engine.scene.fingerprint import scene_digest
-
-        return {
-            "scene_digest": scene_digest(self.scene),
-            "camera": self.camera.to_dict(),
-            "hologram": self.hologram.to_dict(),
-            "settings": asdict(self.settings),
-            "focus_asked": self.focus,
-            "pupil_m": asdict(self.pupil) if self.pupil else None,
-            "compared": self.compare,
-            "encoded": self.encode,
-            "encoding_bits": self.bits,
-            "encoding_levels": self.levels and [each.to_dict() for each in self.levels],
-            "encoding_display": self.display and [model.to_dict() for model in self.display],
-            "rgbd": self.rgbd or None,  # None as in reports of versions that did not know them
-            "light_field": self.light_field,
-            "quilt": self.quilt and list(self.quilt),
-            "encode_seconds": self.encode_seconds,
-            "eyebox": self.eyebox,
-            "phases_before": self.phases_before and self.phases_before.parent.name,
-            "contact_sheet": self.contact_sheet,
-        }
-
-    @property
-    def vertices(self):
-        """Most of a path, as its pictures by the path tracer have them, too."""
-        return resolved(self.settings).max_depth
-
-    def compute(self, progress, rendered=None, offer=None):
-        """Its `pipeline.Result`, see `pipeline.compute`; a field that was `rendered` before is only refocused."""
-        settings = replace(self.settings, method=self.method) if self.method else self.settings
-        return pipeline.compute(
-            self.scene,
-            self.camera,
-            self.hologram,
-            settings,
-            self.focus,
-            self.pupil,
-            progress,
-            self.store,
-            rendered,
-            offer,
-            self.encode,
-            self.encode_seconds,
-        )
-
-
 def write(
-    folder, still, progress, export_seconds, rendered=None, encoded=None, stoppable=True
+    folder, request, progress, export_seconds, rendered=None, encoded=None, stoppable=True
 ) -> tuple[pipeline.Result, dict]:
     """Render a still into a folder.
 
@@ -197,13 +67,13 @@ def write(
     ----------
     folder : path
         Empty, see `output.output_folder`.
-    still : Still
+    request : Request
     progress : callable
         ``progress(done, message)``, may raise `engine.Cancelled`.
     export_seconds : float
         What its export took, for the report.
     rendered : engine.WaveField, optional
-        Of the same scene and settings, see `Still.compute`.
+        Of the same scene and settings, see `pipeline.compute`.
     encoded : engine.PhaseHologram, optional
         Of that field, as it is asked for.
     stoppable : bool
@@ -221,45 +91,45 @@ def write(
     """
     start, clock = time.perf_counter(), Clock()
     with clock("export"):
-        asked = still.asked
-    encodes = still.encode not in ("none", "dpac")
-    more = still.compare or still.rgbd or still.light_field or still.quilt or still.contact_sheet
+        asked = request.asked
+    encoding, outputs, origin = request.encoding, request.outputs, request.origin
+    encodes, more = encoding.method not in ("none", "dpac"), outputs != Outputs()
     rendered_at = 0.4 if encodes else 0.7 if more else 0.95
     end = 0.7 if more else 0.95
-    result = still.compute(stage(progress, 0.0, rendered_at), rendered)
-    wavelengths = still.hologram.wavelengths
+    result = pipeline.compute(request, stage(progress, 0.0, rendered_at), rendered)
+    wavelengths = request.hologram.wavelengths
     rgb = engine.to_rgb(result.images, wavelengths)
     white = output.exposure(rgb)
     progress(rendered_at, "Writing")
     with clock("files"):
         result.field.save(folder / "wavefield")
         output.write_pictures(
-            folder / "reconstruction", output.picture_files(rgb, result.focus, white, still.pupil)
+            folder / "reconstruction", output.picture_files(rgb, result.focus, white, request.pupil)
         )
     phase, told = encoded, []
-    if phase is None and still.encode != "none":
+    if phase is None and encoding.wanted:
         at = stage(progress, rendered_at, end - 0.02)
         with clock("encoding"):
-            phase, told = _encode(still, result.field, at, stoppable)
+            phase, told = _encode(request, result.field, at, stoppable)
         result.field = replace(result.field, more=None)  # which has done what it was for
     seen, shown = rgb, None
     if phase is not None:
         with clock("refocusing phases"):
             at = stage(progress, end - 0.02, end)
-            light = phase.field(display=still.display)
-            shown, notes = pipeline.reconstruct(light, result.focus, still.pupil, at)
+            light = phase.field(display=encoding.display)
+            shown, notes = pipeline.reconstruct(light, result.focus, request.pupil, at)
             told = [*told, *notes]
             seen = engine.to_rgb(shown, wavelengths)
         with clock("files"):
             phase.save(folder / "hologram")
-            files = output.picture_files(seen, result.focus, white, still.pupil)
+            files = output.picture_files(seen, result.focus, white, request.pupil)
             output.write_pictures(folder / "reconstruction", output.of_phases(files))
     bake = result.field.report.get("bake")
     notes = list(dict.fromkeys([*result.plan.warnings, *pipeline.bake_notes(bake), *told]))
     report = {
-        "scene": still.name,
-        "scene_path": os.path.abspath(still.name) if os.path.isfile(still.name) else None,
-        "opened": still.opened,
+        "scene": origin.name,
+        "scene_path": os.path.abspath(origin.name) if os.path.isfile(origin.name) else None,
+        "opened": origin.opened,
         **asked,
         "plan": result.plan.to_dict(),
         "focus_m": result.focus,
@@ -271,14 +141,14 @@ def write(
         "bake": bake,
         "foretold": result.field.report.get("foretold"),
         "warnings": notes,
-        "export_notes": still.notes,
+        "export_notes": origin.notes,
     }
     if phase is not None:
         report["encoding"] = {"method": phase.method, **phase.report}
     stopped = phase is not None and phase.report.get("stopped")
-    if still.compare and not stopped:
+    if outputs.reference and not stopped:
         with clock("reference"):
-            rows = _compare(folder, still, result, stage(progress, end, 0.9), shown)
+            rows = _compare(folder, request, result, stage(progress, end, 0.9), shown)
         dark = [
             format_distance(depth) for depth in result.focus if depth not in {row["focus_m"] for row in rows}
         ]
@@ -286,19 +156,19 @@ def write(
             [f"The reference is black, focused at {', '.join(dark)} m: nothing is compared."] if dark else []
         )
         report |= {"comparison": rows, "warnings": [*notes, *black, *_noise_notes(rows)]}
-    if still.rgbd:
+    if outputs.rgbd:
         with clock("rgbd"):
-            _write_rgbd(folder / "rgbd", still, result, white, stage(progress, 0.9, 0.92))
-    if still.light_field:
+            _write_rgbd(folder / "rgbd", request, result, white, stage(progress, 0.9, 0.92))
+    if outputs.light_field:
         with clock("light field"):
-            _write_light_field(folder / "light_field", still, result, stage(progress, 0.92, 0.96))
-    if still.quilt:
+            _write_light_field(folder / "light_field", request, result, stage(progress, 0.92, 0.96))
+    if outputs.quilt:
         with clock("quilt"):
-            _write_quilt(folder / "quilt", still, result, stage(progress, 0.96, 0.98))
-    if still.contact_sheet and not stopped:
+            _write_quilt(folder / "quilt", request, result, stage(progress, 0.96, 0.98))
+    if outputs.contact_sheet and not stopped:
         with clock("contact sheet"):
             _write_sheet(
-                folder / still.contact_sheet, still, result, seen, phase, stage(progress, 0.96, 0.98)
+                folder / outputs.contact_sheet, request, result, seen, phase, stage(progress, 0.96, 0.98)
             )
     report["seconds"] = {
         **result.seconds,
@@ -306,22 +176,22 @@ def write(
         "export": export_seconds + clock.seconds["export"],
         "total": export_seconds + time.perf_counter() - start,
     }
-    report |= {"job": still.job} if still.job else {}
-    report |= {"method": still.method} if still.method else {}
+    report |= {"job": origin.job} if origin.job else {}
+    report |= {"method": request.method} if request.method else {}
     output.write_report(folder, {**report, "versions": output.versions()})
     return result, report
 
 
-def _encode(still, field, progress, stoppable):
+def _encode(request, field, progress, stoppable):
     """The phases that are asked for, and what to know of them."""
     try:
-        what = field, still.encode, progress, still.scene, still.settings, still.store
-        options = {"bits": still.bits, "levels": still.levels, "display": still.display}
-        if still.phases_before is not None:
-            before = engine.PhaseHologram.load(still.phases_before)
+        encoding, options = request.encoding, {}
+        if encoding.before is not None:
+            before = engine.PhaseHologram.load(encoding.before)
             if before.data.shape == field.data.shape:
                 options["start"] = before
-        phase = pipeline.encode(*what, seconds=still.encode_seconds, eyebox=still.eyebox, **options)
+        scene, settings, store = request.scene, request.settings, request.store
+        phase = pipeline.encode(field, encoding, progress, scene, settings, store, **options)
         advice, own = phase.report["plan"]["advice"], phase.report.get("advice")
         return phase, [f"{advice} See --encode-seconds."] * bool(advice) + [own] * bool(own)
     except engine.Cancelled as error:
@@ -343,27 +213,27 @@ def _noise_notes(rows):
     ]
 
 
-def _compare(folder, still, result, progress, shown=None):
+def _compare(folder, request, result, progress, shown=None):
     """References of the pictures, into the folder, and rows of PSNR and SSIM by them.
 
     The border that light from outside the view reaches is left out. PSNR also against what light through the pupil
     shows at best, see `engine.diffracted`. Where there are phases, `shown` are their pictures, which are compared, too.
     """
-    hologram, plan, mapping, pupil = result.field.hologram, result.plan, result.field.mapping, still.pupil
+    hologram, plan, mapping, pupil = result.field.hologram, result.plan, result.field.mapping, request.pupil
     picture = hologram.picture
     truth = engine.reference(
-        still.scene,
-        still.camera,
+        request.scene,
+        request.camera,
         hologram,
         result.focus,
         pupil,
         near=result.field.near,
-        max_depth=still.vertices,
+        max_depth=request.max_depth,
         progress=progress,
         halves=True,
     )
     truth_rgb = engine.to_rgb(truth.mean(1), hologram.wavelengths)
-    files = output.picture_files(truth_rgb, result.focus, output.exposure(truth_rgb), still.pupil)
+    files = output.picture_files(truth_rgb, result.focus, output.exposure(truth_rgb), request.pupil)
     output.write_pictures(folder / "reference", files)
     radii = [mapping.pupil_radius(hologram.max_slope(w)) for w in hologram.wavelengths]
     openings = [
@@ -403,18 +273,18 @@ def _compare(folder, still, result, progress, shown=None):
     return rows
 
 
-def _write_sheet(path, still, result, pictures, phase, progress):
+def _write_sheet(path, request, result, pictures, phase, progress):
     """The contact sheet: phases of the first frame in the middle wavelength, pictures, and one through a thin lens."""
     hologram, depth = result.field.hologram, result.focus[output.middle(result.focus)]
     lens = engine.reference(
-        still.scene,
-        still.camera,
+        request.scene,
+        request.camera,
         hologram,
         [depth],
-        still.pupil,
+        request.pupil,
         SHEET_PATHS,
         result.field.near,
-        still.vertices,
+        request.max_depth,
         progress,
     )
     rgb = engine.to_rgb(lens[0], hologram.wavelengths)
@@ -422,64 +292,64 @@ def _write_sheet(path, still, result, pictures, phase, progress):
     path.write_bytes(output.contact_sheet(pictures, rgb, phases))
 
 
-def _write_rgbd(folder, still, result, white, progress):
+def _write_rgbd(folder, request, result, white, progress):
     """The picture of a pinhole, the depth of the first surfaces, and that of what they show."""
-    hologram = still.hologram
-    camera, grid = squared(still.camera, hologram)
+    hologram = request.hologram
+    camera, grid = squared(request.camera, hologram)
     size = grid.width, grid.height
     picture = pinhole_pictures(
-        still.scene,
-        still.camera,
+        request.scene,
+        request.camera,
         hologram,
         [(0.0, 0.0)],
-        max_depth=still.vertices,
+        max_depth=request.max_depth,
         progress=progress,
     )
     rgb = engine.to_rgb(picture[0], hologram.wavelengths)
     folder.mkdir()
     (folder / "rgb.exr").write_bytes(output.encode_exr(rgb))
     (folder / "rgb.png").write_bytes(output.encode_png(rgb, white))
-    np.save(folder / "depth.npy", image_depth_map(still.scene, camera, result.plan, *size))
-    np.save(folder / "surface_depth.npy", engine.depth_map(still.scene, camera, *size))
+    np.save(folder / "depth.npy", image_depth_map(request.scene, camera, result.plan, *size))
+    np.save(folder / "surface_depth.npy", engine.depth_map(request.scene, camera, *size))
 
 
-def _write_light_field(folder, still, result, progress):
+def _write_light_field(folder, request, result, progress):
     """Pictures through a grid of points of the pupil, and where these are."""
-    count = still.light_field
-    points = pupil_points(count, still.hologram, result.field.mapping, still.pupil)
-    rgb = _views(still, points.reshape(-1, 2), progress)
+    count = request.outputs.light_field
+    points = pupil_points(count, request.hologram, result.field.mapping, request.pupil)
+    rgb = _views(request, points.reshape(-1, 2), progress)
     folder.mkdir()
     np.save(folder / "views.npy", rgb.reshape(count, count, *rgb.shape[1:]))
     np.save(folder / "points.npy", points)
 
 
-def _write_quilt(folder, still, result, progress):
+def _write_quilt(folder, request, result, progress):
     """Pictures through points along the pupil as one, which its name describes; the display lies at the first focus."""
-    hologram, (columns, rows) = still.hologram, still.quilt
+    hologram, (columns, rows) = request.hologram, request.outputs.quilt
     picture = hologram.picture
-    points = pupil_row(columns * rows, hologram, result.field.mapping, still.pupil)
-    views = _views(still, points, progress, result.focus[0])
+    points = pupil_row(columns * rows, hologram, result.field.mapping, request.pupil)
+    views = _views(request, points, progress, result.focus[0])
     folder.mkdir()
     name = f"quilt_qs{columns}x{rows}a{picture.width / picture.height:.5g}.png"
     (folder / name).write_bytes(output.encode_png(quilt(views, columns), output.exposure(views)))
 
 
-def _views(still, points, progress, focus=None):
+def _views(request, points, progress, focus=None):
     """RGB of pictures through points of the pupil, in which everything is sharp."""
-    hologram, depth = still.hologram, still.vertices
-    what = still.scene, still.camera, hologram, points, VIEW_PATHS
+    hologram, depth = request.hologram, request.max_depth
+    what = request.scene, request.camera, hologram, points, VIEW_PATHS
     pictures = pinhole_pictures(*what, max_depth=depth, progress=progress, focus=focus)
     return engine.to_rgb(pictures, hologram.wavelengths)
 
 
-def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Result | None, dict]:
+def update(folder, request, progress, export_seconds, say) -> tuple[pipeline.Result | None, dict]:
     """Have a still's render in its output folder: what is there of it is not made again.
 
     Parameters
     ----------
     folder : path
         Where `write` put a still before, or anything that `output.output_folder` takes.
-    still, progress, export_seconds :
+    request, progress, export_seconds :
         See `write`.
     say : callable
         ``say(text)`` of what was there.
@@ -497,14 +367,14 @@ def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Resul
     """
     report, rendered, encoded = output.read_report(folder), None, None
     if report and _mapped(folder) is not None:
-        changed = _changes(report, output.plain(still.asked))
-        if still.encode != "none" and not _PHASES & changed.keys():
+        changed = _changes(report, output.plain(request.asked))
+        if request.encoding.wanted and not _PHASES & changed.keys():
             encoded = _whole_hologram(folder)
             if encoded is None:
                 changed["encoded"] = [_NAMES["encoded"]]
         if not changed:
-            if still.job and report.get("job") != still.job:
-                report |= {"job": still.job}
+            if request.origin.job and report.get("job") != request.origin.job:
+                report |= {"job": request.origin.job}
                 output.replace_report(folder, report)
             say("done before, skipped")
             return None, report
@@ -515,9 +385,9 @@ def update(folder, still, progress, export_seconds, say) -> tuple[pipeline.Resul
         names = ", ".join(name for names in changed.values() for name in names)
         say(f"{'refocused' if rendered else 'rendered anew'} (changed: {names})")
     with output.output_folder(folder) as part:
-        done = write(part, still, progress, export_seconds, rendered, encoded, stoppable=False)
+        done = write(part, request, progress, export_seconds, rendered, encoded, stoppable=False)
         encoded = Path(folder) / "hologram"
-        if rendered is not None and still.encode == "none" and encoded.is_dir():
+        if rendered is not None and not request.encoding.wanted and encoded.is_dir():
             shutil.copytree(encoded, part / "hologram")  # `holopath encode` made it of the same field
         return done
 
@@ -529,9 +399,9 @@ def made(folder, job, encode):
     ----------
     folder : path
     job : str
-        As `Still.job`.
+        As `Origin.job`.
     encode : str
-        As `Still.encode`.
+        As `Encoding.method`.
 
     Returns
     -------

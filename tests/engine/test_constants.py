@@ -70,15 +70,12 @@ def test_rays_and_lens(backend, level, hologram):
 
 
 def test_what_a_recording_keeps(build, level, hologram):
-    from holopath_addon.engine.planning.planner import resolved
     from holopath_addon.engine.progress import Clock
     from holopath_addon.engine.tracing.recording import Recording
 
-    settings = resolved(engine.Settings(frames=1, quality="preview", method="full"))
+    settings = engine.Settings(frames=1, quality="preview", method="full")
     scene = build.two_planes(build.emissive)
-    recording = Recording(
-        scene, level, hologram, settings, engine.plan(scene, level, hologram, settings), Clock()
-    )
+    recording = Recording(scene, level, hologram, engine.plan(scene, level, hologram, settings), Clock())
     plane, other = recording.plan.planes
     assert plane.slab.bounded and other.slab.bounded
     radiance = recording.radiance(lambda done: None)

@@ -1,5 +1,7 @@
 """Many more frames of a field's light."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_b
     plan = engine.plan(*view)
     field = engine.render(*view, plan)
     told, batches = [], []
-    more = engine.many_frames(*view, plan, lambda *state: told.append(state), count=96, clocked=clocked)
+    more = engine.many_frames(*view[:3], plan, lambda *state: told.append(state), count=96, clocked=clocked)
     for numbers, fields in more:
         assert numbers == [0, 1]
         batches.append(fields)
@@ -41,7 +43,7 @@ def test_their_mean_shows_what_the_field_does(build, camera, monkeypatch, most_b
 def test_equal_wavelengths_have_frames_each(build, camera):
     hologram = engine.Hologram(32, 32, 8e-6, (640e-9, 640e-9), 1e-3, 2e-3)
     view = build.two_planes(build.emissive), camera, hologram, engine.Settings(frames=1, quality="draft")
-    ((numbers, fields),) = engine.many_frames(*view, engine.plan(*view), lambda *_: None, count=8)
+    ((numbers, fields),) = engine.many_frames(*view[:3], engine.plan(*view), lambda *_: None, count=8)
     assert numbers == [0, 1] and fields.shape[:2] == (8, 2)
 
 
@@ -55,16 +57,16 @@ def test_a_render_traces_the_first_of_them_along(build, camera, small, field):
     alone, both = engine.render(*view, plan), engine.render(*view, plan, more=first)
     assert alone.more is None
     np.testing.assert_array_equal(both.data, alone.data)
-    many, *rest = (fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=count))
+    many, *rest = (fields for _, fields in engine.many_frames(*view[:3], plan, lambda *_: None, count=count))
     np.testing.assert_array_equal(both.more, many)
     after = [
-        fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=count, begin=first)
+        fields for _, fields in engine.many_frames(*view[:3], plan, lambda *_: None, count=count, begin=first)
     ]
     np.testing.assert_equal(after, rest)
     assert len(rest) == (field == "designed")
 
 
 def test_other_methods_have_none(camera):
-    hologram, settings = engine.Hologram(32, 32, 8e-6), engine.Settings(method="point")
+    hologram, plan = engine.Hologram(32, 32, 8e-6), SimpleNamespace(settings=engine.Settings(method="point"))
     with pytest.raises(engine.InvalidInput, match="choose joint"):
-        next(engine.many_frames(None, camera, hologram, settings, None, lambda *_: None))
+        next(engine.many_frames(None, camera, hologram, plan, lambda *_: None))

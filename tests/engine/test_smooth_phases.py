@@ -153,7 +153,7 @@ def test_frames_traced_along_are_the_same(build, camera, small):
     view = build.two_planes(build.emissive), camera, hologram, settings
     plan = engine.plan(*view)
     both = engine.render(*view, plan, more=24)
-    (first,) = (fields for _, fields in engine.many_frames(*view, plan, lambda *_: None, count=24))
+    (first,) = (fields for _, fields in engine.many_frames(*view[:3], plan, lambda *_: None, count=24))
     np.testing.assert_array_equal(both.more, first)
 
 

@@ -279,7 +279,7 @@ def test_frames_are_known_by_the_job_without_their_scene(blend, begun, monkeypat
     assert "frame_0001: done before, skipped" in capfd.readouterr().err
     now = json.loads((begun / FRAMES[0] / "report.json").read_text())
     assert now["job"] != report["job"] and {**now, "job": report["job"]} == report
-    monkeypatch.setattr("holopath_addon.cli.render_command.still_of", None)  # nor is it exported
+    monkeypatch.setattr("holopath_addon.cli.render_command.request_of", None)  # nor is it exported
     assert cli.main(again) == 0
     assert "frame_0001: done before, skipped" in capfd.readouterr().err
     assert names(begun) == [FRAMES[0], "job.json"]

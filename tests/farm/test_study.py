@@ -54,11 +54,11 @@ def renders(monkeypatch):
     """Calls of the engine, as the seed and the frames of each; one whose number is in `failing` fails."""
     render, found, failing = engine.render, [], {}
 
-    def counted(scene, camera, hologram, settings, *arguments, **options):
-        found.append((settings.seed, settings.frames))
+    def counted(scene, camera, hologram, settings, plan, *arguments, **options):
+        found.append((plan.requested.seed, plan.requested.frames))
         if len(found) in failing:
             raise failing[len(found)]
-        return render(scene, camera, hologram, settings, *arguments, **options)
+        return render(scene, camera, hologram, settings, plan, *arguments, **options)
 
     monkeypatch.setattr(engine, "render", counted)
     found_and_failing = type("Renders", (), {"found": found, "failing": failing})
@@ -132,7 +132,7 @@ def test_runs_that_are_there_are_known_without_their_scene(study, renders, monke
     path = study()
     assert run(path) == 0
     with monkeypatch.context() as patched:
-        patched.setattr(render_command, "still_of", None)
+        patched.setattr(render_command, "request_of", None)
         assert run(path) == 0
     (field,) = path.parent.glob("small/runs/*/wavefield/field.npy")
     field.unlink()

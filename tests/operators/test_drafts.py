@@ -72,8 +72,7 @@ def test_a_draft_shows_the_scene(lit, eager):
 def drafted(scene):
     """The draft that a plan of the scene has, or None."""
     task = task_of(scene)
-    view = task.exported.scene, task.exported.camera, task.hologram, task.settings
-    return pipeline._draft(*view, task.plan(lambda *_: None), task.store)
+    return pipeline._draft(task.built, task.plan(lambda *_: None))
 
 
 @pytest.mark.parametrize("settings", [{"quality": "draft"}, {"method": "direct"}, {"method": "point"}])

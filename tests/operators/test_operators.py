@@ -205,7 +205,7 @@ def test_another_camera_than_the_scene_has(scene):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     task = session.prepare(depsgraph, scene.holopath, camera=camera)
     assert task.exported.camera.position[0] == pytest.approx(0.1)
-    assert task.still().opened["camera"] == "Local"
+    assert task.request.origin.opened["camera"] == "Local"
 
 
 def test_opening_a_file_cancels(scene):

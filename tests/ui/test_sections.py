@@ -1,5 +1,6 @@
 """What sections of the panels show: controls that do something, and words where there is none."""
 
+from dataclasses import make_dataclass
 from types import SimpleNamespace
 
 import bpy
@@ -120,10 +121,9 @@ MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 def test_what_encoding_will_do(scene, settings, says, names):
     """Once there is a plan: the method, its seconds and why, and what more seconds would bring."""
     assert "About" not in drawn(sections.hologram, scene)[1]
-    session.current.plan, session.current.scene = (
-        SimpleNamespace(phases=PHASES, phases_memory=MEMORY, traversals=1),
-        scene.name,
-    )
+    fields = "phases", "phases_memory", "traversals", "requested", "settings"
+    plan = make_dataclass("PlanOfPhases", fields)(PHASES, MEMORY, 1, None, None)
+    session.current.plan, session.current.scene = plan, scene.name
     for name, value in settings.items():
         setattr(scene.holopath, name, value)
     there, words = drawn(sections.hologram, scene)

@@ -9,6 +9,7 @@ import pytest
 from holopath_addon import engine
 from holopath_addon.engine.waves import libraries
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Request
 
 
 def test_what_to_know_of_baked_light():
@@ -63,5 +64,5 @@ def test_what_happened_while_waves_were_computed_is_said(backend, monkeypatch, r
 
     monkeypatch.setattr(engine, "render", render)
     settings = engine.Settings(frames=1, quality="draft", planes=1, max_depth=1)
-    result = pipeline.compute(scene, camera, hologram, settings, focus=[1.0])
+    result = pipeline.compute(Request(hologram, settings, [1.0], scene=scene, camera=camera))
     assert result.plan.warnings.count(libraries.RAN_OUT) == ran_out and result.images.shape == (1, 32, 32, 1)

@@ -17,7 +17,7 @@ from ..errors import InvalidInput
 
 if TYPE_CHECKING:
     from .atlas import AtlasLayout, Triangles
-    from .camera_view import CameraView, Request
+    from .camera_view import BakeRequest, CameraView
     from .radiance_cache import RadianceCache
 
 VERSION = 4  # of the format, and of the light: another one is baked again
@@ -168,7 +168,7 @@ class Found:
 
     Attributes
     ----------
-    request : Request
+    request : BakeRequest
         With the noise and samples that are asked for or that the stored light has.
     triangles : Triangles
         Those whose light is cached.
@@ -188,7 +188,7 @@ class Found:
         What was wrong with what is stored, if something was.
     """
 
-    request: Request
+    request: BakeRequest
     triangles: Triangles
     view: CameraView
     seen: CameraView
@@ -210,13 +210,13 @@ class BakeStore:
 
     Attributes
     ----------
-    kept : (Request, Found) or None
+    kept : (BakeRequest, Found) or None
         What planning found, for the baking that follows.
     """
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
-        self.kept: tuple[Request, Found] | None = None
+        self.kept: tuple[BakeRequest, Found] | None = None
 
     @classmethod
     def default(cls) -> BakeStore:
@@ -301,7 +301,7 @@ class BakeStore:
                 return Head(str(arrays["digest"]), float(arrays["noise"]), int(arrays["most"]), texels)
         return None
 
-    def take(self, request: Request) -> Found | None:
+    def take(self, request: BakeRequest) -> Found | None:
         """What was kept for the same request; only once."""
         kept, self.kept = self.kept, None
         return kept[1] if kept and kept[0].same(request) else None

@@ -12,7 +12,7 @@ from ..scene.fingerprint import scene_digest
 from ..scene.lobes import DIFFUSE, TRANSLUCENT, surfaces_of
 from .atlas import Atlas, Triangles, lay_out, number_of, unfit
 from .bake_store import Found, Stored
-from .camera_view import CameraView, Request
+from .camera_view import BakeRequest, CameraView
 from .gathering import Gathered, gather, solve
 from .groups import Groups
 from .radiance_cache import RadianceCache, inseparable
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..progress import Progress
     from ..scene.specular_chains import FirstHits, SpecularChains
-    from ..settings import Settings
     from .bake_store import BakeStore
 
 MISSING = 0.02  # of the view: less is traced, where the camera has moved
@@ -78,12 +77,12 @@ class Bake:
     note: str
 
 
-def find(request: Request, store: BakeStore | None, triangles: Triangles | None = None) -> Found:
+def find(request: BakeRequest, store: BakeStore | None, triangles: Triangles | None = None) -> Found:
     """Look for light in a store, as good as asked for.
 
     Parameters
     ----------
-    request : Request
+    request : BakeRequest
     store : BakeStore or None
     triangles : Triangles, optional
         Of the scene.
@@ -112,7 +111,7 @@ def find(request: Request, store: BakeStore | None, triangles: Triangles | None 
     return Found(request, triangles, view, seen, translucent, stored, cache, missing, digest, note)
 
 
-def found_in(store: BakeStore, request: Request, worth: Callable[[int], bool]) -> float | None:
+def found_in(store: BakeStore, request: BakeRequest, worth: Callable[[int], bool]) -> float | None:
     """Share of a view whose light a store has, as good as asked for, None where it has none of the scene.
 
     What was found is kept for the baking that may follow.
@@ -120,7 +119,7 @@ def found_in(store: BakeStore, request: Request, worth: Callable[[int], bool]) -
     Parameters
     ----------
     store : BakeStore
-    request : Request
+    request : BakeRequest
     worth : callable
         ``worth(texels)``: whether to load so many, which may take a second or two. Else the share is taken for 1.
     """
@@ -165,7 +164,6 @@ def bake(
     hologram: Hologram,
     plan: Plan,
     optics: FirstHits | SpecularChains,
-    settings: Settings,
     *,
     store: BakeStore | None = None,
     progress: Progress | None = None,
@@ -180,7 +178,6 @@ def bake(
     hologram : Hologram
     plan : Plan
     optics : FirstHits or SpecularChains
-    settings : Settings
     store : BakeStore, optional
     progress : callable, optional
         ``progress(done, message)``, may raise.
@@ -195,8 +192,8 @@ def bake(
     clock = Clock()
     progress(0.0, "Looking for baked light")
     with clock("look"):
-        request = Request(
-            scene, camera, hologram, plan.near, optics, settings, plan.texel_noise, plan.texel_samples
+        request = BakeRequest(
+            scene, camera, hologram, plan.near, optics, plan.settings, plan.texel_noise, plan.texel_samples
         )
         found = store.take(request) if store and not anew else None
         found = found or find(request, None if anew else store)

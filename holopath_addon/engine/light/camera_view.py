@@ -34,7 +34,7 @@ GRAZING = 0.05  # least cosine that texels are stretched for
 
 
 @dataclass(frozen=True)
-class Request:
+class BakeRequest:
     """Which light is wanted.
 
     Attributes
@@ -61,7 +61,7 @@ class Request:
     noise: float
     most: int
 
-    def same(self, other: Request) -> bool:
+    def same(self, other: BakeRequest) -> bool:
         """Whether it is for the very same scene, camera and hologram, and equal numbers."""
         return (
             self.scene is other.scene
@@ -77,12 +77,12 @@ class CameraView:
 
     Parameters
     ----------
-    request : Request
+    request : BakeRequest
     margin : float
         Width to look at, of the view's.
     """
 
-    def __init__(self, request: Request, margin: float = MARGIN) -> None:
+    def __init__(self, request: BakeRequest, margin: float = MARGIN) -> None:
         camera, self._scene, self._hologram = request.camera, request.scene, request.hologram
         fov = 2 * math.atan(margin * math.tan(camera.fov_x / 2))
         shift_x, shift_y = camera.shift_x / margin, camera.shift_y / margin

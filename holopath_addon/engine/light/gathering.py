@@ -19,7 +19,7 @@ from .radiance_cache import NUMBERS, SUMS, zeros
 
 if TYPE_CHECKING:
     from ..progress import PartProgress
-    from .camera_view import Request
+    from .camera_view import BakeRequest
     from .groups import Groups
     from .radiance_cache import RadianceCache
 
@@ -48,12 +48,12 @@ class Gathered(NamedTuple):
     error: float | None
 
 
-def solve(request: Request, cache: RadianceCache, progress: PartProgress) -> None:
+def solve(request: BakeRequest, cache: RadianceCache, progress: PartProgress) -> None:
     """Light on groups of texels, one bounce more at a time: the source that final gathering looks up.
 
     Parameters
     ----------
-    request : Request
+    request : BakeRequest
     cache : RadianceCache
     progress : callable
         ``progress(done)``, may raise.
@@ -118,13 +118,13 @@ def by_name(sums: np.ndarray) -> np.ndarray:
 
 
 def gather(
-    request: Request, cache: RadianceCache, groups: Groups, limit: float, progress: PartProgress
+    request: BakeRequest, cache: RadianceCache, groups: Groups, limit: float, progress: PartProgress
 ) -> Gathered:
     """Bake texels until their noise is low: final gathering, which looks up the source.
 
     Parameters
     ----------
-    request : Request
+    request : BakeRequest
         Its noise, relative to a group's mean, is aimed at, with no more samples of a group than it allows.
     cache : RadianceCache
     groups : Groups

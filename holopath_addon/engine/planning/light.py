@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..hologram import AerialImage
 from ..light.baking import found_in
-from ..light.camera_view import Request
+from ..light.camera_view import BakeRequest
 from ..light.gathering import ROUND
 from ..plan import Decided, Decision
 from ..scene.dispersion import wavelength_groups
@@ -55,7 +55,7 @@ def diffuse_light(survey: Survey, margin: int, store: BakeStore | None) -> Decid
     baked = None
     if store is not None:
         view = survey.scene, survey.camera, survey.hologram, survey.near, survey.chains.optics
-        request = Request(*view, settings, noise.texel_noise(settings), noise.most_passes(settings))
+        request = BakeRequest(*view, settings, noise.texel_noise(settings), noise.most_passes(settings))
         baked = found_in(store, request, cache.worth_loading)
     limit *= CLEARLY if baked is None else 1
     stages = cache.stages(baked, limit)

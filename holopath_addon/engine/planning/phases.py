@@ -14,12 +14,10 @@ from ..memory import AT_ONCE, shortage
 from ..plan import Decision
 from ..settings import BASELINES, ENCODINGS
 from ..waves.phase_fields import DESIGNED_STARTS, SETS, randomness_for
-from .planner import resolved
 
 if TYPE_CHECKING:
     from ..hologram import Hologram
     from ..plan import Plan
-    from ..settings import Settings
 
 # More frames and steps where nothing limits the seconds: as many as gain most, and all that gain anything.
 ENOUGH, ALL = (96, 100), (192, 400)
@@ -97,7 +95,6 @@ class EncodingPlan:
 
 def plan_encoding(
     plan: Plan,
-    settings: Settings,
     method: str = "auto",
     seconds: float | None = None,
     along: int = 0,
@@ -109,8 +106,6 @@ def plan_encoding(
     ----------
     plan : Plan
         Of the field.
-    settings : Settings
-        By which it was made.
     method : str
         One of `ENCODINGS`; ``auto`` is left to this.
     seconds : float, optional
@@ -131,13 +126,13 @@ def plan_encoding(
     """
     if method not in ENCODINGS:
         raise InvalidInput(f"There is no encoding '{method}': choose one of {', '.join(ENCODINGS)}.")
-    chosen = _chosen(plan, settings, method, seconds, along)
-    memory, own = plan.phases_memory.get(chosen.method, 0.0), resolved(settings)
-    eyebox = eyebox_for(own.frames) if eyebox is None else eyebox
-    chosen, randomness = replace(chosen, memory_bytes=memory, eyebox=eyebox), _randomness(settings, eyebox)
+    chosen = _chosen(plan, method, seconds, along)
+    memory, frames = plan.phases_memory.get(chosen.method, 0.0), plan.settings.frames
+    eyebox = eyebox_for(frames) if eyebox is None else eyebox
+    chosen, randomness = replace(chosen, memory_bytes=memory, eyebox=eyebox), _randomness(plan, eyebox)
     if chosen.method != "refine" or randomness is None:
         return chosen
-    reason = f"{chosen.reason}; {_few(own.frames, randomness, chosen.eyebox)}"
+    reason = f"{chosen.reason}; {_few(frames, randomness, chosen.eyebox)}"
     return replace(chosen, randomness=randomness, reason=reason)
 
 
@@ -156,14 +151,12 @@ def axis_decision(method: str, bits: int | None, hologram: Hologram) -> Decision
     return Decision("axis", "on axis", reason) if reason else None
 
 
-def frames_along(
-    plan: Plan, settings: Settings, hologram: Hologram, method: str, seconds: float | None = None
-) -> int:
+def frames_along(plan: Plan, hologram: Hologram, method: str, seconds: float | None = None) -> int:
     """More frames that a render had best trace with its own, for the encoding that follows: paths serve them all.
 
     Parameters
     ----------
-    plan, settings, method, seconds
+    plan, method, seconds
         See `plan_encoding`; a method is also ``none``.
     hologram : Hologram
 
@@ -173,26 +166,26 @@ def frames_along(
         Where phases will be found towards many frames, and they take little memory: all of them for a hologram of few
         frames, whose rays are few beside theirs, else a set. Otherwise 0.
     """
-    own = resolved(settings)
+    own = plan.settings
     # what draws its random numbers by the chunks that fit, would be another field with more frames
     same = own.radiance == "grain" and own.estimator == "lattice"
     fits = _fit(SETS[-1], hologram) and same and not own.despeckle and own.phase_field != "random"
-    if not fits or method not in ("auto", "refine") or settings.method in BASELINES:
+    if not fits or method not in ("auto", "refine") or own.method in BASELINES:
         return 0
-    chosen = plan_encoding(plan, settings, method, seconds, SETS[-1])
+    chosen = plan_encoding(plan, method, seconds, SETS[-1])
     if chosen.method != "refine":
         return 0
-    return first_of(chosen.frames, settings, hologram) if seconds is None else SETS[-1]
+    return first_of(chosen.frames, plan, hologram) if seconds is None else SETS[-1]
 
 
-def first_of(count: int, settings: Settings, hologram: Hologram) -> int:
+def first_of(count: int, plan: Plan, hologram: Hologram) -> int:
     """How many of more frames a render traces with its own where no seconds are given.
 
     Parameters
     ----------
     count : int
         All of these frames.
-    settings : Settings
+    plan : Plan
         Of the render.
     hologram : Hologram
 
@@ -200,7 +193,7 @@ def first_of(count: int, settings: Settings, hologram: Hologram) -> int:
     -------
     int
     """
-    return count if _randomness(settings) is not None and _fit(count, hologram) else SETS[-1]
+    return count if _randomness(plan) is not None and _fit(count, hologram) else SETS[-1]
 
 
 def _fit(frames, hologram):
@@ -208,9 +201,10 @@ def _fit(frames, hologram):
     return frames * 8 * hologram.width * hologram.height * len(hologram.wavelengths) <= AT_ONCE
 
 
-def _chosen(plan, settings, method, seconds, along):
+def _chosen(plan, method, seconds, along):
     """`plan_encoding` without the memory."""
-    own, frames = settings.method not in BASELINES, resolved(settings).frames
+    settings = plan.settings
+    own, frames = settings.method not in BASELINES, settings.frames
     if method == "refine" and not own:
         raise InvalidInput(
             f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
@@ -223,7 +217,7 @@ def _chosen(plan, settings, method, seconds, along):
     if not own:
         reason = "other people's methods have no more frames to go towards"
         return EncodingPlan(plain, 0, 0, seconds or 0.0, reason)
-    if not several and method == "auto" and _randomness(settings) is None:
+    if not several and method == "auto" and _randomness(plan) is None:
         reason = "one frame keeps its speckle, whatever it goes towards"
         return EncodingPlan("sgd", 0, 0, _limited(plan.phases["sgd"], seconds), reason)
     if seconds is not None:
@@ -240,7 +234,7 @@ def _chosen(plan, settings, method, seconds, along):
         better = _upwards(costs.better(*ENOUGH))
         return EncodingPlan(plain, 0, 0, _limited(plan.phases[plain], seconds), reason, better)
     most = method == "refine" or settings.method == "full"
-    few = _randomness(settings) is not None
+    few = _randomness(plan) is not None
     more, steps = ALL if most else (ENOUGH[0], FEW_STEPS if frames < DESIGNED_STARTS else ENOUGH[1])
     frames = max(more, along)
     reason = "as asked" if method == "refine" else "towards more frames of the same light, for they show more"
@@ -248,13 +242,14 @@ def _chosen(plan, settings, method, seconds, along):
     return EncodingPlan("refine", frames, steps, costs.refine(frames, steps), reason, better)
 
 
-def _randomness(settings, eyebox=0.0):
+def _randomness(plan, eyebox=0.0):
     """Of the phases that a descent begins with; None for those of the field."""
+    settings = plan.requested
     if settings.randomness is not None:
         return settings.randomness
     if settings.phase_field not in ("auto", "smooth"):
         return None
-    return randomness_for(resolved(settings).frames, eyebox)
+    return randomness_for(plan.settings.frames, eyebox)
 
 
 def _few(frames, randomness, eyebox):

@@ -93,9 +93,9 @@ def plan(
 
     told = named(progress or (lambda done, message: None), "Planning")
     told(0.0)
-    settings = settings or Settings()
-    check_fixed(settings.fixed)
-    settings = resolved(settings)
+    requested = settings or Settings()
+    check_fixed(requested.fixed)
+    settings = resolved(requested)
     warnings, view = unmodelled(scene), traced(camera, hologram)
     refuse_method(scene, settings.method)
     if settings.method in BASELINES:
@@ -107,8 +107,11 @@ def plan(
         # the least that tells the depths in view
         least = replace(settings, method="direct", radiance="ray", fixed={"max_depth": settings.max_depth})
         least = resolved(replace(least, phase_field="designed", randomness=None))
-        return _of_baseline(_planned(scene, *view, least, None, [], told), settings, warnings)
-    return _planned(scene, *view, settings, store, warnings, told)
+        looked = _planned(scene, *view, least, None, [], told)
+        plan = _of_baseline(looked, settings, warnings)
+    else:
+        plan = _planned(scene, *view, settings, store, warnings, told)
+    return replace(plan, requested=requested)
 
 
 def _planned(scene, camera, hologram, settings, store, warnings, progress):
@@ -196,6 +199,8 @@ def _planned(scene, camera, hologram, settings, store, warnings, progress):
         phases_memory=costs.phases_memory(survey, batch_bytes),
         error=error,
         memory_bytes=memory,
+        requested=settings,
+        settings=settings,
         decisions=tuple(decision for choice in choices for decision in choice.decisions),
         warnings=tuple(warnings),
         library=library.value,
@@ -256,7 +261,6 @@ def once_baked(
     scene: mi.Scene,
     camera: Camera,
     hologram: Hologram,
-    settings: Settings,
     cache: RadianceCache,
 ) -> Plan:
     """The plan with the radiance paths that are needed with baked light: what is not cached decides.
@@ -267,7 +271,6 @@ def once_baked(
     scene : mitsuba.Scene
     camera : Camera
     hologram : Hologram
-    settings : Settings
     cache : RadianceCache
 
     Returns
@@ -280,6 +283,7 @@ def once_baked(
     from .light import CACHED_PASSES
     from .pilot import Pilot
 
+    settings = plan.settings
     if settings.radiance == "ray" or "passes" in settings.fixed:
         return plan
     pilot = Pilot.of(scene, hologram, camera, DepthMapping.of(hologram, camera, plan.near), settings)
@@ -296,7 +300,7 @@ def _of_baseline(plan, settings, warnings):
     frames = Decision("frames", str(settings.frames), "as asked")
     decisions = *plan.decisions[:2], own, frames
     nothing = {"stages": {}, "phases": {}, "phases_memory": {}, "card_memory": {}, "error": 0.0}
-    return replace(plan, decisions=decisions, warnings=tuple(warnings), **nothing)
+    return replace(plan, settings=settings, decisions=decisions, warnings=tuple(warnings), **nothing)
 
 
 def _depth(survey: Survey) -> Decided[None]:

@@ -54,8 +54,10 @@ def render(
     camera : Camera
     hologram : Hologram
     settings : Settings, optional
+        Default: those of the plan, or `Settings()`.
     plan : Plan, optional
-        From `plan` for the same scene and settings; made when not given.
+        From `plan` for the same scene, camera and hologram; made when not given. What it decided stays, whichever
+        settings are given beside it.
     progress : callable, optional
         ``progress(done, message)`` with done in 0..1, called several times a second; may raise
         `Cancelled`.
@@ -74,13 +76,15 @@ def render(
     InvalidInput, BackendUnavailable, Cancelled
     """
     variants.activate_for(scene)
-    settings = planner.resolved(settings or Settings())
     progress = progress or (lambda done, message: None)
     clock = Clock()
     progress(0.0, "Planning")
     if plan is None:
         with clock("plan"):
             plan = planner.plan(scene, camera, hologram, settings, store, stage(progress, 0.0, 0.0))
+    elif settings is not None and settings != plan.requested:
+        plan = replace(plan, requested=settings, settings=planner.resolved(settings))
+    settings = plan.settings
     if settings.method in BASELINES:
         job = baselines.BaselineInput(scene, camera, hologram, settings, plan.near, plan.z_low, plan.z_high)
         with clock(settings.method):
@@ -88,7 +92,7 @@ def render(
         plan = replace(plan, warnings=(*plan.warnings, *job.notes))
         report = {"seconds": clock.seconds, "frames": settings.frames}
         return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
-    planned = PlannedRender(scene, camera, hologram, settings, plan, clock)
+    planned = PlannedRender(scene, camera, hologram, plan, clock)
     stages = Stages(progress, BAKED if plan.cached else TRACED)
     stages["phase fields"](0.0, "Phase fields")
     sets = (planned.phasors, along(more)) if more else (planned.phasors,)
@@ -112,7 +116,7 @@ def render(
 
 def _waves(recording, sets, straight, display, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
-    stages = Stages(progress, DESPECKLED if recording.settings.despeckle else PLAIN)
+    stages = Stages(progress, DESPECKLED if recording.plan.settings.despeckle else PLAIN)
     lighting = named(stages["radiance"], "Radiance")
     lighting(0.0)
     radiance = recording.radiance(lighting)
@@ -170,7 +174,5 @@ def baked_picture(
     planned = planner.plan(scene, camera, hologram, settings, store, progress and stage(progress, 0.0, 0.0))
     camera, hologram = widened(*traced(camera, hologram), planned.beside)
     optics = optics_of(scene, camera, planned)
-    cache, done = bake(
-        scene, camera, hologram, planned, optics, settings, store=store, progress=progress, anew=anew
-    )
+    cache, done = bake(scene, camera, hologram, planned, optics, store=store, progress=progress, anew=anew)
     return cache.picture(most), done

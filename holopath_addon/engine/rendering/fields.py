@@ -72,7 +72,7 @@ class Tracing:
         """The energy of each of its phasors that a field keeps: what is in the band, and passes the paper's pixels."""
         sets = self._sets if number == OWN else self._phasors(number)
         with self._recording.clock("phase fields"):
-            paper = self._recording.settings.estimator == "paper"
+            paper = self._recording.plan.settings.estimator == "paper"
             passed = pixel_transmission() if paper else 1.0
             kept = [recordable_fraction(each) * passed for each in sets]
         return np.repeat(kept, [len(each) for each in sets])
@@ -107,7 +107,7 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
     numpy.ndarray, complex64, shape (frames, wavelengths, y, x)
         Of the picture, without what was traced beside it.
     """
-    hologram, steps = recording.hologram, recording.settings.despeckle
+    hologram, steps = recording.hologram, recording.plan.settings.despeckle
     behind_lens = isinstance(hologram, AerialImage)
     stages = Stages(progress, DESPECKLED if steps else PLAIN)
     field = _in_scene(recording, tracing, OWN, stages["tracing"])
@@ -181,7 +181,7 @@ def _in_scene(recording, tracing, number, progress):
 
 def _despeckle(recording, tracing, field, progress):
     """Take speckle out of the field on the plane nearest to the viewer, in place; the same paths, more frames."""
-    hologram, plan, settings = recording.hologram, recording.plan, recording.settings
+    hologram, plan, settings = recording.hologram, recording.plan, recording.plan.settings
     low, high = (z - plan.z_gathered for z in (plan.z_low, plan.z_high))
     targets = [
         despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed, field)

@@ -165,7 +165,7 @@ def _found(frames, look, moves, store, progress):
             if not plan.cached:
                 store.clear()  # what it may have begun with
                 break
-            PlannedRender(*what, plan, Clock()).bake(store, at)
+            PlannedRender(*what[:3], plan, Clock()).bake(store, at)
             seen.append(asked)
         except InvalidInput as error:  # there may be nothing in view
             errors.append(InvalidInput(f"Frame {frame}: {error}"))

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..memory import AT_ONCE
-from ..planning import planner
 from ..planning.phases import LEAST, first_of
 from ..progress import Clock, Stages, named, parts, stage
 from ..scene import variants
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from ..light.bake_store import BakeStore
     from ..plan import Plan
     from ..progress import Progress
-    from ..settings import Settings
 
 FRAMES = 8 * SETS[-1]
 # Of their phases, and of those of the first batch by the clock: no settings have these, so none is a hologram's own.
@@ -41,7 +39,6 @@ def many_frames(
     scene: mi.Scene,
     camera: Camera,
     hologram: Hologram,
-    settings: Settings,
     plan: Plan,
     progress: Progress,
     store: BakeStore | None = None,
@@ -56,10 +53,8 @@ def many_frames(
     scene : mitsuba.Scene
     camera : Camera
     hologram : Hologram
-    settings : Settings
-        With which the hologram was rendered.
     plan : Plan
-        By which it was.
+        By which the hologram was rendered.
     progress : callable
         ``progress(done, message)``, may raise `Cancelled`.
     store : BakeStore, optional
@@ -80,14 +75,14 @@ def many_frames(
     ------
     InvalidInput, BackendUnavailable, Cancelled
     """
-    if settings.method in BASELINES:
+    if plan.settings.method in BASELINES:
         raise InvalidInput(
-            f"The encoding refine needs many frames, which the method {settings.method} has not: choose joint."
+            f"The encoding refine needs many frames, which the method {plan.settings.method} has not: choose joint."
         )
     variants.activate_for(scene)
-    together = 0 if begin or clocked else first_of(count, settings, hologram)
-    settings = replace(planner.resolved(settings), despeckle=0)
-    planned = PlannedRender(scene, camera, hologram, settings, plan, Clock())
+    together = 0 if begin or clocked else first_of(count, plan, hologram)
+    plan = replace(plan, settings=replace(plan.settings, despeckle=0))
+    planned = PlannedRender(scene, camera, hologram, plan, Clock())
     planned.bake(store, stage(progress, 0.0, BAKED))
     batches = _batches(count, begin, clocked, hologram)
     groups, left = planned.groups, list(range(len(hologram.wavelengths)))

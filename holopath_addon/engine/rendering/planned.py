@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from ..light.radiance_cache import RadianceCache
     from ..plan import Plan
     from ..progress import Clock, Progress
-    from ..settings import Settings
     from ..tracing.recording import Recording
 
 
@@ -39,8 +38,6 @@ class PlannedRender:
     scene : mitsuba.Scene
     camera : Camera
     hologram : Hologram
-    settings : Settings
-        As `planner.resolved` has them.
     plan : Plan
     clock : Clock
 
@@ -59,20 +56,19 @@ class PlannedRender:
         scene: mi.Scene,
         camera: Camera,
         hologram: Hologram,
-        settings: Settings,
         plan: Plan,
         clock: Clock,
     ) -> None:
         self.scene, view = scene, traced(camera, hologram)
         self.camera, self.hologram = widened(*view, plan.beside)
-        self.settings, self.plan, self.clock = settings, plan, clock
+        self.plan, self.clock = plan, clock
         self.cache: RadianceCache | None = None
         self.baked: Bake | None = None
 
     @cached_property
     def phasors(self) -> np.ndarray:
         """Those of the hologram's frames, see `phasors_of`."""
-        hologram, settings = self.hologram, self.settings
+        hologram, settings = self.hologram, self.plan.settings
         with self.clock("phase fields"):
             size = settings.frames, hologram.height, hologram.width
             return phasors_of(settings.phase_field, *size, settings.seed, settings.randomness)
@@ -80,7 +76,7 @@ class PlannedRender:
     @property
     def straight(self) -> float:
         """Share of even surfaces' light that these send straight on, see `straight_share`."""
-        settings = self.settings
+        settings = self.plan.settings
         return straight_share(settings.randomness) if settings.phase_field == "smooth" else 0.0
 
     def bake(self, store: BakeStore | None, progress: Progress) -> None:
@@ -92,7 +88,7 @@ class PlannedRender:
 
         with self.clock("bake"):
             optics = optics_of(self.scene, self.camera, self.plan)
-            what = self.scene, self.camera, self.hologram, self.plan, optics, self.settings
+            what = self.scene, self.camera, self.hologram, self.plan, optics
             self.cache, self.baked = bake(*what, store=store, progress=progress)
 
     @cached_property
@@ -121,10 +117,9 @@ class PlannedRender:
             camera, part = filled(camera, part)
         if self.cache is not None:
             with self.clock("radiance"):
-                plan = planner.once_baked(plan, self.scene, camera, part, self.settings, self.cache)
+                plan = planner.once_baked(plan, self.scene, camera, part, self.cache)
         with self.clock("optics"):
-            what = self.scene, camera, part, self.settings, plan, self.clock
-            return Recording(*what, cache=self.cache)
+            return Recording(self.scene, camera, part, plan, self.clock, cache=self.cache)
 
     def error(self, errors: Sequence[float | None]) -> float | None:
         """Relative standard error of the field, of the radiance maps' halves and of baked light; None where unknown.

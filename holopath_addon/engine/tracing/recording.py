@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from ..light.radiance_cache import RadianceCache
     from ..plan import Plan, RecordingPlane
     from ..progress import Clock, PartProgress
-    from ..settings import Settings
     from ..waves.arrays import Array
     from .grains import RadianceMap
 
@@ -46,7 +45,6 @@ class Recording:
     scene : mitsuba.Scene
     camera : Camera
     hologram : Hologram
-    settings : Settings
     plan : Plan
     clock : Clock
     cache : RadianceCache, optional
@@ -57,14 +55,13 @@ class Recording:
         scene: mi.Scene,
         camera: Camera,
         hologram: Hologram,
-        settings: Settings,
         plan: Plan,
         clock: Clock,
         *,
         cache: RadianceCache | None = None,
     ) -> None:
         self.scene, self.camera, self.hologram = scene, camera, hologram
-        self.settings, self.plan, self.clock = settings, plan, clock
+        self.plan, self.clock = plan, clock
         self.mapping = DepthMapping.of(hologram, camera, plan.near)
         self.max_slope = hologram.widest_slope
         walk = self.max_slope * np.ptp([plane.z for plane in plan.planes]) / hologram.pitch
@@ -78,8 +75,8 @@ class Recording:
 
     def radiance(self, progress: PartProgress) -> RadianceMap | PathsPerRay:
         """Where the radiance of rays comes from: a map of grains, or paths of their own."""
-        if self.settings.radiance == "ray":
-            return PathsPerRay(self.tracer, self.settings.paths)
+        if self.plan.settings.radiance == "ray":
+            return PathsPerRay(self.tracer, self.plan.settings.paths)
         with self.clock("radiance"):
             radiance = self._measurement().measured(progress)
         pixels = radiance.grid.columns * radiance.grid.rows
@@ -90,7 +87,7 @@ class Recording:
 
     def _measurement(self):
         """That of the map of grains."""
-        plan, hologram, settings = self.plan, self.hologram, self.settings
+        plan, hologram, settings = self.plan, self.hologram, self.plan.settings
         size, slope = (hologram.width, hologram.height), plan.cone * self.max_slope
         cells = plan.margin, plan.slabs, plan.bins, plan.z_low, plan.z_high
         grid = GrainGrid(*size, *cells, slope, self.optics.branches)
@@ -128,7 +125,7 @@ class Recording:
             parts = [self._part(plane, radiance, number, straight) for number in range(len(regions))]
         count = sum(block.rays for block in blocks)
         self.rays_traced["wave rays"] = self.rays_traced.get("wave rays", 0) + count
-        what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.settings.seed
+        what = self.scene, self.hologram, parts, blocks, radiance, phasors, self.plan.settings.seed
         with ThreadPoolExecutor(threads()) as executor, self.clock("wave tracing"):
             for block, pixels, values in trace_blocks(*what, chunk, progress, out):
                 add_pixels(out[block.start : block.stop, ...], self.hologram, pixels, values, executor)
@@ -174,7 +171,7 @@ class Recording:
 
     def _rays(self, plane, region):
         """Rays of a pixel, branches included."""
-        paper = self.settings.estimator == "paper"
+        paper = self.plan.settings.estimator == "paper"
         rays = plane.rays if paper else self._lattice(region.depth_limit, plane.rays).rays
         return rays * self._optics(plane, region).branches
 
@@ -184,8 +181,8 @@ class Recording:
 
     def _estimator(self, depth_limit, most, straight):
         hologram = self.hologram
-        if self.settings.estimator == "paper":
-            return RandomEstimator(hologram, most, self.settings.seed)
+        if self.plan.settings.estimator == "paper":
+            return RandomEstimator(hologram, most, self.plan.settings.seed)
         if (depth_limit, straight) not in self._estimators:
             lattice = self._lattice(depth_limit, most)
             tables = [kernel_table(lattice, hologram.pitch, w, straight) for w in hologram.wavelengths]

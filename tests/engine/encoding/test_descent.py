@@ -22,6 +22,7 @@ from holopath_addon.engine.waves.pictures import Pictures, Vantage
 from holopath_addon.engine.waves.propagation import FreeSpace, circular_band, propagate, transfer_function
 from holopath_addon.engine.waves.supervision import Frames
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 GREEN, PITCH = 516.5e-9, 8e-6
 BORDER = 25
@@ -519,7 +520,7 @@ def test_refined_phases_are_better_than_the_field(build, camera, small):
     field = engine.render(scene, camera, small, settings)
     radius = field.mapping.pupil_radius(small.max_slope(GREEN))
     before = engine.encode(field, "joint")
-    after = pipeline.encode(field, "refine", lambda *_: None, scene, settings)
+    after = pipeline.encode(field, Encoding("refine"), lambda *_: None, scene, settings)
     half = engine.Pupil(0.3 * radius, -0.4 * radius, radius)
     quarter = engine.Pupil(-0.3 * radius, 0.2 * radius, radius / 2)
     for focus, pupil, gain in ((0.5, None, 3), (1.1, None, 3), (1.0, half, 0), (1.0, quarter, 0)):

@@ -33,7 +33,7 @@ def bake(scene, camera, store=None, progress=None, noise=0.05, **settings):
     assert plan.cached == (settings.max_depth > 1)
     plan = replace(plan, texel_noise=noise, texel_samples=256)
     optics = optics_of(scene, camera, plan)
-    return baking.bake(scene, camera, HOLOGRAM, plan, optics, settings, store=store, progress=progress)
+    return baking.bake(scene, camera, HOLOGRAM, plan, optics, store=store, progress=progress)
 
 
 @pytest.mark.slow

@@ -19,8 +19,17 @@ MEMORY = {"sgd": 40e6, "joint": 90e6, "refine": 200e6}
 
 
 def chosen(encoding="auto", seconds=None, costs=COSTS, traversals=3, along=0, **settings):
-    plan = SimpleNamespace(phases=costs, phases_memory=MEMORY, traversals=traversals)
-    return engine.plan_encoding(plan, engine.Settings(**settings), encoding, seconds, along)
+    plan = planned(costs, traversals, **settings)
+    return engine.plan_encoding(plan, encoding, seconds, along)
+
+
+def planned(costs=COSTS, traversals=3, **settings):
+    """What of a plan decides about its encodings."""
+    from holopath_addon.engine.planning.planner import resolved
+
+    requested = engine.Settings(**settings)
+    kinds = {"requested": requested, "settings": resolved(requested)}
+    return SimpleNamespace(phases=costs, phases_memory=MEMORY, traversals=traversals, **kinds)
 
 
 def test_more_seconds_go_towards_more_frames():
@@ -75,9 +84,8 @@ def test_frames_traced_along_need_no_paths():
     ],
 )
 def test_what_renders_trace_along(method, seconds, settings, size, along):
-    plan = SimpleNamespace(phases=COSTS, phases_memory=MEMORY, traversals=1)
     hologram = engine.Hologram(size, size, 8e-6)
-    assert engine.frames_along(plan, engine.Settings(**settings), hologram, method, seconds) == along
+    assert engine.frames_along(planned(traversals=1, **settings), hologram, method, seconds) == along
 
 
 @pytest.mark.parametrize("given", [{}, {"seconds": 3}, {"seconds": 3, "speckle": 0.1}])
@@ -127,29 +135,21 @@ def test_few_frames_begin_with_phases_that_are_hardly_random():
     assert eyebox[:5] == [0] * 5 and 0 < eyebox[5] < eyebox[6] == 1  # no frame more shows much less
     assert [each.steps for each in found.values()] == [200] * 6 + [100]
     assert "randomness 0 " in found[1].reason and "as a whole" in found[1].reason
-    wide = engine.plan_encoding(
-        SimpleNamespace(phases=COSTS, phases_memory=MEMORY, traversals=1),
-        engine.Settings(frames=1, randomness=0.2),
-        eyebox=0.5,
-    )
+    wide = engine.plan_encoding(planned(traversals=1, frames=1, randomness=0.2), eyebox=0.5)
     assert (wide.randomness, wide.eyebox) == (0.2, 0.5) and "0.5 of its parts" in wide.reason
-    parts = engine.plan_encoding(
-        SimpleNamespace(phases=COSTS, phases_memory=MEMORY, traversals=1),
-        engine.Settings(frames=3),
-        eyebox=1.0,
-    )
+    parts = engine.plan_encoding(planned(traversals=1, frames=3), eyebox=1.0)
     assert parts.randomness == 1  # parts of the pupil see what random phases send there
     assert chosen(frames=1, seconds=0.5).randomness is None  # for there is no time for more frames
     assert chosen(frames=2, phase_field="designed").randomness is None
 
 
 def test_methods_without_more_frames():
-    baseline = SimpleNamespace(phases={}, phases_memory={}), engine.Settings(method="rgbd")
+    baseline = planned({}, method="rgbd")
     for seconds in (None, 100):
-        found = engine.plan_encoding(*baseline, "auto", seconds)
+        found = engine.plan_encoding(baseline, "auto", seconds)
         assert found.method == "joint" and not found.frames
     with pytest.raises(engine.InvalidInput, match="choose joint"):
-        engine.plan_encoding(*baseline, "refine")
+        engine.plan_encoding(baseline, "refine")
     with pytest.raises(engine.InvalidInput, match="no encoding 'best'"):
         chosen("best")
 
@@ -222,6 +222,7 @@ from benchmarks.stability.displays import camera
 from holopath_addon import engine
 from holopath_addon.engine.scene import variants
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding
 
 variants.activate()
 
@@ -240,7 +241,7 @@ before, found, done = resident(), [], []
 watching = threading.Thread(target=watch)
 watching.start()
 field = engine.render(scene, view, hologram, settings, plan)
-pipeline.encode(field, "auto", lambda done, message: None, scene, settings)
+pipeline.encode(field, Encoding("auto"), lambda done, message: None, scene, settings)
 done.append(True)
 watching.join()
 print(json.dumps([max(found) - before, plan.phases_memory["refine"]]))

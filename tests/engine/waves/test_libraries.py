@@ -11,6 +11,7 @@ from holopath_addon.engine.planning import planner
 from holopath_addon.engine.scene import variants
 from holopath_addon.engine.waves import libraries
 from holopath_addon.workflow import pipeline
+from holopath_addon.workflow.request import Encoding, Request
 
 
 @pytest.fixture
@@ -129,7 +130,7 @@ def test_memory_that_runs_out_in_the_middle(card, monkeypatch, field):
         return encoded(field, *rest, **options)
 
     monkeypatch.setattr(engine, "encode", on_a_full_card)
-    phase = pipeline.encode(field, "dpac", lambda done, message: None)
+    phase = pipeline.encode(field, Encoding("dpac"), lambda done, message: None)
     assert phase.report["advice"].endswith(libraries.RAN_OUT)
     np.testing.assert_array_equal(phase.data, encoded(field, "dpac").data)
 
@@ -152,7 +153,7 @@ def test_refocusing_says_that_memory_ran_out(card, build, camera, small, monkeyp
 
     monkeypatch.setattr(engine, "reconstruct", on_a_full_card)
     field.plan["warnings"] = ["Of the waves."]
-    result = pipeline.compute(scene, camera, small, settings, [1.0], field=field)
+    result = pipeline.compute(Request(small, settings, [1.0], scene=scene, camera=camera), rendered=field)
     assert result.plan.warnings[-2:] == ("Of the waves.", libraries.RAN_OUT)
     np.testing.assert_array_equal(result.images, refocused(field, [1.0]))
 
@@ -203,7 +204,7 @@ def test_fields_and_phases_are_those_of_numpy(build, camera, small, monkeypatch,
         assert plan.library == name
         field = engine.render(scene, camera, small, settings, plan)
         assert field.plan["library"] == name and isinstance(field.data, np.ndarray)
-        phase = pipeline.encode(field, "sgd", lambda done, message: None, max_steps=2)
+        phase = pipeline.encode(field, Encoding("sgd"), lambda done, message: None, max_steps=2)
         seen, notes = pipeline.reconstruct(field, [1.0], None, lambda done, message: None)
         assert not notes
         found.append((field.data, seen, np.exp(1j * phase.data)))
@@ -246,7 +247,7 @@ def test_phases_are_found_where_the_plan_says(build, camera, small, as_on_a_card
     data = np.ones((1, 1, 128, 128), np.complex64)
     for planned in (plan, dataclasses.replace(plan, card_memory={})):
         field = engine.WaveField(data, small, camera, plan.near, planned.to_dict())
-        pipeline.encode(field, "dpac", lambda done, message: None, scene, settings)
+        pipeline.encode(field, Encoding("dpac"), lambda done, message: None, scene, settings)
     assert needed == [plan.card_memory["dpac"], memory.encoding_on_card(data.nbytes)]
 
 
