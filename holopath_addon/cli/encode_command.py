@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import engine
 from ..engine import encoding, files
-from ..engine.progress import stage
+from ..engine.progress import Stages
 from ..engine.settings import BASELINES, ENCODINGS
 from ..farm.job import EncodingJob, digests
 from ..farm.units import Unit
@@ -37,7 +37,6 @@ _APART = {
     "words",
     "work",
 }
-OPENED = 0.05  # of the progress
 BEFORE = "before"  # start of a frame's phases: those of the frame before
 
 
@@ -133,15 +132,15 @@ def _encode(args):
         start = replace(start, data=np.array(start.data))  # Windows replaces no file that is mapped
     if args.encode_seconds is not None and args.method == "dpac":
         raise engine.InvalidInput("--encode-seconds is for phases by descent, not for dpac: leave them out.")
-    stopped = None
+    stopped, stages = None, Stages(progress, "encode")
     try:
-        scene, settings = _scene(args, folder, stage(progress, 0.0, OPENED), progress.say)
-        phase = _phases(args, folder, start, stage(progress, OPENED, 0.9), scene, settings)
+        scene, settings = _scene(args, folder, stages["scene"], progress.say)
+        phase = _phases(args, folder, start, stages["phases"], scene, settings)
     except engine.Cancelled as error:
         if error.kept is None:
             raise
         phase, stopped = error.kept, error
-    phase.save(target, stage(progress, 0.9, 0.99))
+    phase.save(target, stages["files"])
     if stopped is not None:
         raise engine.Cancelled(f"Cancelled: the phases as they were then are in {target}.") from stopped
     if phase.report.get("advice"):
@@ -273,10 +272,11 @@ def _frame(args, work, folder, before):
             alike = first is not None and first.data.shape == output.stored_field(folder).data.shape
             start = first if alike else encoding.STARTS[0]
             told["begun_with"] = None if first is None else first.report["sha256"]
-        phase = _phases(args, folder, start, stage(progress, 0.0, 0.9))
+        stages = Stages(progress, "encode")
+        phase = _phases(args, folder, start, stages["phases"])
         if args.start == BEFORE:
             told["sha256"] = hashlib.sha256(np.ascontiguousarray(phase.data).data).hexdigest()
-        replace(phase, report={**phase.report, **told}).save(target, stage(progress, 0.9, 0.99))
+        replace(phase, report={**phase.report, **told}).save(target, stages["files"])
         work.made.append(folder.name)
 
     def done():

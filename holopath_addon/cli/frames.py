@@ -8,7 +8,7 @@ from functools import cached_property, partial
 from pathlib import Path
 
 from .. import engine
-from ..engine.progress import stage
+from ..engine.progress import Stages
 from ..engine.rendering.job_light import DECIDED, JobLight
 from ..farm.units import Unit
 from ..farm.worker import wait_until
@@ -110,7 +110,11 @@ class AnimationFrames:
                 request = replace(request, encoding=replace(request.encoding, before=before))
             spent = time.perf_counter() - began
             result, report = stills.update(
-                folder, request, stage(at, 0.05, 1.0), spent, lambda text: self._say(f"{folder.name}: {text}")
+                folder,
+                request,
+                Stages(at, "still")["still"],
+                spent,
+                lambda text: self._say(f"{folder.name}: {text}"),
             )
         if result is not None:
             self.names.append(folder.name)

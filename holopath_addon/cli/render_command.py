@@ -10,7 +10,7 @@ from pathlib import Path
 from .. import engine
 from ..blender.demo import DEMOS
 from ..engine import displays
-from ..engine.progress import stage
+from ..engine.progress import Stages
 from ..engine.settings import BASELINES, DEPTH_MAPPINGS, ENCODE_SECONDS, ENCODINGS, EYEBOX
 from ..exchange import captures
 from ..exchange.optics import beam_files, stop_files
@@ -596,7 +596,7 @@ def _work(args, progress):
         progress(0.03, "Exporting the scene")
         request = request_of(args, source)
         spent = time.perf_counter() - start
-        _, report = stills.write(folder, request, stage(progress, 0.05, 1.0), spent)
+        _, report = stills.write(folder, request, Stages(progress, "still")["still"], spent)
     if report.get("encoding", {}).get("stopped"):
         raise engine.Cancelled(
             f"Cancelled while encoding: {args.out} holds the render, and the phases as they were then."

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import engine
-from ..engine.progress import stage
+from ..engine.progress import Stages
 from ..exchange.captures import SUFFIXES
 from ..farm import study as studies
 from ..farm.errors import FarmFailed
@@ -169,7 +169,11 @@ def _unit(out, folder, args, scenes, work, called, say):
             request = render_command.request_of(args, source, job)
             spent = time.perf_counter() - start
             result, _ = stills.update(
-                folder, request, stage(progress, 0.05, 1.0), spent, lambda text: say(f"{folder.name}: {text}")
+                folder,
+                request,
+                Stages(progress, "still")["still"],
+                spent,
+                lambda text: say(f"{folder.name}: {text}"),
             )
         except Exception as error:
             if failures.cancelled(error) or isinstance(error, OSError):

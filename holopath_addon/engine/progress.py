@@ -16,6 +16,33 @@ PartProgress = Callable[[float], None]
 FORETOLD = 5.0  # seconds after which work is taken to go on as it did
 OFTEN = 0.2  # seconds between two looks at progress and cancel, where work can be divided so
 
+# Fraction of each kind of work that is done when its stages end, in order: roughly the time that they take. Stages that
+# are left out cost nothing.
+SHARES = {
+    "still": {"export": 0.05, "still": 1.0},
+    "files": {"field": 0.93, "phases": 0.94, "images": 0.95, "extras": 0.98},
+    "files, phases": {"field": 0.4, "phases": 0.93, "images": 0.95, "extras": 0.98},
+    "files, extras": {"field": 0.68, "phases": 0.69, "images": 0.7, "extras": 0.98},
+    "files, phases, extras": {"field": 0.4, "phases": 0.68, "images": 0.7, "extras": 0.98},
+    "extras": {"reference": 0.7, "rgbd": 0.77, "light field": 0.92, "quilt": 0.96, "contact sheet": 1.0},
+    "images": {"field": 0.95, "images": 1.0},
+    "encode": {"scene": 0.05, "phases": 0.9, "files": 0.99},
+    "render": {"planning": 0.02, "phase fields": 0.04, "baking": 0.04, "waves": 1.0},
+    "render, baked": {"planning": 0.02, "phase fields": 0.04, "baking": 0.5, "waves": 1.0},
+    "waves": {"radiance": 0.5, "fields": 1.0},
+    "waves, despeckled": {"radiance": 0.2, "fields": 1.0},
+    "fields": {"tracing": 0.94, "to the SLM": 1.0},
+    "fields, despeckled": {"tracing": 0.25, "despeckling": 0.97, "to the SLM": 1.0},
+    "despeckling": {"frames": 0.5, "steps": 1.0},
+    "extra frames": {"baking": 0.2, "waves": 1.0},
+    "waves of extra frames": {"radiance": 0.3, "waves": 1.0},
+    "points": {"image": 0.3, "waves": 1.0},
+    "plane of points": {"points": 0.7, "propagation": 1.0},
+    "supervised": {"images": 0.4, "phases": 1.0},
+    "joint": {"single frames": 0.1, "all frames": 1.0},
+    "refine": {"single frames": 0.1, "extra frames": 0.4, "all frames": 1.0},
+}
+
 
 def stage(progress: Progress, start: float, end: float) -> Progress:
     """Progress callback of a part of the work that runs from `start` to `end` of the whole (0..1)."""
@@ -65,11 +92,12 @@ class Stages:
     ----------
     progress : callable
         ``progress(done, message)`` of the whole.
-    ends : dict of str to float
-        How much of the whole is done when each stage ends, in order: shares of the time, roughly.
+    work : str or dict of str to float
+        A kind of work in `SHARES`, or the fraction that is done when each stage ends, in order.
     """
 
-    def __init__(self, progress: Progress, ends: dict[str, float]) -> None:
+    def __init__(self, progress: Progress, work: str | dict[str, float]) -> None:
+        ends = SHARES[work] if isinstance(work, str) else work
         bounds = pairwise([0.0, *ends.values()])
         self._told = {name: stage(progress, *each) for name, each in zip(ends, bounds, strict=True)}
 

@@ -11,7 +11,7 @@ from ..engine.hologram import channel
 from ..engine.mapping import DepthMapping, squared
 from ..engine.memory import encoding_on_card, on_processor, refocusing_on_card
 from ..engine.planning.planner import resolved
-from ..engine.progress import Clock, Compiling, stage
+from ..engine.progress import SHARES, Clock, Compiling, Stages, stage
 from ..engine.waves import libraries
 
 COARSER = 1.5  # times larger texels than pixels show
@@ -234,9 +234,9 @@ def _drafted(request, draft, depths, progress):
     def told(done, message):
         progress(done, f"Draft: {message}")
 
-    at = stage(told, 0.0, 0.95)
-    field = engine.render(*view, plan=draft.plan, progress=at, store=request.store)
-    images, notes = reconstruct(field, depths, request.pupil, stage(told, 0.95, 1.0))
+    stages = Stages(told, "images")
+    field = engine.render(*view, plan=draft.plan, progress=stages["field"], store=request.store)
+    images, notes = reconstruct(field, depths, request.pupil, stages["images"])
     return Result(_warned(draft.plan, *notes), field, depths, images, field.report["seconds"])
 
 
@@ -281,11 +281,11 @@ def compute(request, progress=None, rendered=None, offer=None):
             begun = _early(request, plan, depths, started, clock, progress, offer)
         encoding = request.encoding
         along = engine.frames_along(plan, hologram, encoding.method, encoding.seconds)
-        at = stage(progress, begun, 0.95)
+        at = stage(progress, begun, SHARES["images"]["field"])
         rendered = engine.render(scene, camera, hologram, None, plan, at, request.store, along)
         clock.seconds.update(rendered.report["seconds"])
     with clock("refocusing"):
-        images, notes = reconstruct(rendered, depths, request.pupil, stage(progress, 0.95, 1.0))
+        images, notes = reconstruct(rendered, depths, request.pupil, Stages(progress, "images")["images"])
     plan = _warned(plan, *rendered.plan.get("warnings", ()), *notes)
     return Result(plan, rendered, depths, images, clock.seconds)
 

@@ -55,6 +55,11 @@ class Encoding:
         return self.method != "none"
 
     @property
+    def descends(self) -> bool:
+        """Whether phases are found by descents, which take their time."""
+        return self.method not in ("none", "dpac")
+
+    @property
     def options(self) -> dict[str, Any]:
         """Arguments of `engine.encode` that describe the display."""
         return {"bits": self.bits, "levels": self.levels, "display": self.display}

@@ -14,7 +14,7 @@ import numpy as np
 from .. import engine
 from ..engine.mapping import squared
 from ..engine.pixels import coarsest
-from ..engine.progress import Clock, stage
+from ..engine.progress import Clock, Stages
 from ..engine.settings import current
 from ..engine.viewing import assessment
 from ..engine.viewing.depth import image_depth_map
@@ -93,14 +93,14 @@ def write(
     with clock("export"):
         asked = request.asked
     encoding, outputs, origin = request.encoding, request.outputs, request.origin
-    encodes, more = encoding.method not in ("none", "dpac"), outputs != Outputs()
-    rendered_at = 0.4 if encodes else 0.7 if more else 0.95
-    end = 0.7 if more else 0.95
-    result = pipeline.compute(request, stage(progress, 0.0, rendered_at), rendered)
+    work = "files" + ", phases" * encoding.descends + ", extras" * (outputs != Outputs())
+    stages = Stages(progress, work)
+    extras = Stages(stages["extras"], "extras")
+    result = pipeline.compute(request, stages["field"], rendered)
     wavelengths = request.hologram.wavelengths
     rgb = engine.to_rgb(result.images, wavelengths)
     white = output.exposure(rgb)
-    progress(rendered_at, "Writing")
+    stages["phases"](0.0, "Writing")
     with clock("files"):
         result.field.save(folder / "wavefield")
         output.write_pictures(
@@ -108,16 +108,14 @@ def write(
         )
     phase, told = encoded, []
     if phase is None and encoding.wanted:
-        at = stage(progress, rendered_at, end - 0.02)
         with clock("encoding"):
-            phase, told = _encode(request, result.field, at, stoppable)
+            phase, told = _encode(request, result.field, stages["phases"], stoppable)
         result.field = replace(result.field, more=None)  # which has done what it was for
     seen, shown = rgb, None
     if phase is not None:
         with clock("refocusing phases"):
-            at = stage(progress, end - 0.02, end)
             light = phase.field(display=encoding.display)
-            shown, notes = pipeline.reconstruct(light, result.focus, request.pupil, at)
+            shown, notes = pipeline.reconstruct(light, result.focus, request.pupil, stages["images"])
             told = [*told, *notes]
             seen = engine.to_rgb(shown, wavelengths)
         with clock("files"):
@@ -148,7 +146,7 @@ def write(
     stopped = phase is not None and phase.report.get("stopped")
     if outputs.reference and not stopped:
         with clock("reference"):
-            rows = _compare(folder, request, result, stage(progress, end, 0.9), shown)
+            rows = _compare(folder, request, result, extras["reference"], shown)
         dark = [
             format_distance(depth) for depth in result.focus if depth not in {row["focus_m"] for row in rows}
         ]
@@ -158,17 +156,17 @@ def write(
         report |= {"comparison": rows, "warnings": [*notes, *black, *_noise_notes(rows)]}
     if outputs.rgbd:
         with clock("rgbd"):
-            _write_rgbd(folder / "rgbd", request, result, white, stage(progress, 0.9, 0.92))
+            _write_rgbd(folder / "rgbd", request, result, white, extras["rgbd"])
     if outputs.light_field:
         with clock("light field"):
-            _write_light_field(folder / "light_field", request, result, stage(progress, 0.92, 0.96))
+            _write_light_field(folder / "light_field", request, result, extras["light field"])
     if outputs.quilt:
         with clock("quilt"):
-            _write_quilt(folder / "quilt", request, result, stage(progress, 0.96, 0.98))
+            _write_quilt(folder / "quilt", request, result, extras["quilt"])
     if outputs.contact_sheet and not stopped:
         with clock("contact sheet"):
             _write_sheet(
-                folder / outputs.contact_sheet, request, result, seen, phase, stage(progress, 0.96, 0.98)
+                folder / outputs.contact_sheet, request, result, seen, phase, extras["contact sheet"]
             )
     report["seconds"] = {
         **result.seconds,

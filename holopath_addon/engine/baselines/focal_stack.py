@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..progress import parts, stage
+from ..progress import Stages, parts
 from ..waves import arrays
 from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
@@ -32,7 +32,8 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     planes = planes_of(job.z_low, job.z_high)
     # noise of the pictures is what such phases are worst at
     paths = job.paths * len(hologram.wavelengths)
-    told = parts(stage(progress, 0.0, 0.4), len(planes))
+    stages = Stages(progress, "supervised")
+    told = parts(stages["images"], len(planes))
     stack = [
         through_pupil(job.of_pictures, z, [(0.0, 0.0, slope)], of_plane, paths)[0]
         for z, of_plane in zip(planes, told, strict=True)
@@ -46,4 +47,4 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
             wanted.wanted[number, ...] = arrays.like(job.at_pixels(picture[k], k), on, "float32")
         return wanted
 
-    return phases_for(job, pictures, stage(progress, 0.4, 1.0))
+    return phases_for(job, pictures, stages["phases"])

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..pixels import axes, coarsest
-from ..progress import parts, stage
+from ..progress import Stages, parts
 from ..waves import arrays
 from ..waves.pictures import Pictures, Vantage
 from ..waves.propagation import TEACHING_GUARD
@@ -38,7 +38,8 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     squares, disks, colours = job.of_pictures, parts_of_pupil(), len(hologram.wavelengths)
     paths = math.ceil(job.paths * PICTURES / (len(disks) * colours))
     views = []
-    told = parts(stage(progress, 0.0, 0.4), colours)
+    stages = Stages(progress, "supervised")
+    told = parts(stages["images"], colours)
     for wavelength, of_colour in zip(hologram.wavelengths, told, strict=True):
         slope = hologram.max_slope(wavelength)
         own = replace(squares, hologram=replace(squares.hologram, wavelengths=(wavelength,)))
@@ -56,7 +57,7 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
             wanted.wanted[number, ...] = arrays.like(seen, on, "float32")
         return wanted
 
-    return phases_for(job, pictures, stage(progress, 0.4, 1.0), whole=False)
+    return phases_for(job, pictures, stages["phases"], whole=False)
 
 
 def parts_of_pupil() -> list[tuple[float, float]]:

@@ -26,7 +26,7 @@ import numpy as np
 import scipy.fft
 import scipy.ndimage
 
-from ..progress import named, parts, stage
+from ..progress import Stages, named, parts
 from ..scene.buffers import PHASOR_SCALE, gather_phasors, gather_row, loaded, packed, packed_phasors
 from ..slabs import depth_slabs
 from ..tracing.kernel_table import LEVELS, LEVELS_A_GRAIN
@@ -60,7 +60,8 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     numpy.ndarray, complex64, shape (frame, wavelength, y, x)
     """
     hologram, frames = job.hologram, range(job.settings.frames)
-    radiance, z = picture_with_depth(job, stage(progress, 0.0, 0.3))
+    stages = Stages(progress, "points")
+    radiance, z = picture_with_depth(job, stages["image"])
     slabs = slabs_of(hologram, z)
     planes = [0.5 * (low + high) for low, high in slabs]
     slab = np.searchsorted([0.5 * (below[1] + above[0]) for below, above in pairwise(slabs)], z)
@@ -71,10 +72,11 @@ def field(job: BaselineInput, progress: Progress) -> np.ndarray:
     ]
     amplitude = np.sqrt(radiance) * np.float32(gain_for(job.settings.frames))
     out = np.zeros((len(frames), *radiance.shape), np.complex64)
-    told = parts(stage(progress, 0.3, 1.0), len(planes))
+    told = parts(stages["waves"], len(planes))
     for number, of_plane in zip(reversed(range(len(planes))), told, strict=True):  # towards the SLM
         here = np.where(slab == number, amplitude, 0)
-        gathered, propagated = (named(stage(of_plane, *ends), "Points") for ends in ((0.0, 0.7), (0.7, 1.0)))
+        at = Stages(of_plane, "plane of points")
+        gathered, propagated = (named(at[name], "Points") for name in ("points", "propagation"))
         gather(out, waves, planes[number] - z, here, groups, phasors, gathered)
         step = (planes[number - 1] if number else 0.0) - planes[number]
         propagate(out, hologram, step, propagated)

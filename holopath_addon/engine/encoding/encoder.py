@@ -14,6 +14,7 @@ from ..errors import Cancelled, InvalidInput, cancelled
 from ..hologram import AerialImage
 from ..memory import on_card
 from ..pixels import axes, coarsest
+from ..progress import SHARES
 from ..progress import stage as part_of
 from ..scene.variants import threads
 from ..settings import ENCODINGS
@@ -51,8 +52,8 @@ DARK = 1e-6  # of the brightest colour's amplitude
 BYTES = {"sgd": 40, "together": 44, "views": 24}  # of a pixel of a frame
 MOST_STEPS = 1000
 STEPS = {"joint": 100, "refine": 400}  # of each wavelength, where seconds do not say how many
-SHARE = {"joint": 0.1, "refine": 0.1}  # of the progress that comes before the stage
-TRACED = 0.4  # and is done when the many frames are there
+SHARE = {name: SHARES[name]["single frames"] for name in ("joint", "refine")}
+TRACED = SHARES["refine"]["extra frames"]  # of the seconds, too
 # Shares of the seconds, where these are few: the first stage takes no more of them, and some frames are there by then.
 FIRST, LATEST = 0.1, 0.6
 LEAST_STEPS = 10  # of all frames together, for which looks at all views are worth their time

@@ -29,12 +29,6 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..progress import Progress
 
-# How much of a render is done when each stage ends, with baked light and without, and of the waves of wavelengths.
-BAKED = {"planning": 0.02, "phase fields": 0.04, "baking": 0.5, "waves": 1.0}
-TRACED = {"planning": 0.02, "phase fields": 0.04, "baking": 0.04, "waves": 1.0}
-DESPECKLED = {"radiance": 0.2, "fields": 1.0}
-PLAIN = {"radiance": 0.5, "fields": 1.0}
-
 
 def render(
     scene: mi.Scene,
@@ -93,7 +87,7 @@ def render(
         report = {"seconds": clock.seconds, "frames": settings.frames}
         return WaveField(field, hologram, camera, plan.near, plan.to_dict(), report)
     planned = PlannedRender(scene, camera, hologram, plan, clock)
-    stages = Stages(progress, BAKED if plan.cached else TRACED)
+    stages = Stages(progress, "render, baked" if plan.cached else "render")
     stages["phase fields"](0.0, "Phase fields")
     sets = (planned.phasors, along(more)) if more else (planned.phasors,)
     planned.bake(store, stages["baking"])
@@ -116,7 +110,7 @@ def render(
 
 def _waves(recording, sets, straight, display, progress):
     """The wave field at the SLM of the wavelengths that a `Recording` is for."""
-    stages = Stages(progress, DESPECKLED if recording.plan.settings.despeckle else PLAIN)
+    stages = Stages(progress, "waves, despeckled" if recording.plan.settings.despeckle else "waves")
     lighting = named(stages["radiance"], "Radiance")
     lighting(0.0)
     radiance = recording.radiance(lighting)

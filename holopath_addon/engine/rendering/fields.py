@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from ..tracing.recording import Recording
     from ..waves.arrays import Array
 
-# How much of the fields is done when each stage ends, with steps against speckle and without.
-DESPECKLED = {"tracing": 0.25, "despeckling": 0.97, "to the SLM": 1.0}
-PLAIN = {"tracing": 0.94, "to the SLM": 1.0}
-DESPECKLING = {"frames": 0.5, "steps": 1.0}
 OWN = 0  # number of the phasors that a hologram has; the next ones are of the batches that speckle is taken out by
 
 
@@ -109,7 +105,7 @@ def at_slm(recording: Recording, tracing: Tracing, display: Hologram, progress: 
     """
     hologram, steps = recording.hologram, recording.plan.settings.despeckle
     behind_lens = isinstance(hologram, AerialImage)
-    stages = Stages(progress, DESPECKLED if steps else PLAIN)
+    stages = Stages(progress, "fields, despeckled" if steps else "fields")
     field = _in_scene(recording, tracing, OWN, stages["tracing"])
     if steps:
         _despeckle(recording, tracing, field, stages["despeckling"])
@@ -187,7 +183,7 @@ def _despeckle(recording, tracing, field, progress):
         despeckle.targets(field.shape[-2:], hologram.pitch, wavelength, low, high, settings.seed, field)
         for wavelength in hologram.wavelengths
     ]
-    stages = Stages(progress, DESPECKLING)
+    stages = Stages(progress, "despeckling")
     for batch, told in enumerate(parts(stages["frames"], despeckle.BATCHES)):
         many = _in_scene(recording, tracing, OWN + 1 + batch, told)
         with recording.clock("despeckle"):

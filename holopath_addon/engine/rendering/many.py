@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..memory import AT_ONCE
 from ..planning.phases import LEAST, first_of
-from ..progress import Clock, Stages, named, parts, stage
+from ..progress import Clock, Stages, named, parts
 from ..scene import variants
 from ..settings import BASELINES
 from ..waves.phase_fields import SETS, designed_phasors
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 FRAMES = 8 * SETS[-1]
 # Of their phases, and of those of the first batch by the clock: no settings have these, so none is a hologram's own.
 SEEDS = (1 << 62) + 1, (1 << 62) + 2
-BAKED = 0.2  # of the work is done when light is baked
-LIT = {"radiance": 0.3, "waves": 1.0}
 
 
 def many_frames(
@@ -83,20 +81,21 @@ def many_frames(
     together = 0 if begin or clocked else first_of(count, plan, hologram)
     plan = replace(plan, settings=replace(plan.settings, despeckle=0))
     planned = PlannedRender(scene, camera, hologram, plan, Clock())
-    planned.bake(store, stage(progress, 0.0, BAKED))
+    stages = Stages(progress, "extra frames")
+    planned.bake(store, stages["baking"])
     batches = _batches(count, begin, clocked, hologram)
     groups, left = planned.groups, list(range(len(hologram.wavelengths)))
-    for group, at in zip(groups, parts(stage(progress, BAKED, 1.0), len(groups)), strict=True):
-        stages = Stages(at, LIT)
+    for group, at in zip(groups, parts(stages["waves"], len(groups)), strict=True):
+        of_group = Stages(at, "waves of extra frames")
         numbers = []
         for wavelength in group:  # two may be equal
             numbers.append(next(k for k in left if hologram.wavelengths[k] == wavelength))
             left.remove(numbers[-1])
         with planned.recording(group) as recording:
-            radiance = recording.radiance(named(stages["radiance"], "Radiance"))
+            radiance = recording.radiance(named(of_group["radiance"], "Radiance"))
             # the first are apart, as when a render traced them along: then all that is made of them is the same
             first = together
-            for phasors, told in zip(batches, parts(stages["waves"], len(batches)), strict=True):
+            for phasors, told in zip(batches, parts(of_group["waves"], len(batches)), strict=True):
                 sets = [some for some in np.split(phasors, [first]) if len(some)]
                 fields = at_slm(recording, Tracing(recording, radiance, *sets), hologram, told)
                 for part in np.split(fields, [first]) if len(sets) > 1 else [fields]:
