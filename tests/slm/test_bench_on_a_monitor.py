@@ -76,7 +76,7 @@ class Eye:
 def bench(two_monitors, tmp_path):
     """The eye, and the words that say where all is."""
     window = slm.PatternWindow(SIDE, PITCH, GREEN)
-    found, _ = slm.mis_set(slm.nominal(window, FOCI, (22, 22), (0.95, 0.95)), window, 1)
+    found, _ = slm.perturbed_bench(slm.nominal_setup(window, FOCI, (22, 22), (0.95, 0.95)), window, 1)
     found = slm.Bench(found.model, found.phases, found.sensor, found.shape, PITCH, source=THIRD)
     planes = FocusPlanes(tuple(Plane(*pair) for pair in zip(FOCI, POSITIONS, strict=True)))
     planes.save(tmp_path / "planes.json")
@@ -95,7 +95,7 @@ def bench(two_monitors, tmp_path):
 def test_from_the_monitor_to_the_file_and_back_to_the_monitor(bench, tmp_path, monkeypatch):
     """Each pattern stands there, in focus, when the camera looks; so do the frames that are tuned afterwards."""
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
-    monkeypatch.setattr("holopath_addon.slm.calibrating.LEAST_EXPLAINED", -99)
+    monkeypatch.setattr("holopath_addon.slm.calibrating.MIN_EXPLAINED", -99)
     eye, words = bench
     file = str(tmp_path / "slm.json")
     what = "--wavelength 520 --pitch 8 --window 16 --captures 20".split()

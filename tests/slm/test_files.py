@@ -151,7 +151,7 @@ def test_an_earlier_sequence_is_replaced(tmp_path):
 @pytest.mark.parametrize("earlier", [False, True])
 def test_cancelled(kind, earlier, tmp_path, monkeypatch):
     """Nothing is left, or what was there before."""
-    monkeypatch.setattr(streaming, "TOLD", 0)
+    monkeypatch.setattr(streaming, "PROGRESS_INTERVAL", 0)
     sequence, levels = made()
     if earlier:
         stream(sequence, FilesDriver(tmp_path / "out"))
@@ -220,7 +220,7 @@ def test_ten_bits_as_png(tmp_path):
 
 
 def test_kinds():
-    with refused("png or raw or video or video-per-color, not tiff"):
+    with refused("png, raw, video, video-per-color, got tiff"):
         FilesDriver("out", "tiff")
 
 

@@ -83,7 +83,7 @@ def test_not_there_at_first(sequence, monkeypatch):
     monkeypatch.setattr(controller, "START_PATIENCE", 0.5)
     with Board(None) as board:
         start = time.monotonic()
-        with pytest.raises(DeviceLost, match="does not answer"):
+        with pytest.raises(DeviceLost, match="has not answered"):
             stream(sequence, SerialDriver(board.path, 1000000), 100, None, patience=NEVER)
         assert time.monotonic() - start < SOON
 

@@ -354,7 +354,7 @@ class Interrupted(Moved):
 def test_line_is_dead_for_a_while(after, trigger, monkeypatch):
     """Within a picture, between two or in a pulse: each picture is taken once, and so is each pulse."""
     monkeypatch.setattr(link_module, "PATIENCE", 0.1)
-    monkeypatch.setattr(streaming, "AGAIN", 0.05)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.05)
     firmware = Interrupted(after, size=(WIDTH, HEIGHT))
     with Board(firmware) as board:
         firmware.board = board
@@ -385,7 +385,7 @@ def planes(tmp_path):
     """The five planes, calibrated."""
     found = FocusPlanes.spread()
     for number in range(5):
-        found = found.calibrated(number, 100 * (number + 1))
+        found = found.with_position(number, 100 * (number + 1))
     found.save(tmp_path / "planes.json")
     return tmp_path / "planes.json"
 
@@ -483,7 +483,7 @@ def test_a_picture_of_an_earlier_time_is_none(board, folder, tmp_path, planes, c
     [
         ("--focus-planes", "focus planes are missing"),
         ("--camera", "camera is missing"),
-        ("positions", r"Focus plane 0 \(80 mm\) has no position yet"),
+        ("positions", r"Focus plane 0 \(80 mm\) has no motor position yet"),
     ],
 )
 def test_captures_that_lack_something(lacks, says, board, folder, tmp_path, camera, planes, capfd):
@@ -522,35 +522,35 @@ def test_captures_without_the_port(folder, tmp_path, camera, planes, capfd):
         (["{tmp}/missing"], "missing does not exist"),
         (["{tmp}"], "holds no hologram"),
         (["{tmp}/damaged"], "damaged hologram"),
-        (["{tmp}/film"], "Hologram 1 has another size"),
+        (["{tmp}/film"], "Hologram 1 differs from the first"),
         (["{out}", "--rate", "0"], "rate of 0"),
         (["{out}", "--rate", "-5"], "rate of -5"),
         (["{out}", "--rate", "nan"], "rate of nan"),
         (["{out}", "--rate", "inf"], "rate of inf"),
         (["{out}", "--rate", "fast"], "invalid float"),
         (["{out}", "--loops", "-1"], "-1 rounds"),
-        (["{out}", "--repeats", "0"], "at least once"),
+        (["{out}", "--repeats", "0"], "at least 1"),
         (["{out}", "--bits", "0"], "1 to 16"),
-        (["{out}", "--bits", "10", "--packing", "colour"], "8 bits at most"),
-        (["{out}", "--bits", "8", "--packing", "bits"], "1 bit at most"),
-        (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, these have 8"),
+        (["{out}", "--bits", "10", "--packing", "colour"], "at most 8 bits"),
+        (["{out}", "--bits", "8", "--packing", "bits"], "at most 1 bit"),
+        (["{out}", "--bits", "8", "--packing", "slm-200"], "levels of 10 bits, got 8"),
         (["{out}", "--packing", "R5-7"], "R5-7 rise"),
-        (["{out}", "--order", "RGG"], "RGB in some order"),
+        (["{out}", "--order", "RGG"], "order of the channels R, G and B"),
         (["{out}", "--packing", "magic"], "no packing magic: choose one of time"),
         (["{out}", "--kind", "tiff"], "invalid choice"),
         (["{out}", "--driver", "magic"], "invalid choice"),
         (["{out}", "--calibration", "{tmp}/missing.json"], "missing.json cannot be read"),
         (["{out}", "--calibration", "{tmp}/damaged.json"], "damaged.json cannot be read"),
         (["{out}", "--calibration", "{tmp}/small.json"], "24 x 16 pixels, the device only 8 x 8"),
-        (["{out}", "--driver", "slmsuite", "--options", "no"], "options no are no JSON object"),
-        (["{out}", "--driver", "slmsuite", "--options", "[1]"], "are no JSON object"),
+        (["{out}", "--driver", "slmsuite", "--options", "no"], "JSON object, got no"),
+        (["{out}", "--driver", "slmsuite", "--options", "[1]"], "options as a JSON object"),
         pytest.param(
             ["{out}", "--driver", "slmsuite", "--device", "pluto"],
             "'pluto' is unknown",
             marks=pytest.mark.oracle,  # slmsuite knows
         ),
         (["{out}", "--driver", "serial", "--port", "{tmp}/none"], "none cannot be opened"),
-        (["{out}", "--driver", "serial", "--port", "{tmp}/none", "--baud", "3"], "3 baud"),
+        (["{out}", "--driver", "serial", "--port", "{tmp}/none", "--baud", "3"], "got 3"),
         (["{out}", "--trigger", "--port", "{tmp}/none"], "none cannot be opened"),
         (["{out}", "--out", "{tmp}/film"], "something other than a sequence"),
         (

@@ -106,7 +106,7 @@ def clock(monkeypatch):
 @pytest.fixture
 def at_once(monkeypatch):
     """Lost devices are tried again soon."""
-    monkeypatch.setattr(streaming, "AGAIN", 0.02)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.02)
 
 
 # In order
@@ -278,7 +278,7 @@ def test_patience_over(clock):
     device = Device(lost(3), opening)
     with pytest.raises(DeviceLost, match="Still away"):
         stream(made(), device, patience=3)
-    assert 3 <= clock.monotonic() - device.times[3] < 3 + 1.2 * streaming.AGAIN
+    assert 3 <= clock.monotonic() - device.times[3] < 3 + 1.2 * streaming.RETRY_INTERVAL
     assert device.in_order(3) and not any(device.closed) and not device.open_now
 
 
@@ -342,12 +342,12 @@ def test_cancelled_while_pictures_are_prepared(monkeypatch):
         if begun:
             raise engine.Cancelled
 
-    monkeypatch.setattr(streaming, "TOLD", 0.0)
+    monkeypatch.setattr(streaming, "PROGRESS_INTERVAL", 0.0)
     monkeypatch.setattr(Sequence, "picture", picture)
     device = Device()
     with pytest.raises(engine.Cancelled):
         stream(sequence, device, loops=None, progress=stop)
-    assert len(begun) < streaming.RING and not device.open_now
+    assert len(begun) < streaming.QUEUE and not device.open_now
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, MemoryError])
@@ -544,11 +544,11 @@ def test_a_still_in_the_bits_of_channels():
     device.show = lambda number, picture: pictures.append(picture)
     with Stills(device, "slm-200-120hz") as stills:
         stills.show(np.full((2, 2), 1023, np.uint16), 10)
-        with pytest.raises(engine.InvalidInput, match="levels of 10 bits, these have 8"):
+        with pytest.raises(engine.InvalidInput, match="levels of 10 bits, got 8"):
             stills.show(np.zeros((2, 2), np.uint8), 8)
     (picture,) = pictures
     with (
-        pytest.raises(engine.InvalidInput, match="not 2 in one picture: use --packing time"),
+        pytest.raises(engine.InvalidInput, match="not 2 in one picture. Use --packing time"),
         Stills(Device(), "slm-200-120hz") as stills,
     ):
         stills.show(np.full((2, 2), 1023, np.uint16), 10)
@@ -557,17 +557,17 @@ def test_a_still_in_the_bits_of_channels():
 
 
 def test_a_still_that_never_comes(monkeypatch):
-    monkeypatch.setattr(streaming, "STILL", 0.05)
-    monkeypatch.setattr(streaming, "AGAIN", 0.02)
+    monkeypatch.setattr(streaming, "STILL_TIMEOUT", 0.05)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.02)
     device = Device(rate=60.0)
-    with pytest.raises(DeviceLost, match="test does not say that it shows"), Stills(device) as stills:
+    with pytest.raises(DeviceLost, match="test does not report the picture"), Stills(device) as stills:
         stills.show(np.zeros((2, 2), np.uint8), 8)
     assert not device.open_now
 
 
 def test_a_still_on_a_device_in_trouble(monkeypatch):
     """It is asked again and again, and its own words count."""
-    monkeypatch.setattr(streaming, "AGAIN", 0.02)
+    monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.02)
 
     def closed(number):
         if len(device.times) > 1:

@@ -30,10 +30,10 @@ def field_of(seed=0):
 def bench():
     """A bench that is off in everything, and a calibration that knows all of it but the aberrations."""
     camera = round(1.4 * SIDE)
-    start = slm.nominal(WINDOW, FOCI, (camera, camera), VIEW)
-    bench, truth = slm.mis_set(start, WINDOW, 4)
+    start = slm.nominal_setup(WINDOW, FOCI, (camera, camera), VIEW)
+    bench, truth = slm.perturbed_bench(start, WINDOW, 4)
     rows = parameters(start)
-    found = slm.Fitted(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
+    found = slm.FitResult(truth, rows, vector(truth), np.zeros(len(rows)), 0.0, 1.0)
     known = slm.calibration_of(found, WINDOW)
     blind = replace(known.models[0], aberrations=(0.0,) * 8, across=(0.0,) * 3, down=(0.0,) * 3)
     return replace(bench, source=THIRD), replace(known, models=(blind,))
@@ -74,7 +74,7 @@ def test_what_the_model_does_not_know_is_made_up_for(bench):
     field = field_of()
     phase = encoded(field, calibration)
     before = [on_the_bench(bench, field, calibration, phase, z) for z in (4.5e-3, 3e-3)]
-    tuned = slm.tune(phase, field, bench.look, calibration, GREEN, rounds=8)
+    tuned = slm.tune(phase, field, bench.capture_values, calibration, GREEN, rounds=8)
     after = [on_the_bench(bench, field, calibration, tuned, z) for z in (4.5e-3, 3e-3)]
     seen = tuned.report["tuned"][0]["psnr_db"]
     assert len(seen) == 9 and max(seen) > seen[0] + 0.7
@@ -93,7 +93,7 @@ def test_stopped_in_the_middle_keeps_the_best(bench):
         taken.append(distance)
         if len(taken) > 2.5 * FRAMES * len(FOCI):
             raise KeyboardInterrupt
-        return bench.look(levels, distance)
+        return bench.capture_values(levels, distance)
 
     with pytest.raises(engine.Cancelled) as stopped:
         slm.tune(phase, field, look, calibration, GREEN)
@@ -141,7 +141,7 @@ def test_a_camera_that_fails_leaves_the_best(bench):
     def look(levels, distance):
         if next(taken) == FRAMES * len(FOCI):
             raise engine.InvalidInput("The camera's command failed.")
-        return bench.look(levels, distance)
+        return bench.capture_values(levels, distance)
 
     with pytest.raises(engine.InvalidInput, match="command failed") as failed:
         slm.tune(phase, field, look, calibration, GREEN)
@@ -155,7 +155,7 @@ def test_refusals(says, bench):
     phase = engine.encode(field, "sgd", max_steps=1)
     calibration, phase = REFUSED[says](calibration, phase)
     with pytest.raises(engine.InvalidInput, match=says):
-        slm.tune(phase, field, bench.look, calibration, GREEN, rounds=1)
+        slm.tune(phase, field, bench.capture_values, calibration, GREEN, rounds=1)
 
 
 @pytest.mark.slow

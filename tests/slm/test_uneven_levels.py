@@ -142,7 +142,7 @@ def test_the_device_shows_exactly_what_was_encoded(field):
     )
     phase = engine.encode(field, "dpac", levels=device.levels_of(field.hologram))
     levels = slm.Sequence([phase], device).picture(0).pixels
-    seen = device.seen(levels, GREEN, (height, width))
+    seen = device.shown_phases(levels, GREEN, (height, width))
     assert np.abs(np.exp(1j * seen) - np.exp(1j * phase.data[0, 0])).max() < 1e-5
     assert len(np.unique(phase.data)) > 1000 and len(np.unique(levels)) == 16
 
@@ -151,7 +151,7 @@ def test_a_correction_of_another_size(field):
     with pytest.raises(engine.InvalidInput, match="has 3 x 2 pixels, the field"):
         engine.encode(field, "sgd", levels=[engine.Levels((0, 1), np.zeros((2, 3)))])
     small = slm.Calibration(correction=np.zeros((2, 3)), correction_wavelength=GREEN)
-    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, what is shown"):
+    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, the hologram"):
         small.levels_of(field.hologram)
 
 
@@ -192,7 +192,7 @@ def test_a_response_that_varies_over_the_panel(name, gain, loss, field):
     assert found[0] > found[1] + gain and found[0] > found[2] - loss, found
     if name == "plm":  # 16 levels of which none is missed: the device shows exactly what was encoded
         levels = slm.Sequence([known], device).picture(0).pixels
-        seen = device.seen(levels, GREEN, (height, width))
+        seen = device.shown_phases(levels, GREEN, (height, width))
         # two levels a turn apart may be as near: to what the device's table resolves
         assert np.abs(np.exp(1j * seen) - np.exp(1j * known.data[0, 0])).max() < 0.01
 
@@ -218,7 +218,7 @@ def test_files_of_a_response_that_varies(field, tmp_path, capsys):
     assert "cannot be read" in capsys.readouterr().err
     with pytest.raises(engine.InvalidInput, match="variation of the levels has 3 x 2"):
         engine.encode(field, "sgd", levels=[engine.Levels((0, 1), variation=np.ones((2, 3)))])
-    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, what is shown"):
+    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, the hologram"):
         slm.Calibration(variation=np.ones((2, 3))).levels(np.zeros((4, 4)), GREEN)
-    with pytest.raises(engine.InvalidInput, match="3 x 2 pixels, the device"):
+    with pytest.raises(engine.InvalidInput, match="4 x 4 pixels, got 3 x 2"):
         slm.Calibration(variation=np.ones((2, 3)), size=(4, 4))

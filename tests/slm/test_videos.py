@@ -91,7 +91,7 @@ def test_colors_one_after_the_other(program, tmp_path):
 
 
 def test_cancelled(program, tmp_path, monkeypatch):
-    monkeypatch.setattr(streaming, "TOLD", 0)
+    monkeypatch.setattr(streaming, "PROGRESS_INTERVAL", 0)
     sequence = Sequence(film_of(levels_of(2, 1, WAVELENGTHS)), Calibration(bits=8))
 
     def stop(counts):
@@ -125,10 +125,10 @@ def test_a_program_that_fails(tmp_path, monkeypatch):
 def test_what_a_video_cannot_have(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(video, "ffmpeg", lambda: "ffmpeg")
     sequence = Sequence(film_of(levels_of(1, 1, WAVELENGTHS)), Calibration(bits=8), "colour")
-    with refused("packing colour holds several colors: choose --kind video, or the packing time"):
+    with refused("packing colour holds several colors. Choose --kind video, or the packing time"):
         stream(sequence, FilesDriver(tmp_path / "out", "video-per-color", sequence), rate=60.0)
     sequence = Sequence(film_of(levels_of(1, 1, WAVELENGTHS, 10), bits=10), Calibration(bits=10))
-    with refused("A video has levels of 8 bits, these have 10"):
+    with refused("A video has levels of 8 bits, got 10"):
         stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=60.0)
     with refused("colors and times of a sequence"):
         FilesDriver(tmp_path / "out", "video")
