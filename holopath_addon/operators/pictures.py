@@ -14,7 +14,16 @@ from ..blender import preferences, properties
 from ..engine.scene import variants
 from ..engine.scene.captured.picture import PictureMesh, picture_mesh
 from ..engine.scene.captured.views import METHODS
-from ..exchange.captures import DEPTHS, PICTURES, UNITS, VIEWS, CaptureOptions, PictureFile, ViewFile, reduced
+from ..exchange.captures import (
+    DEPTHS,
+    PICTURES,
+    UNITS,
+    VIEWS,
+    CaptureOptions,
+    PictureFile,
+    ViewFile,
+    downsample,
+)
 from ..export import Exported, unit_scale
 from ..export.camera import find_camera, view_of
 from ..export.notes import Note
@@ -51,7 +60,7 @@ def add_picture(scene, path, options):
     view = view_of(find_camera(scene), picture.size, scale)
     fov = view.fov_x if options.fov is None else np.radians(options.fov)
     hologram = properties.hologram_of(properties.of(scene)).picture
-    _, depth, kept = reduced(picture.image, picture.depth(fov), (hologram.width, hologram.height))
+    _, depth, kept = downsample(picture.image, picture.depth(fov), (hologram.width, hologram.height))
     surface = picture_mesh(depth, 2 * np.arctan(kept[0] * np.tan(fov / 2)))
     uv = 0.5 + (surface.uv - 0.5) * kept
     material = _material(path)

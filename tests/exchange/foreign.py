@@ -44,12 +44,12 @@ class Meant:
 
     files: dict  # path by role; by None where it is one file
     truth: np.ndarray = field(repr=False)  # radians or complex numbers, shape (frame, wavelength, y, x)
-    given: dict = field(default_factory=dict)  # of `exchange.Given`: what the writer says
+    given: dict = field(default_factory=dict)  # of `exchange.ReadOptions`: what the writer says
     story: str = field(default="", repr=False)
 
     def read(self):
         """What the program makes of it."""
-        given = exchange.Given(**{"pitch": 8e-6, **self.given})
+        given = exchange.ReadOptions(**{"pitch": 8e-6, **self.given})
         if None in self.files:
             container = exchange.read(self.files[None])
         else:

@@ -57,7 +57,7 @@ def test_micromirrors_on_a_monitor():
     assert sequence.picture(0).pixels.shape == (10, 12, 3) and sequence.calibration.size == (6, 5)
     with refused("12 x 9 is not a multiple"):
         sequence.fit(12, 9)
-    with refused("of a device of 6 x 5 pixels, this one has 5 x 5"):
+    with refused("for a device of 6 x 5 pixels, this one has 5 x 5"):
         Sequence([coded], Calibration(bits=4, size=(6, 5)), "plm-067").fit(10, 10)
 
 

@@ -135,7 +135,7 @@ def test_what_a_video_cannot_have(tmp_path, monkeypatch, capfd):
     sequence.holograms[0].save(tmp_path / "hologram")
     words = ["stream", str(tmp_path / "hologram"), "--driver", "files", "--kind", "video"]
     assert cli.main([*words, "--out", str(tmp_path / "out")]) == 2
-    assert "A video has a rate: give --rate" in capfd.readouterr().err
+    assert "A video needs a rate. Give --rate" in capfd.readouterr().err
     monkeypatch.undo()
     monkeypatch.setattr(video.shutil, "which", lambda name: None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
