@@ -163,10 +163,9 @@ def hologram_of(container: Container, options: ReadOptions | None = None) -> Wav
     )
     mapping = str(attributes.get("depth_mapping", "fit"))
     height, width = data.shape[-2:]
+    optics = _optics(attributes, options)
     # pyrefly: ignore[bad-argument-type]  # None for an end is its default
-    hologram = Hologram(
-        width, height, pitch, wavelengths, *ends, mapping, optics=_optics(attributes, options)
-    )
+    hologram = Hologram(width, height, pitch, wavelengths, *ends, mapping, optics=optics)
     near = options.near or _number(attributes, "near_m") or DEFAULT_NEAR
     if not 0 < near < math.inf:
         raise InvalidInput(f"The near end of the scene must be at a positive distance, got {near:g} m.")

@@ -14,7 +14,7 @@ import pytest
 
 from holopath_addon import cli
 from holopath_addon.engine import BackendUnavailable, InvalidInput
-from holopath_addon.farm import cluster, crew, errors
+from holopath_addon.farm import cluster, errors, executor
 from holopath_addon.farm import worker as worker_module
 from tests.farm import toy
 from tests.patience import NEVER, SOON
@@ -60,7 +60,7 @@ class Asked:
             self.done.append((done, message))
             self.look()
 
-        hands = crew.Crew(
+        hands = executor.ClusterExecutor(
             client, private, self.words, progress, self.said.append, self.shown.append, "tests.farm.toy"
         )
         return len(hands.work_off(self.folder, self.units, toy.TAG))
@@ -301,7 +301,7 @@ def test_a_worker_of_another_version_is_not_used(tmp_path):
 
 
 def test_no_scheduler_no_dask_no_cluster(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT", 0.5)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     with pytest.raises(
         errors.FarmFailed, match=r"No Dask scheduler answers at tcp://127.0.0.1:1 .*dask scheduler"
     ):
@@ -309,7 +309,7 @@ def test_no_scheduler_no_dask_no_cluster(tmp_path, monkeypatch):
     with pytest.raises(InvalidInput, match="tls://127.0.0.1:1 needs certificates"):
         Asked(tmp_path, 0, "a").on("tls://127.0.0.1:1")
     for text in ("", "local", "local:0", "local:two", "slurm:", "127.0.0.1:8786", "http://a:1"):
-        with pytest.raises(InvalidInput, match="is no cluster: give tcp://HOST:PORT"):
+        with pytest.raises(InvalidInput, match="Expected a cluster tcp://HOST:PORT"):
             cluster.Cluster.parse(text)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(BackendUnavailable, match="pip install distributed"):
@@ -320,13 +320,13 @@ def test_no_scheduler_no_dask_no_cluster(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("colour = 1", "unknown key 'colour': choose among cores, memory, walltime"),
-        ("cores = true", "cores in .* is True: give a whole number from 1 on"),
-        ("jobs = 0", "jobs in .* is 0: give a whole number"),
-        ("queue = 3", "queue in .* is 3: give text"),
-        ("lines = 'a'", "lines in .* is 'a': give a list of texts"),
-        ("walltime = 'soon'", "walltime in .* is soon"),
-        ("walltime = '00:04:00'", "walltime in .* give 5 minutes or more"),
+        ("colour = 1", "Expected keys among cores, memory, walltime, jobs, queue, account, interface, logs"),
+        ("cores = true", "to be a whole number from 1 on, got True"),
+        ("jobs = 0", "to be a whole number from 1 on, got 0"),
+        ("queue = 3", "to be text, got 3"),
+        ("lines = 'a'", "to be a list of texts, got"),
+        ("walltime = 'soon'", "must be at least 5 minutes, such as 01:00:00, got soon"),
+        ("walltime = '00:04:00'", "must be at least 5 minutes, such as 01:00:00, got 00:04:00"),
         ("cores = ", "cannot be read"),
     ],
 )
@@ -492,8 +492,8 @@ def test_a_child_ends_with_its_parent_in_the_middle_of_a_kernel(phase, tmp_path)
 
 
 def test_a_folder_that_a_machine_does_not_see(tmp_path, monkeypatch):
-    monkeypatch.setattr(worker_module, "SEEN", 0.2)
-    with pytest.raises(InvalidInput, match=r"does not see the folder of the results: .*/results must be one"):
+    monkeypatch.setattr(worker_module, "VISIBLE_TIMEOUT", 0.2)
+    with pytest.raises(InvalidInput, match="does not see the results in"):
         worker_module._check_shared(str(tmp_path / "results" / ".claims" / "mark"), lambda *_: None)
 
 
@@ -501,7 +501,7 @@ def test_a_still_is_made_by_one_process(tmp_path, capsys):
     assert cli.main(["render", "demo:planes", "--out", str(tmp_path / "a"), "--cluster", "local:2"]) == 2
     assert "One process makes a still: add --animation" in capsys.readouterr().err
     assert cli.main(["render", "demo:planes", "--out", str(tmp_path / "a"), "--cluster", "local:"]) == 2
-    assert "'local:' is no cluster" in capsys.readouterr().err
+    assert "Expected a cluster" in capsys.readouterr().err
     assert cli.main(["encode", str(tmp_path), "--cluster", "local:2"]) == 2
     assert "holds no animation" in capsys.readouterr().err
     assert names(tmp_path) == []

@@ -22,7 +22,7 @@ def names(steps):
 @pytest.mark.parametrize("dask", [None, IDEAL])
 def test_what_does_not_depend_on_each_other(workers, seconds, dask):
     result = simulate(alike(8, seconds=10.0), workers, EVERYTHING, Rules(), 3.0, dask)
-    assert result.seconds == pytest.approx(seconds, abs=0.0 if dask else work.HURRY)
+    assert result.seconds == pytest.approx(seconds, abs=0.0 if dask else work.RETRY)
     assert result.spent["compute"] == pytest.approx(80.0)
 
 

@@ -94,10 +94,10 @@ def test_other_words_wait(tmp_path, capfd):
     args = cli.parse([str(word) for word in words(film)])
     job = encode_command.work_of(args, print).job
     with job.join(film):
-        says = f"is being encoded by {processes.host()} with other words, files or versions: wait, or give the same"
+        says = f"is being encoded by {processes.host()} with other options, files or versions. Wait, or give the same"
         refused(cli.main(words(film, "--tolerance", "0.1")), capfd.readouterr().err, says)
         with pytest.raises(
-            engine.InvalidInput, match=f"is being encoded by {processes.host()}: wait, or choose"
+            engine.InvalidInput, match=f"is being encoded by {processes.host()}. Wait, or choose"
         ):
             with SharedJob("scene.blend", {}, {}, {}).join(film):
                 pass

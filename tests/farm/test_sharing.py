@@ -200,7 +200,7 @@ def test_other_settings_wait_for_another_folder(alone, blend, tmp_path, capfd):
     refused(
         cli.main(words(blend, out, "--seed", "1")),
         capfd.readouterr().err,
-        f"is being rendered by {processes.host()} with other settings.*: wait, or choose another folder",
+        f"is being rendered by {processes.host()} with other settings.*. Wait, or choose another folder",
     )
     other.send_signal(signal.SIGCONT)
     ended(other)
@@ -240,7 +240,7 @@ def test_what_was_begun_goes_on_with_the_same_versions(blend, begun, monkeypatch
     refused(
         cli.main(words(blend, begun)),
         capfd.readouterr().err,
-        rf"begun with mitsuba {versions['mitsuba']}, and {processes.host()} has 3.0.0: go on with the same",
+        rf"started with mitsuba {versions['mitsuba']}, but {processes.host()} has 3.0.0. Use the same",
     )
     assert contents(begun) == before
 
@@ -252,7 +252,7 @@ def test_a_file_that_only_others_have_is_named(blend, begun, capfd):
     refused(
         cli.main(words(blend, begun)),
         capfd.readouterr().err,
-        f"begun with the file texture.png, which is missing on {processes.host()}: copy it there",
+        f"started with the file texture.png, which is missing on {processes.host()}. Copy it there",
     )
     texture.write_bytes(whole[:-1])
     refused(cli.main(words(blend, begun)), capfd.readouterr().err, "another file texture.png than")
@@ -297,7 +297,7 @@ def test_a_frame_of_another_machine_is_taken_over_when_its_heart_stops(blend, be
         file = begun / claims.FOLDER / FRAMES[1]
         claim = json.loads(file.read_text())
         file.write_text(json.dumps({**claim, "host": "elsewhere", "place": "elsewhere"}))
-        os.utime(file, (time.time() - 2 * claims.STALE,) * 2)
+        os.utime(file, (time.time() - 2 * claims.STALE_AFTER,) * 2)
         assert cli.main([*words(blend, begun), "--frame-range", "1-2"]) == 0
     assert names(begun) == [*FRAMES[:2], "job.json"]
 
@@ -344,7 +344,7 @@ def disk(tmp_path):
 
 @pytest.mark.parametrize(
     ("free", "status", "says"),
-    [(64 << 10, 1, "could not be written"), (0, 2, "cannot be made (No space left")],
+    [(64 << 10, 1, "could not be written"), (0, 2, "cannot be created (No space left")],
 )
 def test_a_full_disk(free, status, says, blend, disk, capfd):
     """While a frame is written, which takes more, or before a frame can be claimed."""

@@ -113,7 +113,7 @@ def test_what_others_make_is_waited_for(made):
 
 
 def test_what_a_process_of_another_machine_left_is_taken_over(made, monkeypatch):
-    monkeypatch.setattr(claims, "STALE", 0.5)
+    monkeypatch.setattr(claims, "STALE_AFTER", 0.5)
     hold(made.folder, "a")
     made.off(*map(made.unit, "ab"))
     assert made.names == ["b", "a"]
