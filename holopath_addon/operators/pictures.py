@@ -24,7 +24,7 @@ from ..exchange.captures import (
     ViewFile,
     downsample,
 )
-from ..export import Exported, unit_scale
+from ..export import ExportedScene, unit_scale
 from ..export.camera import find_camera, view_of
 from ..export.notes import Note
 from ..export.shading.node_graph import tree_of
@@ -256,10 +256,10 @@ class ViewReading:
 
         Returns
         -------
-        export.Exported
+        export.ExportedScene
         """
         built = self.file.build(self.size)
-        return Exported(built.scene, built.camera, [Note(**note) for note in built.notes])
+        return ExportedScene(built.scene, built.camera, [Note(**note) for note in built.notes])
 
 
 def view_task(scene, path, options):

@@ -17,7 +17,7 @@ from ..blender import preferences, properties
 from ..blender.properties.optics import bench_changed
 from ..engine import rendering
 from ..engine.scene import variants
-from ..export import ExportCache, Exported, read_scene
+from ..export import ExportCache, ExportedScene, read_scene
 from ..workflow import failures, pipeline, stills
 from .jobs import Job
 
@@ -121,7 +121,7 @@ class SceneReading(Protocol):
         """Of Blender's scene whose settings count."""
         ...
 
-    def build(self) -> Exported:
+    def build(self) -> ExportedScene:
         """Have Mitsuba build its scene; in any thread."""
         ...
 
@@ -143,7 +143,7 @@ class Task:
 
     @cached_property
     def exported(self):
-        """`export.Exported`, with the scene that Mitsuba builds when this is first asked for."""
+        """`export.ExportedScene`, with the scene that Mitsuba builds when this is first asked for."""
         return self.reading.build()
 
     def put_away(self):

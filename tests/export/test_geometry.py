@@ -121,7 +121,7 @@ def test_many_instances_share_one_mesh(stage, monkeypatch):
         copy = stage.link(bpy.data.objects.new(f"copy {k}", obj.data))
         copy.location, copy.scale, copy.rotation_euler = (3 * k, 0, 0), (-1, 2, 1), (0.1 * k, 0, 0)
     copies = stage.export().scene
-    monkeypatch.setattr(module, "COPIED_TRIANGLES", 0)
+    monkeypatch.setattr(module, "MAX_COPIED_TRIANGLES", 0)
     shared = stage.export().scene
     assert [repr(shape).split("[")[0] for shape in shared.shapes()] == ["Instance"] * 5
     for x in (0, 3, 12):

@@ -97,8 +97,8 @@ def test_joined_meshes_have_charts(stage):
     """As many triangles as baked light unwraps, and no more."""
     if CHARTED_TRIANGLES:  # there is xatlas
         assert joining.MAX_TRIANGLES == CHARTED_TRIANGLES
-    grey = stage.material("ShaderNodeBsdfDiffuse", "grey")
-    stage.sphere(0.1, grey)
+    gray = stage.material("ShaderNodeBsdfDiffuse", "gray")
+    stage.sphere(0.1, gray)
     sphere = bpy.data.objects["sphere"]
     for number in range(joining.MANY_MESHES):
         copy = stage.link(bpy.data.objects.new(f"copy {number}", sphere.data))
@@ -145,13 +145,13 @@ def test_a_kept_export_joins_anew_what_changed(crowd):
 
 def test_repeated_meshes_are_copied_within_bounds(stage, monkeypatch):
     """The first ones, as far as there is room for copies: the cost of instances grows with their number's square."""
-    grey = stage.material("ShaderNodeBsdfDiffuse", "grey")
+    gray = stage.material("ShaderNodeBsdfDiffuse", "gray")
     for kind in ("a", "b", "c"):
-        first = stage.plane(0.1, grey, kind)
+        first = stage.plane(0.1, gray, kind)
         for number in range(29):
             copy = stage.link(bpy.data.objects.new(f"{kind} {number}", first.data))
             copy.location = (number, ord(kind), 0)
-    monkeypatch.setattr(contents, "COPIED_TRIANGLES", 2 * 30 * 2)
+    monkeypatch.setattr(contents, "MAX_COPIED_TRIANGLES", 2 * 30 * 2)
     shapes = stage.export().scene.shapes()
     assert sum(shape.is_mesh() for shape in shapes) == 2 * 30
     assert len(shapes) == 3 * 30

@@ -39,7 +39,7 @@ PATIENCE = SOON
 
 
 def pictures(count, seed=0):
-    """Random levels: grey, and red, green and blue in turn."""
+    """Random levels: gray, and red, green and blue in turn."""
     chance = np.random.default_rng(seed)
     shapes = [(HEIGHT, WIDTH), (HEIGHT, WIDTH, 3)]
     return [Picture(chance.integers(0, 256, shapes[n % 2], np.uint8), n, ((0, 0),)) for n in range(count)]
@@ -162,7 +162,7 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
 
 
 def test_a_hologram(two_monitors):
-    """By `stream`, smaller than the monitor and in its middle, packed in colours; the last picture stays."""
+    """By `stream`, smaller than the monitor and in its middle, packed in colors; the last picture stays."""
     volume = engine.Hologram(640, 480, 8e-6, (640e-9, 520e-9, 450e-9))
     data = np.random.default_rng(1).uniform(0, 2 * np.pi, (2, 3, 480, 640)).astype(np.float32)
     hologram = engine.PhaseHologram(data, volume, engine.Camera(np.eye(4), 0.7), 0.5, "dpac", (1, 1, 1))

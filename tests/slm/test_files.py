@@ -60,7 +60,7 @@ def test_pictures(bits, tmp_path):
     }
 
 
-def test_pictures_in_colour(tmp_path):
+def test_pictures_in_color(tmp_path):
     """Green is shown first, then blue, then red."""
     sequence, levels = made(packing="colour", order="GBR")
     stream(sequence, FilesDriver(tmp_path / "out"))
@@ -103,7 +103,7 @@ def test_raw(bits, tmp_path):
     assert said["pictures"] * said["width"] * said["height"] * said["bytes_per_level"] == len(data)
 
 
-def test_raw_in_colour(tmp_path):
+def test_raw_in_color(tmp_path):
     sequence, levels = made(packing="colour", order="BGR")
     stream(sequence, FilesDriver(tmp_path / "out", "raw"))
     data = (tmp_path / "out" / "pictures.raw").read_bytes()

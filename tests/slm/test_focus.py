@@ -75,7 +75,7 @@ def test_calibrated():
 
 
 @pytest.mark.parametrize(
-    ("positions", "millimetres", "expected"),
+    ("positions", "millimeters", "expected"),
     [
         ((100, 200, 400), 80, 100),
         ((100, 200, 400), 80.25, 125),
@@ -88,12 +88,12 @@ def test_calibrated():
         ((None, 5, None), 81, 5),
     ],
 )
-def test_between_planes(positions, millimetres, expected):
-    assert some(*positions).position_at(millimetres * 1e-3) == expected
+def test_between_planes(positions, millimeters, expected):
+    assert some(*positions).position_at(millimeters * 1e-3) == expected
 
 
 @pytest.mark.parametrize(
-    ("positions", "millimetres", "says"),
+    ("positions", "millimeters", "says"),
     [
         ((1, 2, 3), 79.99, r"within the calibrated planes \(80 to 82 mm\), got 79.99 mm"),
         ((1, 2, 3), 82.01, "within"),
@@ -104,9 +104,9 @@ def test_between_planes(positions, millimetres, expected):
         ((1, 2, 3), math.inf, "within"),
     ],
 )
-def test_not_beyond_what_is_calibrated(positions, millimetres, says):
+def test_not_beyond_what_is_calibrated(positions, millimeters, says):
     with refused(says):
-        some(*positions).position_at(millimetres * 1e-3)
+        some(*positions).position_at(millimeters * 1e-3)
 
 
 # The file
@@ -118,7 +118,7 @@ def folder(tmp_path_factory):
 
 
 def test_round_trip(folder):
-    """To a nanometre; the default planes exactly."""
+    """To a nanometer; the default planes exactly."""
     FocusPlanes.spread().with_position(1, 12).save(folder / "planes.json")
     assert FocusPlanes.load(folder / "planes.json") == FocusPlanes.spread().with_position(1, 12)
 
@@ -139,7 +139,7 @@ def test_round_trip(folder):
 
 
 def test_readable(folder):
-    """A user writes it by hand: millimetres, and positions or none."""
+    """A user writes it by hand: millimeters, and positions or none."""
     (folder / "hand.json").write_text(
         json.dumps(FORMAT | {"planes": [{"distance_mm": 85}, {"distance_mm": 80, "position": 3}]})
     )

@@ -30,7 +30,7 @@ def of_phases(phases, wavelengths=WAVELENGTHS, gains=(0.7, 1.3), far=FAR, near=N
 
 
 def coordinates(height=SIDE, width=SIDE):
-    """Metres from pixel (height // 2, width // 2), to the right and down."""
+    """Meters from pixel (height // 2, width // 2), to the right and down."""
     y, x = np.indices((height, width))
     return (x - width // 2) * PITCH, (y - height // 2) * PITCH
 
@@ -99,14 +99,14 @@ def shown(hologram, calibration=None, bench=None, packing="time", order="RGB", *
     ],
 )
 def test_sees_what_the_engine_reconstructs(packing, order, bits, hologram):
-    """Two frames in two colours at three distances, whatever the pictures are packed in."""
+    """Two frames in two colors at three distances, whatever the pictures are packed in."""
     calibration = Calibration(bits=bits)
     bench = shown(hologram, calibration, None, packing, order, truth=calibration)
     found, ideal = seen(bench), ideal_of(hologram, bits)
     assert found.shape == ideal.shape == (3, SIDE, SIDE, 2) and found.dtype == np.float32
     for a, b in zip(found, ideal, strict=True):
         assert decibels(a, b) > 120  # at the time of writing there was no difference at all
-    # the test can tell: another distance, one frame alone, or colours that are exchanged
+    # the test can tell: another distance, one frame alone, or colors that are exchanged
     assert decibels(found[0], ideal[1]) < 30
     one = of_phases(hologram.data[:1])
     assert decibels(found[0], ideal_of(one, bits)[0]) < 30
@@ -215,7 +215,7 @@ def test_focus_moves(hologram):
 
 
 def test_focus_at_first_is_the_middle(hologram):
-    """In world metres, as the formula of the depths has it."""
+    """In world meters, as the formula of the depths has it."""
     bench = VirtualDriver(hologram)
     beta = (NEAR - FAR) * 0.5
     assert bench.focus == pytest.approx(beta / ((FAR + NEAR) / 2 - FAR))

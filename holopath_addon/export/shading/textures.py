@@ -11,7 +11,7 @@ import numpy as np
 
 from ...engine.scene.variants import made
 from ..notes import Notes
-from .baking import ATLAS, COLOUR, EMISSION, NORMAL, NUMBER, Output
+from .baking import ATLAS, COLOR, EMISSION, NORMAL, NUMBER, Output
 from .node_graph import Pin, alphas_upstream, first_link, follow, upstream
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -46,7 +46,7 @@ _SMOOTH = ("Cubic", "Smart")  # both are Cycles' B-spline
 
 
 def stand_in_effect(source):
-    """How what comes from an output socket differs in a scene that is made for baking; empty where it does not.
+    """Effect of baking on an output socket's value, which differs in the scene for baking; empty for no effect.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def stand_in_effect(source):
 
 @dataclass(frozen=True, eq=False)
 class RawImage:
-    """Pixels of our own, in the place of a Blender image.
+    """Pixels in place of a Blender image.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class RawImage:
 
 @dataclass(frozen=True, eq=False)
 class StoredImage:
-    """An image's numbers as Cycles keeps them, and interpolates between.
+    """An image's numbers as stored in Cycles, which interpolates between them.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class ImageValue:
     ----------
     image : bpy.types.Image or RawImage
     alpha : bool
-        Read the alpha channel instead of the colour.
+        Read the alpha channel instead of the color.
     alpha_read : bool
         Something reads the alpha too: then Cycles divides the color by it.
     interpolation : str
@@ -133,14 +133,14 @@ class ImageValue:
         UV map; None for the active one.
     uv_matrix : tuple of 9 floats
         Row-major transform of the UVs.
-    grey : bool
-        The colour's luminance instead of the colour.
+    gray : bool
+        The color's luminance instead of the color.
     scale : tuple of 3 floats
-        Factor on the linear colour.
+        Factor on the linear color.
     offset : tuple of 3 floats
         Added after the factor.
     power : float
-        Exponent on the linear colour, before the factor.
+        Exponent on the linear color, before the factor.
     """
 
     image: object
@@ -150,13 +150,13 @@ class ImageValue:
     extension: str = "REPEAT"
     uv_name: str | None = None
     uv_matrix: tuple = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    grey: bool = False
+    gray: bool = False
     scale: tuple = (1.0, 1.0, 1.0)
     offset: tuple = (0.0, 0.0, 0.0)
     power: float = 1.0
 
     def scaled(self, factor):
-        """The same image times a number or a colour."""
+        """The same image times a number or a color."""
         return self._affine(np.asarray(factor, float), 0.0)
 
     def inverted(self):
@@ -169,7 +169,7 @@ class ImageValue:
 
 
 def missing(node, owner, frame, notes):
-    """Whether a node's image is none or cannot be read, which is noted: it is opaque and magenta, as in Cycles.
+    """Whether a node's image is missing or unreadable, and note it: it is opaque and magenta, as in Cycles.
 
     Parameters
     ----------
@@ -349,14 +349,14 @@ def _divided(color, alpha):
     return color / np.where(alpha == 0, np.float32(1), alpha)
 
 
-def decoded(colour):
+def decoded(color):
     """Linear values of sRGB's (IEC 61966-2-1)."""
-    return np.where(colour <= 0.04045, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
+    return np.where(color <= 0.04045, color / 12.92, ((np.maximum(color, 0) + 0.055) / 1.055) ** 2.4)
 
 
-def _encoded(colour):
+def _encoded(color):
     """Inverse of `decoded`."""
-    return np.where(colour <= 0.0031308, colour * 12.92, 1.055 * np.maximum(colour, 0) ** (1 / 2.4) - 0.055)
+    return np.where(color <= 0.0031308, color * 12.92, 1.055 * np.maximum(color, 0) ** (1 / 2.4) - 0.055)
 
 
 # Stands for what is still to be baked.
@@ -364,7 +364,7 @@ PENDING = ImageValue(RawImage("pending", np.ones((1, 1, 3), np.float32)))
 
 
 class MaterialReading:
-    """What one reading of a material needs.
+    """State of the reading of one material.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ class MaterialReading:
 
     def __init__(self, baked):
         self.baked = baked
-        self.wanted = {}
+        self.outputs = {}
         self.pressing = False
         self.uv_names = set()
         self.alphas_read: set[Pin] = set()
@@ -434,7 +434,7 @@ class Textures:
             self._reading, self._notes = outer
 
     def value(self, pin, owner, fallback):
-        """What feeds a socket.
+        """Value that feeds a socket.
 
         Parameters
         ----------
@@ -460,7 +460,7 @@ class Textures:
             return 1.0 if source.socket.name == "Alpha" else MAGENTA
         feature = f"{node.bl_label} node into {pin.socket.name}"
         reading = self._reading
-        reading.wanted[socket_key(pin)] = Output(pin, NUMBER if pin.socket.type == "VALUE" else COLOUR)
+        reading.outputs[socket_key(pin)] = Output(pin, NUMBER if pin.socket.type == "VALUE" else COLOR)
         if reading.baked:
             return self._baked(pin, owner, feature)
         if pictured and (reading.baked is None or self._is_direct(source)):
@@ -494,7 +494,7 @@ class Textures:
         return self._whole(None, EMISSION, owner, "Emission of several textures")
 
     def _whole(self, pin, kind, owner, what):
-        self._reading.wanted[socket_key(pin, kind)] = Output(pin, kind)
+        self._reading.outputs[socket_key(pin, kind)] = Output(pin, kind)
         if self._reading.baked:
             return self._baked(pin, owner, what, kind)
         self._reading.pressing = True
@@ -643,19 +643,19 @@ class Textures:
         """Whether an `ImageValue` has colors below zero."""
         return value.image.is_float and self.stored(value.image).pixels[..., :3].min() < 0
 
-    def mean_colour(self, value):
-        """Mean linear colour of a value, shape (3,)."""
+    def mean_color(self, value):
+        """Mean linear color of a value, shape (3,)."""
         if not isinstance(value, ImageValue):
             return np.broadcast_to(np.asarray(value, float), 3)
-        colour = self._scaled(self._linear_colour(value), value)
-        return np.maximum(colour, 0).reshape(-1, 3).mean(0, float)
+        color = self._scaled(self._linear_color(value), value)
+        return np.maximum(color, 0).reshape(-1, 3).mean(0, float)
 
     @staticmethod
-    def _scaled(colour, value):
-        colour = np.maximum(colour, 0) ** np.float32(value.power)
-        return colour * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
+    def _scaled(color, value):
+        color = np.maximum(color, 0) ** np.float32(value.power)
+        return color * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
 
-    def _linear_colour(self, value):
+    def _linear_color(self, value):
         """The channels of an image that count, [y, x, 3]."""
         kept = self.stored(value.image)
         pixels = kept.numbers
@@ -663,13 +663,13 @@ class Textures:
             return np.repeat(pixels, 3, axis=2)
         if value.alpha:
             return np.repeat(pixels[..., 3:], 3, axis=2)
-        colour = pixels[..., :3]
+        color = pixels[..., :3]
         if value.alpha_read and kept.associated:
-            colour = _divided(colour, pixels[..., 3:])
+            color = _divided(color, pixels[..., 3:])
         if kept.srgb:
-            colour = decoded(colour)
+            color = decoded(color)
         return (
-            np.repeat((colour @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.grey else colour
+            np.repeat((color @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.gray else color
         )
 
     def _is_linear(self, value):
@@ -684,14 +684,14 @@ class Textures:
         pixels = kept.pixels if value.alpha_read else kept.pixels[..., :3]
         return bool((pixels == pixels[0, 0]).all()) and value.extension != "CLIP"
 
-    def build(self, value, grey=False, limit=None):
+    def build(self, value, gray=False, limit=None):
         """A Mitsuba texture or constant.
 
         Parameters
         ----------
         value : float, tuple of 3 floats, or ImageValue
-        grey : bool
-            One channel (luminance of a colour), for parameters such as roughness.
+        gray : bool
+            One channel (luminance of a color), for parameters such as roughness.
         limit : float, optional
             Largest value, e.g. 1 for reflectances.
 
@@ -701,19 +701,19 @@ class Textures:
             To be placed in a dictionary for `mitsuba.load_dict`.
         """
         if isinstance(value, ImageValue):
-            return self._bitmap(value, grey, limit)
-        colour = np.clip(np.broadcast_to(np.asarray(value, float), 3), 0, limit)
-        if grey:
-            return float(colour @ LUMINANCE)
-        return {"type": "rgb", "value": [float(v) for v in colour]}
+            return self._bitmap(value, gray, limit)
+        color = np.clip(np.broadcast_to(np.asarray(value, float), 3), 0, limit)
+        if gray:
+            return float(color @ LUMINANCE)
+        return {"type": "rgb", "value": [float(v) for v in color]}
 
-    def _bitmap(self, value, grey, limit):
+    def _bitmap(self, value, gray, limit):
         import mitsuba as mi
 
-        key = (replace(value, image=None), value.image.name_full, grey, limit)
+        key = (replace(value, image=None), value.image.name_full, gray, limit)
         if key not in self._built:
             linear = self._is_linear(value)
-            parts, to_uv = self._bitmap_parts(value, grey, limit) if linear else self._picture(value, limit)
+            parts, to_uv = self._bitmap_parts(value, gray, limit) if linear else self._picture(value, limit)
             texture = made(parts | {"to_uv": mi.ScalarTransform3f(to_uv)})
             if isinstance(value.image, RawImage):  # which is read once, and then no more
                 return texture
@@ -734,7 +734,7 @@ class Textures:
             "wrap_mode": _WRAPS[value.extension],
             "srgb": kept.srgb and not value.alpha,
             "unassociate": divide,
-            "gray": value.grey and not value.alpha,
+            "gray": value.gray and not value.alpha,
             "power": value.power,
         }
         for channel, scale, offset in zip("rgb", value.scale, value.offset, strict=True):
@@ -743,26 +743,26 @@ class Textures:
             parts["limit"] = float(limit)
         return parts, np.array(value.uv_matrix).reshape(3, 3)
 
-    def _bitmap_parts(self, value, grey, limit):
+    def _bitmap_parts(self, value, gray, limit):
         """Mitsuba's own texture, and the 3x3 transform of UVs."""
         import mitsuba as mi
 
-        colour = self._linear_colour(value)
+        color = self._linear_color(value)
         to_uv = np.array(value.uv_matrix).reshape(3, 3)
         if value.extension == "CLIP":
             # a black frame of one pixel, repeated outwards
-            height, width = colour.shape[:2]
-            colour = np.pad(colour, ((1, 1), (1, 1), (0, 0)))
+            height, width = color.shape[:2]
+            color = np.pad(color, ((1, 1), (1, 1), (0, 0)))
             x, y = width / (width + 2), height / (height + 2)
             frame = np.array([[x, 0, 1 / (width + 2)], [0, y, 1 / (height + 2)], [0, 0, 1]])
             to_uv = frame @ to_uv
-        colour = np.clip(self._scaled(colour, value), 0, limit)
-        if grey:
-            colour = (colour @ LUMINANCE.astype(np.float32))[..., None]
+        color = np.clip(self._scaled(color, value), 0, limit)
+        if gray:
+            color = (color @ LUMINANCE.astype(np.float32))[..., None]
         # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
         parts = {
             "type": "bitmap",
-            "bitmap": mi.Bitmap(np.ascontiguousarray(colour, np.float32)),
+            "bitmap": mi.Bitmap(np.ascontiguousarray(color, np.float32)),
             "raw": True,
             "format": "fp16" if not value.image.is_float and max(value.scale) <= 100 else "variant",
             "filter_type": "nearest" if value.interpolation == "Closest" else "bilinear",
