@@ -147,7 +147,7 @@ class Surface:
 
     @property
     def vertices(self):
-        """float32 [vertex, 3]"""
+        """Coordinates of the vertices, float32 [vertex, 3]."""
         return self.points if self.welded is None else self.points.take(self.welded, axis=0)
 
     def transform(self, matrix):

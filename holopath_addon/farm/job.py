@@ -156,6 +156,7 @@ class EncodingJob(SharedJob):
 
     @property
     def tag(self) -> str:
+        """Tag of the job's claims, see `SharedJob.tag`."""
         return f"{_PHASES}{self.digest}"
 
     @contextmanager

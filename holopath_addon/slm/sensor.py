@@ -36,7 +36,7 @@ class Sensor:
     gamma : float
         1 for a linear camera.
     homographies : dict of float to tuple of 8 floats
-        For each focus distance in metres the first eight entries, row by row, of the matrix H with H[2, 2] = 1 from a
+        For each focus distance in meters the first eight entries, row by row, of the matrix H with H[2, 2] = 1 from a
         camera pixel, (x, y, 1) in half the camera's shorter side from its middle, to the SLM's (xi, eta, 1), in half
         sides likewise (Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 2.3).
     """

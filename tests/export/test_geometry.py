@@ -41,7 +41,7 @@ def test_modifiers_are_applied(stage):
     assert bounds(scene) == pytest.approx(np.array([[-0.5, -0.5, -0.5], [4.5, 0.5, 0.5]]), abs=1e-5)
 
 
-def test_unit_scale_is_metres(stage):
+def test_unit_scale_is_meters(stage):
     obj = cube(stage)
     obj.location = (10, 0, 0)
     stage.scene.unit_settings.scale_length = 0.01

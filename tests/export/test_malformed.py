@@ -242,7 +242,7 @@ def test_far_from_the_origin(stage):
 
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 def test_scene_and_camera_far_from_the_origin(stage, scale):
-    """Kilometres away Mitsuba's rays would start a meter above surfaces; instances, hair and lamps move along."""
+    """Kilometers away Mitsuba's rays would start a meter above surfaces; instances, hair and lights move along."""
     stage.scene.unit_settings.scale_length = scale
     scene_of_size(stage, 1)
     things = bpy.data.collections.new("things")

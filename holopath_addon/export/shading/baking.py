@@ -409,8 +409,9 @@ def _own_groups(studio, tree):
 
 
 def _keep_alphas(original, tree):
-    """Have Cycles read those alphas in a copied tree that the original reads: it divides the color of an image by its
-    alpha where something reads that, though perhaps not what is baked.
+    """Make Cycles read the same alphas in a copied tree as in the original.
+
+    It divides the color of an image by its alpha if something reads the alpha, which may be lost by baking.
     """
     output = output_node(original)
     if output is None:

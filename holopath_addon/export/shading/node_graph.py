@@ -70,11 +70,11 @@ def upstream(pin):
     ----------
     pin : Pin
     """
-    waiting, seen = [pin], set()
+    waiting, visited = [pin], set()
     while waiting:
         source = follow(waiting.pop())
-        if source.socket.is_output and source not in seen:
-            seen.add(source)
+        if source.socket.is_output and source not in visited:
+            visited.add(source)
             yield source
             waiting += [Pin(socket, source.groups) for socket in source.node.inputs]
 

@@ -721,7 +721,7 @@ class Textures:
         return self._built[key]
 
     def _picture(self, value, limit):
-        """What `engine.scene.images` takes to sample an image as Cycles does, and the 3x3 transform of UVs."""
+        """Arguments of `engine.scene.images` to sample an image as Cycles does, and the 3x3 transform of UVs."""
         import mitsuba as mi
 
         kept = self.stored(value.image)
@@ -772,8 +772,9 @@ class Textures:
 
 
 def own_mapping(node):
-    """The Texture Mapping that a texture node has besides its sockets, as Cycles applies it (its Min and Max it does
-    not read).
+    """Matrix of the Texture Mapping that a texture node has besides its sockets, as Cycles applies it.
+
+    Cycles does not read its Min and Max.
 
     Parameters
     ----------
