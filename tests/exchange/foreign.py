@@ -40,7 +40,7 @@ NAMES = {
 
 @dataclass
 class Meant:
-    """What a writer means by a file, or by two."""
+    """A file, or two, and the field or phases that the writer means by it."""
 
     files: dict  # path by role; by None where it is one file
     truth: np.ndarray = field(repr=False)  # radians or complex numbers, shape (frame, wavelength, y, x)
@@ -48,7 +48,7 @@ class Meant:
     story: str = field(default="", repr=False)
 
     def read(self):
-        """What the program makes of it."""
+        """Read the file by HoloPath."""
         given = exchange.ReadOptions(**{"pitch": 8e-6, **self.given})
         if None in self.files:
             container = exchange.read(self.files[None])

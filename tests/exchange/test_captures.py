@@ -66,7 +66,7 @@ SAME = [
 
 @pytest.mark.parametrize(("name", "numbers", "options"), SAME)
 def test_depths_in_all_units_are_one_scene(backend, photo, name, numbers, options):
-    """What is met at each pixel's center lies at the depth that all of these files say."""
+    """All of these files give the same depth at each pixel's center."""
     path = write(photo.with_name(name), numbers)
     built = open_capture(photo, CaptureOptions(str(path), **options)).build((SIDE, SIDE))
     seen = engine.depth_map(built.scene, built.camera, SIDE, SIDE)
@@ -94,7 +94,7 @@ def test_pictures_are_decoded(tmp_path):
 
 
 def test_a_larger_picture_is_made_smaller(backend, tmp_path):
-    """For a hologram of 32 pixels, one of 101: as its blocks of three, with the view that is left."""
+    """A picture of 101 pixels becomes one of blocks of three for a hologram of 32, with the remaining view."""
     image = np.zeros((101, 101, 3), np.float32)
     image[:, :50] = 1
     (tmp_path / "photo.exr").write_bytes(output.encode_exr(image))
@@ -153,7 +153,7 @@ def test_point_clouds_of_all_forms(tmp_path, form, before):
     ("axes", "axis"), [("y-up", (0, 0, 1)), ("y-down", (0, 0, -1)), ("z-up", (0, -1, 0))]
 )
 def test_the_side_that_faces_the_viewer(backend, tmp_path, axes, axis):
-    """Of a sphere colored by place: what is in its middle, and at its right, by the axes."""
+    """The axes decide the color in the middle and at the right of a sphere that is colored by position."""
     from holopath_addon.engine.viewing.preview import Preview
 
     points, colors = cloud(4000)
@@ -186,7 +186,7 @@ def test_the_way_through_the_command_line(backend, photo, tmp_path, capfd, kind)
 
 
 def test_a_picture_that_moved_with_its_depth_is_found_again(backend, photo, tmp_path, monkeypatch):
-    """As on another machine: the folder of both has another name."""
+    """The files may move together to another folder, as on another machine."""
     first, second = photo.parent / "first", photo.parent / "second"
     first.mkdir()
     photo = photo.rename(first / photo.name)
@@ -239,7 +239,7 @@ def test_what_pictures_refuse(photo, monkeypatch, capfd, depth, words, text):
 
 
 def refused(words, text, capfd):
-    """In one sentence, with status 2, and nothing is written."""
+    """Assert a refusal in one line, with status 2 and nothing written."""
     assert cli.main(["render", *words, "--out", "out", "--quiet"]) == 2
     told = capfd.readouterr().err.strip().splitlines()
     assert len(told) == 1 and text in told[0], told
@@ -308,7 +308,7 @@ def test_a_quilt_begins_at_the_lower_left(tmp_path):
 
 
 def test_a_quilt_that_its_views_do_not_fill(backend, tmp_path):
-    """What is over lies at the right and at the top, and a note says so."""
+    """Surplus pixels lie at the right and at the top, and a note says so."""
     whole = quilted(tmp_path / "a_qs3x2a1.33333.png", 3, 2, [10, 40, 80, 120, 160, 200])
     options = CaptureOptions(view_span=(0.1,), view_focus=1.0, fov=40)
     pixels = np.array(variants.bitmaps().Bitmap(str(whole)))
@@ -342,7 +342,7 @@ def test_arrays_of_views(tmp_path):
 
 
 def test_views_by_their_names(tmp_path):
-    """By number, not by letters; a grid by row and column; what is no view does not count."""
+    """Views are sorted by number, not by letters; grids by row and column; other arrays do not count."""
     options = CaptureOptions(view_span=(0.1,), view_focus=1.0)
     numbers = np.random.default_rng(0).random((12, 4, 5, 3)).astype(np.float32)
     order = np.random.default_rng(1).permutation(12)

@@ -100,7 +100,7 @@ def test_what_is_refused_leaves_nothing(words, says, rendered, tmp_path, monkeyp
 
 
 def test_a_page_for_what_was_taken_in(rendered, tmp_path, capsys):
-    """Of fields, of phases alone, and of both; it loads nothing from elsewhere."""
+    """Pages of fields, of phases, and of both load nothing from elsewhere."""
     assert cli.main(["report", str(rendered), "--quiet"]) == 0
     page, table = (rendered / f"report.{kind}" for kind in ("html", "csv"))
     text = page.read_text()

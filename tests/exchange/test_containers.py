@@ -100,7 +100,7 @@ def test_damaged_files_are_refused_in_a_sentence(suffix, tmp_path):
 
 
 def test_a_file_that_is_never_read_to_its_end(tmp_path, monkeypatch):
-    """As some damaged ones: the library goes round in circles."""
+    """Some damaged files put HDF5's library into an endless loop."""
     from holopath_addon.exchange import containers
 
     (tmp_path / "hdf5_reader.py").write_text("while True: pass")

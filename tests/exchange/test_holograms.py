@@ -23,7 +23,7 @@ def wave(x, y, z, sign):
     ("time", "rows", "axes"), [*product("-+", ("top", "bottom"), (("y", "x"), ("x", "y")))]
 )
 def test_a_focus_comes_where_it_is(time, rows, axes):
-    """With exp(-i omega t) a wave that converges has the phase -k r; up is where rows say, whatever the axes."""
+    """A converging wave has the phase -k r with exp(-i omega t); rows decide which end is up, for any axes."""
     x, y, z = 10 * PITCH, 6 * PITCH, 10e-3
     field = wave(x, y, z, 1 if time == "-" else -1)
     array = field[::-1] if rows == "top" else field

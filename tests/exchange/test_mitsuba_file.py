@@ -1,4 +1,4 @@
-"""What of a Mitsuba scene file counts: film, crop window and view; old plugins; parameters."""
+"""Mitsuba scene files: film, crop window and view; old plugins; parameters."""
 
 import re
 
@@ -57,7 +57,7 @@ def written(backend, tmp_path):
 
 
 def seen(path, size=None):
-    """What the engine sees as a path tracer, as large as the hologram of the file or as `size`, and the notes."""
+    """The engine's path-traced view, as large as the file's hologram or as `size`, and the notes."""
     source = sources.open_source(str(path))
     hologram = source.hologram_from()
     loaded = source.load(*(size or (hologram.width, hologram.height)))
@@ -243,7 +243,7 @@ def test_files_that_a_parameter_names(written, tmp_path):
 
 
 def test_the_definitions_of_a_render_are_found_again(written, tmp_path, capfd):
-    """By `encode`, whose phases are then those of a render that encodes, and by `report`."""
+    """`encode` finds the scene and gives the phases of a render that encodes; `report` finds it, too."""
     path = written(head='<default name="width" value="64"/>', size=WIDTH)
     out = tmp_path / "out"
     words = ["--wavelengths", "516.5", "--quality", "draft", "--frames", "2", "--focus", "1m"]

@@ -1,4 +1,4 @@
-"""What other people mean by a file is what comes in, or it is refused in a sentence that says what to do."""
+"""A file comes in as its writer means it, or it is refused with a remedy."""
 
 import tempfile
 from pathlib import Path

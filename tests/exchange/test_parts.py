@@ -28,7 +28,7 @@ def taken(arrays, **given):
 
 
 def test_amplitude_and_phase_keep_both():
-    """By PSNR to the true field; with the amplitude left out it is 19.5 dB."""
+    """PSNR against the true field is high; without the amplitude it is 19.5 dB."""
     found = taken(PAIRS[0])
     assert isinstance(found, engine.WaveField)
     assert psnr(found.data[0, 0]) > 130
@@ -36,7 +36,7 @@ def test_amplitude_and_phase_keep_both():
 
 
 def psnr(field):
-    """Of a field to the true one, at its best scale, dB."""
+    """PSNR of a field against the true one, at the best scale, dB."""
     scale = np.vdot(field, LIGHT) / np.vdot(field, field)
     return -10 * np.log10(np.mean(np.abs(scale * field - LIGHT) ** 2) / np.abs(LIGHT).max() ** 2)
 
@@ -122,7 +122,7 @@ def test_what_is_said_of_nothing_is_refused(arrays, given, says):
 
 
 def test_screens_encode_amplitudes():
-    """By IEC 61966-2-1: 188 of 255 is half of the light."""
+    """188 of 255 is half of the light by IEC 61966-2-1."""
     arrays = {"intensity": np.full((2, 2), 188, "u1"), "phase": np.zeros((2, 2))}
     with pytest.raises(
         InvalidInput, match=r"\(--transfer linear\) or encoded for screens \(--transfer srgb\)"

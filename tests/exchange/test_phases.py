@@ -79,7 +79,7 @@ def test_levels(array, said, turn):
 @pytest.mark.parametrize("bits", [4, 10, 12])
 @pytest.mark.parametrize("rounded", [np.round, np.floor])
 def test_stretched_levels_are_found(bits, rounded):
-    """As programs make 16 bits of 12: by rounding, or by cutting off."""
+    """Programs stretch 12 bits to 16 by rounding or truncation."""
     levels = np.arange(2**bits).reshape(1, 1, -1, 4)
     stretched = rounded(levels * (65535 / (2**bits - 1)) + 1e-9).astype("u2")
     with pytest.raises(InvalidInput, match=rf"stretched to 0 to 65535 \(--bits {bits}\)"):

@@ -19,7 +19,7 @@ TURN = 2 * np.pi
 
 
 def phases(path, count=1, **given):
-    """In turns of 256."""
+    """Phases in levels of a turn of 256."""
     given = exchange.ReadOptions(pitch=8e-6, wavelengths=WAVELENGTHS[:count], **given)
     return exchange.hologram_of(exchange.read(path), given).data * (256 / TURN)
 

@@ -16,7 +16,7 @@ PIL = pytest.importorskip("PIL.Image")
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("bits", prints.BITS)
 def test_pictures_and_the_size_of_their_dots(tmp_path, suffix, bits):
-    """By Pillow, which shares nothing with what writes them, and by our own reader."""
+    """Read prints by Pillow, which shares no code with the writer, and by our own reader."""
     file, top = tmp_path / f"a.{suffix}", 2**bits - 1
     picture = np.random.default_rng(0).uniform(size=(5, 11)).round() if bits == 1 else np.linspace(0, 1, 55)
     picture = picture.reshape(5, 11)

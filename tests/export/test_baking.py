@@ -1,4 +1,4 @@
-"""What Cycles evaluates for us, against Cycles' own pictures."""
+"""Baking by Cycles against Cycles' own pictures."""
 
 import threading
 
@@ -252,7 +252,7 @@ def test_atlas_has_no_overlaps(stage, monkeypatch, charted):
 
 
 def test_from_another_thread_nothing_is_baked_but_noted(stage):
-    """As where the main thread does not answer while Blender renders."""
+    """Baking is impossible, as where the main thread is busy while Blender renders."""
     stage.plane(3, noise(stage)[0])
     stage.world((0.1, 0.1, 0.1))
     before, found = counts(), []
@@ -363,7 +363,7 @@ def test_nodes_that_ask_for_the_back_are_told(stage):
 
 
 def test_what_is_baked_stays_in_place_beside_anisotropy(stage):
-    """Whose direction is of a UV map: what is baked has one of its own."""
+    """The direction of anisotropy is that of a UV map, which baking replaces."""
     material, texture = noise(stage, "Base Color", PRINCIPLED, Scale=2.0, Detail=0.0)
     principled = shader_of(material)
     for name, value in (("Metallic", 1.0), ("Roughness", 0.8), ("Anisotropic", 0.2)):

@@ -55,7 +55,7 @@ def colored_corners(stage):
 
 
 def centers(image):
-    """Where each channel's light is, pixels, shape (3, 2)."""
+    """Position of each channel's light, pixels, shape (3, 2)."""
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     return np.array([[(c * x).sum(), (c * y).sum()] / c.sum() for c in np.moveaxis(image, 2, 0)])
 

@@ -178,7 +178,7 @@ def test_materials_by_slot_and_object(stage):
 
 
 def test_what_nodes_scatter_is_shown_where_its_source_is_not(stage):
-    """As Cycles does: the source is switched off in renders, its instances are not."""
+    """Instances stay visible if their source is disabled in renders, as in Cycles."""
     source = cube(stage, "source")
     source.hide_render = True
     ground = stage.plane(size=4, location=(0, 0, 10))

@@ -94,7 +94,7 @@ def test_what_stays_a_mesh_of_its_own(crowd):
 
 
 def test_joined_meshes_have_charts(stage):
-    """As many triangles as baked light unwraps, and no more."""
+    """Joined meshes have at most the triangles that baked light unwraps."""
     if CHARTED_TRIANGLES:  # there is xatlas
         assert joining.MAX_TRIANGLES == CHARTED_TRIANGLES
     gray = stage.material("ShaderNodeBsdfDiffuse", "gray")

@@ -353,7 +353,7 @@ def test_transparency(stage, case, lit_by):
 
 
 def test_alpha_of_vertex_colors_casts_its_shadow(stage):
-    """From 0 to 1 over the pane: the floor below is lit through it as in Cycles."""
+    """The floor is lit through a pane with values from 0 to 1 as in Cycles."""
     leaf = stage.material(PRINCIPLED, "leaf", Base_Color=(0.2, 0.4, 0.8, 1), Roughness=1.0)
     tree = leaf.node_tree
     colors = tree.nodes.new("ShaderNodeVertexColor")
@@ -605,7 +605,7 @@ def test_principled_with_an_index_of_zero_mirrors_all(stage, roughness):
 @pytest.mark.parametrize("ior", [0.5, 0.9])
 @pytest.mark.parametrize("roughness", [0.0, 0.5])
 def test_principled_below_an_index_of_one(stage, ior, roughness):
-    """From some angle on it reflects all, as in Cycles, where a black one shows nothing else.
+    """Total reflection beyond an angle, as in Cycles, on a black surface.
 
     A white one is as bright as what is around it: no light is lost or gained. (Cycles' gains some: it takes the light
     that the index's inverse reflects from what is below.)

@@ -177,7 +177,7 @@ def test_files_of_which_cycles_reads_the_alpha_in_ways_of_its_own_are_baked(stag
 
 
 def test_baked_colors_are_divided_by_an_alpha_that_is_read(stage):
-    """Which is not part of what is baked."""
+    """A node that is not part of the bake."""
     add_material(stage, with_alpha(stage), True, between="ShaderNodeInvert")
     assert_alike(stage, notes={"Invert Color node into Base Color", "Image Texture node into Alpha"})
 
@@ -289,7 +289,7 @@ def test_worlds_of_few_texels(stage, pixels):
 
 @pytest.mark.parametrize("noisy", [True, False])
 def test_wide_worlds_that_are_too_bright_between_texels_are_noted(stage, noisy):
-    """Of noise from texel to texel; photographs are smoother."""
+    """Path of an image of white noise; photographs are smoother."""
     x = np.linspace(0, 1, 1100)[None, :, None] * np.ones((4, 1, 3))
     pixels = np.random.default_rng(4).random((4, 1100, 3)) ** 2 if noisy else x
     tree = stage.world().node_tree

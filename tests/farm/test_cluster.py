@@ -374,7 +374,7 @@ def fields(folder):
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """What one process makes of frames 1 to 6."""
+    """Frames 1 to 6 of one process."""
     pytest.importorskip("bpy")
     out = tmp_path_factory.mktemp("alone") / "out"
     process = render(out, "--frame-range", "1-6")

@@ -23,7 +23,7 @@ SETTINGS = {
 
 
 def setting(key):
-    """What the job type tells of a setting."""
+    """The job type's declaration of a setting."""
     (found,) = [each for each in flamenco.compiled()["type"]["settings"] if each["key"] == key]
     return found
 
@@ -87,7 +87,7 @@ def test_what_blender_offers_to_choose():
 
 @pytest.mark.slow
 def test_its_tasks_render_the_animation(tmp_path):
-    """As the worker runs them, with Blender as a Python module; the first bakes for all."""
+    """Run the commands as a worker does, with Blender as a Python module; the first one bakes for all."""
     bpy = pytest.importorskip("bpy")
     shared = tmp_path / "shared folder"
     shared.mkdir()

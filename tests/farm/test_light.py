@@ -36,7 +36,7 @@ def blend(tmp_path):
 
 
 def words(blend, out, *more):
-    """With a cache of its own beside the folder, unless another one is named: nothing is there before."""
+    """A command with a new cache beside the folder, unless another one is named."""
     cache = () if {"--cache", "--no-cache"} & set(more) else ("--cache", f"{out}.cache")
     return ["render", str(blend), *WORDS, "--out", str(out), *cache, *more]
 
@@ -46,7 +46,7 @@ def make(blend, out, *more):
 
 
 def start(blend, out, *more):
-    """In a process of its own."""
+    """Run the command in a separate process."""
     run = [sys.executable, "-m", "holopath_addon", *words(blend, out, "--animation", *more)]
     return subprocess.Popen(run, cwd=ROOT, stderr=subprocess.PIPE, text=True)
 
@@ -56,7 +56,7 @@ def names(folder):
 
 
 def fields(out):
-    """Of a folder that holds whole frames and their light, and nothing else."""
+    """Contents of a folder, which must be complete frames and their light only."""
     assert names(out) == [*FRAMES, "job.json", "light"]
     return [(out / name / "wavefield" / "field.npy").read_bytes() for name in FRAMES]
 
@@ -193,7 +193,7 @@ def test_what_was_baked_before_serves_and_another_job_has_its_own(blend, tmp_pat
 
 
 def test_light_of_a_scene_that_moves_is_decided_as_of_none(blend, tmp_path, monkeypatch):
-    """What is there of its first frame would serve no other one."""
+    """An existing first frame is useless for the others."""
     wall = bpy.data.objects["Wall"]
     for frame, z in ((1, -1.0), (4, -1.2)):
         wall.location.z = z

@@ -108,7 +108,7 @@ def test_other_words_wait(tmp_path, capfd):
 
 
 def test_phases_begin_with_those_of_the_frame_before(tmp_path, monkeypatch, capfd):
-    """Those of a frame that was rendered anew, and of all after it, are made anew."""
+    """Phases of a frame that is rendered again, and of all after it, are encoded again."""
     film, begun, encode = film_of(tmp_path / "film", 4), [], engine.encode
 
     def seen(field, method="auto", progress=None, **options):

@@ -77,7 +77,7 @@ def blend(tmp_path):
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """What one process makes of it."""
+    """The result of one process."""
     folder = tmp_path_factory.mktemp("alone")
     ended(start(animated(folder), folder / "out"))
     return fields(folder / "out")
@@ -96,7 +96,7 @@ def start(blend, out, *more, code=None):
 
 
 def ended(*others):
-    """What processes said that end well."""
+    """Output of processes, which must succeed."""
     told = [other.communicate(timeout=NEVER)[1] for other in others]
     assert [other.returncode for other in others] == [0] * len(others), told
     return told
@@ -193,7 +193,7 @@ def test_interrupted_it_gives_its_frame_back(number, blend, tmp_path):
 
 @pytest.mark.slow
 def test_other_settings_wait_for_another_folder(alone, blend, tmp_path, capfd):
-    """As long as another process is at work, between its frames, too."""
+    """Other settings are refused as long as another process works, also between its frames."""
     out = tmp_path / "out"
     other = start(blend, out)
     stop(other, lambda: list(out.glob(".claims/frame_*")))
@@ -270,7 +270,7 @@ def test_a_file_of_another_program_is_not_replaced(blend, begun, capfd):
 
 
 def test_frames_are_known_by_the_job_without_their_scene(blend, begun, monkeypatch, capfd):
-    """Those of a file that was saved anew are looked at once, and known from then on."""
+    """Frames of a file that was saved again are checked once."""
     report = json.loads((begun / FRAMES[0] / "report.json").read_text())
     bpy.context.scene["note"] = "saved anew"
     bpy.ops.wm.save_mainfile()

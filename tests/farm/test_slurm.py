@@ -20,7 +20,7 @@ ARRAY_JOB = 70
 
 
 class Slurm:
-    """What `sbatch` and `scontrol requeue` do, for a script in a folder; programs are those in its `bin`."""
+    """A stand-in for `sbatch` and `scontrol requeue`, for a script in a folder, with the programs in its `bin`."""
 
     def __init__(self, folder):
         self.folder, self.bin, self.requeued = folder, folder / "bin", folder / "requeued"

@@ -128,7 +128,7 @@ def test_a_run_is_what_its_words_render(study, tmp_path, capfd):
 
 
 def test_runs_that_are_there_are_known_without_their_scene(study, renders, monkeypatch):
-    """By the job in their report, whichever process made them; a folder that lost its field is made anew."""
+    """The job in their reports identifies runs of any process; a folder without its field is made again."""
     path = study()
     assert run(path) == 0
     with monkeypatch.context() as patched:
@@ -149,7 +149,7 @@ def test_another_scene_is_rendered_anew(study, renders, tmp_path, capfd):
 
 
 def test_files_that_a_mitsuba_scene_is_made_of(tmp_path):
-    """Those of included files, too: a texture that is saved anew makes another scene."""
+    """Included files count: a texture that is saved again makes another scene."""
     (tmp_path / "sub").mkdir()
     (tmp_path / "a.xml").write_text('<scene version="3.0.0"><include filename="sub/b.xml"/></scene>')
     (tmp_path / "sub" / "b.xml").write_text("<scene><string name='filename' value='sub/c.png'/></scene>")

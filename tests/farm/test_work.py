@@ -153,7 +153,7 @@ def test_a_slow_process_whose_work_was_taken_over_goes_on(made):
 
 
 def test_what_was_there_of_another_job_is_made_anew(made):
-    """That there is something at a unit's name tells nothing, unless it came while one is at work."""
+    """A file with a unit's name means nothing, unless it appeared during the work."""
     (made.folder / "a").write_text("of another job")
     made.off(Unit("a", made.unit("a").make, lambda: (made.folder / "a").read_text() == "a"))
     assert (made.folder / "a").read_text() == "a"
@@ -200,7 +200,7 @@ work_off(folder, [unit(f"u{n:02d}") for n in range(40)], "tag", lambda *_: None,
 
 
 def test_processes_share_and_make_nothing_twice(tmp_path):
-    """Which would be an error here: a file made twice."""
+    """Make a unit's file, which fails if it exists."""
     words = [sys.executable, "-c", SHARES, str(tmp_path)]
     others = [subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(4)]
     for other in others:

@@ -16,7 +16,7 @@ import zlib
 
 
 class Firmware:
-    """What a controller does with the bytes that arrive; `answer` is what it sends back."""
+    """A controller's processing of bytes; `answer` has its reply."""
 
     def __init__(self, longest=4096, window=8, size=(64, 64), bits=8, can=7, version=1):
         self.longest, self.window, self.size, self.bits, self.can, self.version = (
@@ -155,7 +155,7 @@ class Noise:
         self.counts = dict.fromkeys(("corrupted", "dropped", "doubled", "delayed"), 0)
 
     def __call__(self, data):
-        """What arrives of these bytes now."""
+        """The part of these bytes that arrives now."""
         if not self.share:
             return data
         out, begin, chance = bytearray(), 0, self.random

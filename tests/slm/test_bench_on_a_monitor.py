@@ -35,7 +35,7 @@ sys.exit(line.recv(100).decode() or None)
 
 
 class Eye:
-    """What stands on the second monitor and where the motor is at each click, and the bench's picture of it."""
+    """A camera that records the second monitor and the motor at each capture, and the bench's picture of them."""
 
     def __init__(self, bench, firmware, path):
         self.bench, self.firmware, self.seen = bench, firmware, []

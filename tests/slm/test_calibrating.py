@@ -33,7 +33,7 @@ def start_of(window, distances=FOCI):
 
 
 def off(found, truth):
-    """How far each parameter is from the truth, in shares of its range."""
+    """Error of each parameter as a fraction of its range."""
     spans = np.array([row.high - row.low for row in found.parameters])
     return np.abs(found.values - vector(truth)) / spans
 
@@ -47,7 +47,7 @@ def test_values_are_those_of_the_setup():
 
 @pytest.mark.parametrize("pitch", [PITCH, (0.8 * PITCH, PITCH)])
 def test_a_display_is_seen_as_the_bench_has_it(pitch):
-    """Which computes light and the camera's pixels in another way."""
+    """The model against the bench, which computes light and camera pixels independently."""
     window = slm.PatternWindow(24, pitch, GREEN)
     setup, shape = start_of(window, FOCI[:1]), (24, 24)
     levels = np.random.default_rng(1).integers(0, 256, shape)
@@ -60,7 +60,7 @@ def test_a_display_is_seen_as_the_bench_has_it(pitch):
 
 
 def test_levels_in_the_middle_of_a_larger_device():
-    """Around them half a turn from pixel to pixel."""
+    """A checkerboard of half a turn surrounds the levels."""
     levels = np.full((2, 4), 7, np.uint8)
     whole = slm.place_in_center(levels, (8, 6), 8)
     assert whole.shape == (6, 8) and (whole[2:4, 2:6] == 7).all() and set(whole.ravel()) == {0, 7, 128}
@@ -69,7 +69,7 @@ def test_levels_in_the_middle_of_a_larger_device():
 
 
 def test_what_is_off_a_little_is_found():
-    """What is no aberration and not the source's extent, a twentieth of its range off, from ten captures."""
+    """Ten captures determine all but aberrations and the source's extent to a twentieth of the range."""
     distances, window = FOCI[:2], SMALL
     start = start_of(window, distances)
     bench, truth = slm.perturbed_bench(start, window, 3)
@@ -233,7 +233,7 @@ WORDS = "calibrate --driver virtual --wavelength 520 --pitch 8 --distances 0.5,1
 
 
 def test_command(tmp_path, monkeypatch, capsys):
-    """On the virtual bench, whose source is a few points here, as far as a stage that is short."""
+    """Calibrate on the virtual bench with a source of few points, by a short first stage."""
     bench_of = slm.perturbed_bench
     monkeypatch.setattr(
         slm,

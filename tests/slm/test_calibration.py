@@ -98,7 +98,7 @@ def used(shown):
     "what", [0.7, 1.0, 1.6, "1.6 turns", "0.7 turns, falling", "up and down", "1.05 turns, in waves"]
 )
 def test_levels_are_the_nearest_there_are(what, bits, wavelength):
-    """Against all levels, one after the other; the table may err by its step."""
+    """The nearest of all levels is chosen, up to a step of the table."""
     curve = curve_of(what, bits) if isinstance(what, str) else None
     response = Response(GREEN, 1.0 if curve else what, curve)
     phases = some_phases((40, 40))
@@ -174,7 +174,7 @@ def test_a_response_in_a_table_beside_the_file(tmp_path):
 
 
 def test_less_than_a_turn():
-    """What cannot be reached becomes the nearer end: of 0.7 turns, 0.84 is the top's and 0.86 is level 0's."""
+    """Unreachable phases become the nearer end: with 0.7 turns, 0.84 becomes the top level and 0.86 level 0."""
     calibration = Calibration(bits=8, responses=(Response(GREEN, 0.7),))
     turns = np.array([[0, 0.35, 0.69, 0.84, 0.86, 0.99]], np.float32)
     np.testing.assert_array_equal(calibration.levels(turns * TURN, GREEN), [[0, 128, 252, 255, 0, 0]])
@@ -217,7 +217,7 @@ def test_correction_is_added_before_the_level_is_chosen():
 
 @pytest.mark.parametrize("what", [0.7, 1.6, "1.6 turns", "0.7 turns, falling"])
 def test_correction_and_response_together(what):
-    """Of many turns and of both signs, on a panel that reaches less or more than a turn."""
+    """Corrections of many turns and both signs work on panels of less or more than a turn."""
     curve = curve_of(what, 8) if isinstance(what, str) else None
     response = Response(GREEN, 1.0 if curve else what, curve)
     phases, correction = some_phases((24, 20)), np.random.default_rng(2).normal(size=(24, 20)) * 20
@@ -274,7 +274,7 @@ def test_where_each_pixel_lands(hologram, margin, flips, shift, corrected):
 
 @pytest.mark.parametrize("what", [1.0, 1.3, "1.6 turns", "1.05 turns, in waves"])
 def test_seen_reverses_levels(what):
-    """As near as the levels allow; where the hologram lies beside the panel there is nothing."""
+    """Phases come back as precisely as the levels allow; beyond the panel they are 0."""
     curve = curve_of(what, 8) if isinstance(what, str) else None
     rng = np.random.default_rng(3)
     calibration = Calibration(
@@ -457,7 +457,7 @@ def test_written_by_hand(folder):
 
 @pytest.mark.parametrize("channels", [1, 3])
 def test_correction_from_a_picture(channels, tmp_path):
-    """As makers give it: 256 levels are a turn."""
+    """A maker's correction is a picture with 256 levels per turn."""
     mi = variants.bitmaps()
     levels = np.arange(256, dtype=np.uint8).reshape(8, 32)
     picture = levels if channels == 1 else np.repeat(levels[..., None], 3, axis=-1)
@@ -480,7 +480,7 @@ def test_a_correction_of_more_than_a_turn_is_a_picture_too(tmp_path):
 
 
 def test_the_nearest_display_is_taken():
-    """Of two that were calibrated a nanometer apart."""
+    """The nearer one of two models, calibrated a nanometer apart, counts."""
     models = [DisplayModel(nm * 1e-9, crosstalk=0.1 * nm / 638) for nm in (640, 638.5)]
     sensors = [Sensor((4, 4), 1.0, 0.0, 1.0, {})] * 2
     calibration = Calibration(models=tuple(models), sensors=tuple(sensors))

@@ -76,7 +76,7 @@ class Told:
 
 
 def show(driver, number, picture):
-    """As the streamer does."""
+    """Show a picture as the streamer does."""
     while driver.show(number, picture) is False:
         pass
 
@@ -162,7 +162,7 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
 
 
 def test_a_hologram(two_monitors):
-    """By `stream`, smaller than the monitor and in its middle, packed in colors; the last picture stays."""
+    """A packed sequence smaller than the monitor is shown in its center; the last picture stays."""
     volume = engine.Hologram(640, 480, 8e-6, (640e-9, 520e-9, 450e-9))
     data = np.random.default_rng(1).uniform(0, 2 * np.pi, (2, 3, 480, 640)).astype(np.float32)
     hologram = engine.PhaseHologram(data, volume, engine.Camera(np.eye(4), 0.7), 0.5, "dpac", (1, 1, 1))
@@ -293,7 +293,7 @@ def test_the_users_escape(two_monitors):
 
 @pytest.mark.parametrize("rate, loops", [(1e-3, None), (1e-3, 1), (60, None)])
 def test_stopped_at_any_rate(two_monitors, rate, loops):
-    """At once, whatever is waited for: the next picture of 0.001 a second would come after a thousand."""
+    """Cancellation acts at once: the next picture of 0.001 a second would come after a thousand seconds."""
     start = []
 
     def stop(counts):
@@ -307,7 +307,7 @@ def test_stopped_at_any_rate(two_monitors, rate, loops):
 
 
 def test_a_talkative_graphics_driver(two_monitors):
-    """What it writes to standard error is kept out of the way."""
+    """A window that writes a lot to standard error is not blocked."""
     driver, told = DisplayDriver(), Told()
     driver.open(60, told)
     os.write(driver._window._errors.fileno(), b"warning: this card is old\n" * 10000)

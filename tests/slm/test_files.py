@@ -225,7 +225,7 @@ def test_kinds():
 
 
 def test_closed_in_any_order(tmp_path):
-    """Before it is open, twice, and without a picture: nothing appears."""
+    """Closing before opening, twice, or without a picture leaves no folder."""
     driver = FilesDriver(tmp_path / "out")
     driver.close()
     driver.close(finish=True)

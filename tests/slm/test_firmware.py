@@ -282,7 +282,7 @@ def wire(request, start, raw_pty):
 
 @pytest.mark.parametrize("longest", [512, 64])
 def test_handshake_and_messages_on_a_clean_line(start, raw_pty, longest):
-    """What the device is, and that all it is sent has its effect once and in order."""
+    """The firmware describes the device, and everything sent has its effect once and in order."""
     master, slave = raw_pty
     process, link = start(master, longest=longest), Link()
     with open_port(os.ttyname(slave)) as port:
@@ -359,7 +359,7 @@ def test_garbage_before_the_handshake(start, raw_pty, longest, monkeypatch):
 
 
 def test_a_new_port_while_the_firmware_goes_on(start, cable, monkeypatch):
-    """Whatever is under way, half a frame too, arrives once."""
+    """Everything in flight, even half a frame, arrives once."""
     line = cable()
     process, link, stream, chance = start(line.device), Link(), messages(6), random.Random(7)
     lines = []
@@ -453,7 +453,7 @@ def test_nothing_whole_is_lost_behind_false_beginnings(wire):
 
 
 def test_what_a_silence_cuts_off_is_given_up(wire, raw_pty):
-    """Where nothing more comes, what stands behind the beginning of a long packet is taken."""
+    """Packets after the start of an incomplete one are accepted when nothing else arrives."""
     os.write(raw_pty[0], part(0, 0, bytes(wire.longest - 4))[:20] + trigger(0, 8) + trigger(1, 9)[:-1])
     end = time.monotonic() + SOON
     while not wire.log() and time.monotonic() < end:
@@ -689,7 +689,7 @@ def test_sketch_compiles(compiler, tmp_path, sketch, board):
 
 
 def run_board(compiler, source, data, byte_time=87, wrap=8700, loop_time=10):
-    """What it answers, as packets, and for each pin its levels and when they began."""
+    """Answers as packets, and the levels of each pin with their start times."""
     program = source.with_name("board")
     compiler(f"-I{FIRMWARE}", f"-I{source.parent}", source, "-o", program)
     done = subprocess.run(
@@ -744,7 +744,7 @@ def test_sketch_pulses_and_steps(compiler, sketch, wrap):
 
 
 def test_sketch_switches_the_laser_of_a_frame(compiler, sketch):
-    """Of one that is right; a byte each microsecond, more than a loop() takes."""
+    """Answers to valid bytes that arrive faster than loop() reads them, one per microsecond."""
     pixels = bytes(8)
     data = hello(1, 5) + frame(0, 1, pixels, 4, 2, color=2) + part(1, 0, pixels)
     data += frame(2, 2, pixels, 4, 2, color=1) + part(3, 0, pixels[:-1] + b"!")

@@ -32,7 +32,7 @@ def some(*positions):
 
 
 def test_default():
-    """Those of the paper's prototype."""
+    """The default planes are those of the paper's prototype."""
     planes = FocusPlanes.spread().planes
     assert [plane.distance for plane in planes] == [0.08, 0.08125, 0.0825, 0.08375, 0.085]
     assert all(plane.position is None for plane in planes)
@@ -118,7 +118,7 @@ def folder(tmp_path_factory):
 
 
 def test_round_trip(folder):
-    """To a nanometer; the default planes exactly."""
+    """Files keep distances to a nanometer, and the default planes exactly."""
     FocusPlanes.spread().with_position(1, 12).save(folder / "planes.json")
     assert FocusPlanes.load(folder / "planes.json") == FocusPlanes.spread().with_position(1, 12)
 

@@ -1,4 +1,4 @@
-"""Which monitor is which."""
+"""Identification of monitors."""
 
 import threading
 import time

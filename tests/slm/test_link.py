@@ -68,7 +68,7 @@ def cut(data, places):
 )
 @settings(max_examples=60)
 def test_packets_are_found_in_any_pieces(sent, places):
-    """Among whatever lies between them, unless that claims to be the beginning of a packet."""
+    """Packets are found among any bytes, except those that look like the start of a packet."""
     data = b"".join(
         encode(p.kind, p.session, p.sequence, p.payload) + junk.replace(b"\xa5", b"") for p, junk in sent
     )
@@ -81,7 +81,7 @@ def test_packets_are_found_in_any_pieces(sent, places):
 @given(PACKETS, PACKETS, st.data())
 @settings(max_examples=60)
 def test_a_damaged_packet_is_never_taken(first, second, data):
-    """Whatever byte is changed; and the next one is."""
+    """A packet with any changed byte is rejected, and the next one is found."""
     good = encode(first.kind, first.session, first.sequence, first.payload)
     at, change = data.draw(st.integers(0, len(good) - 1)), data.draw(st.integers(1, 255))
     bad = good[:at] + bytes([good[at] ^ change]) + good[at + 1 :]
@@ -151,7 +151,7 @@ def check(firmware, sent):
     "share, count", [(0.0, 1000), (0.01, 1000), pytest.param(0.01, 10000, marks=pytest.mark.slow)]
 )
 def test_every_message_once_and_in_order(share, count, monkeypatch):
-    """With 1 % of the bytes corrupted, dropped, doubled or delayed, in both directions."""
+    """Everything arrives with 1 % of the bytes corrupted, dropped, doubled or delayed, in both directions."""
     if not share:  # an answer that other programs keep waiting is no loss: time is this program's own
         monkeypatch.setattr(link_module, "time", types.SimpleNamespace(perf_counter=time.process_time))
     firmware, sent = Firmware(), {"shown": [], "triggers": []}

@@ -1,4 +1,4 @@
-"""Which pictures are sent, in what order, and how holograms are packed into them."""
+"""Sequences: their pictures, order and packing."""
 
 import itertools
 import math
@@ -47,7 +47,7 @@ def made(count=1, packing="time", frames=2, wavelengths=3, **options):
 
 
 def test_micromirrors_on_a_monitor():
-    """Of twice as many pixels; their levels are no even steps, so they need a calibration."""
+    """PLMs take twice the pixels along each side, and need a calibration, as their levels are uneven."""
     coded = hologram(2, 3, value=lambda *_: 16)
     with refused("uneven. Give its calibration"):
         Sequence([coded], None, "plm-067")
@@ -89,7 +89,7 @@ def test_a_round_is_balanced(frames, wavelengths, packing, count, repeats):
 
 
 def test_bits_of_a_packing_are_those_of_the_levels():
-    """On a monitor of 8 bits a channel, whatever the levels have."""
+    """Packings of bits need a monitor of 8 bits per channel, for any levels."""
     sequence = Sequence([hologram(value=lambda *_: 255)], None, "R7-0,G7-4")
     sequence.fit(6, 5, 8, "the monitor")
     assert sequence.calibration.bits == 12
@@ -135,7 +135,7 @@ def test_bits_of_twenty_four_holograms():
 
 
 def test_equal_keys_are_equal_pictures():
-    """Through repeats and rounds the same, between holograms and places others."""
+    """Keys are the same in repeats and rounds, and differ between holograms and places."""
     sequence = made(2, frames=2, wavelengths=1, repeats=3)
     pictures = [sequence.picture(number) for number in range(2 * len(sequence))]
     for a, b in itertools.combinations(pictures, 2):
@@ -187,7 +187,7 @@ def test_what_fits_is_made_once(monkeypatch):
 
 
 def test_in_several_threads(monkeypatch):
-    """As in one, and as bounded."""
+    """Several threads get the pictures of one thread, within the same bound of memory."""
     sequence = made(3, frames=5, wavelengths=2)
     monkeypatch.setattr(sequence_module, "MAX_CACHE_BYTES", 4 * sequence.picture(0).pixels.nbytes)
     numbers = np.random.default_rng(5).integers(0, 300, 600).tolist()
@@ -285,7 +285,7 @@ def test_a_hologram_that_does_not_fit_its_calibration():
 
 
 def test_bits_of_the_device():
-    """Where no calibration says others, the levels span what the device has: half a turn is half of them."""
+    """Levels span the device's without a calibration: half a turn is half of them."""
     half = hologram(1, 1)
     half.data[:] = np.pi
     for bits in (4, 8, 10):

@@ -96,7 +96,7 @@ with open(sys.argv[1], "w") as file:
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """What the script found."""
+    """Results of the script."""
     if importlib.util.find_spec("slmsuite") is None:
         pytest.skip("slmsuite is not installed")
     path = tmp_path_factory.mktemp("slmsuite") / "found.json"
@@ -157,7 +157,7 @@ def test_streamed(found):
     ],
 )
 def test_refusals(found, name, says):
-    """At once, in a line that says what to do; a library that is missing is no matter of cables."""
+    """Errors come at once, with a remedy; a missing library is not blamed on cables."""
     kind, text, seconds = found[name]
     if name in ("unknown", "two dots", "no module", "no class", "no options", "other options", "bad size"):
         assert kind == "InvalidInput", text
@@ -174,7 +174,7 @@ def test_refusals(found, name, says):
 
 @pytest.fixture
 def absent(monkeypatch):
-    """As if it were not installed."""
+    """The driver reports slmsuite as missing if it is not installed."""
     find = importlib.util.find_spec
 
     def without(name, *words):

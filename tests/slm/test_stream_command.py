@@ -200,7 +200,7 @@ def test_animation(tmp_path):
 
 
 def ideal(depths):
-    """What the engine sees, as red, green and blue."""
+    """The engine's view, as red, green and blue."""
     hologram = hologram_of(levels_of())
     images = engine.reconstruct(hologram.field(engine.Modulator(bits=8)), depths)
     return [engine.to_rgb(image, WAVELENGTHS) for image in images]
@@ -231,7 +231,7 @@ def test_captures_of_the_virtual_bench(packing, folder, tmp_path):
 
 
 def test_captures_at_planes_of_ones_own(folder, tmp_path):
-    """Which need no positions there. The SLM is as the calibration says: with it the picture is the ideal one."""
+    """Captures on the virtual bench need no positions, and the right calibration gives the ideal picture."""
     FocusPlanes((Plane(1.3e-3), Plane(1.6e-3))).save(tmp_path / "planes.json")
     Calibration(size=(WIDTH + 8, HEIGHT + 8), flip_y=True, shift=(2, -1)).save(tmp_path / "device.json")
     words = [
@@ -352,7 +352,7 @@ class Interrupted(Moved):
     ("after", "trigger"), [(100, False), (600, False), (1000, False), (430, True), (1000, True)]
 )
 def test_line_is_dead_for_a_while(after, trigger, monkeypatch):
-    """Within a picture, between two or in a pulse: each picture is taken once, and so is each pulse."""
+    """Each picture and pulse is accepted once, if the line dies within a picture, between two or in a pulse."""
     monkeypatch.setattr(link_module, "PATIENCE", 0.1)
     monkeypatch.setattr(streaming, "RETRY_INTERVAL", 0.05)
     firmware = Interrupted(after, size=(WIDTH, HEIGHT))
@@ -391,7 +391,7 @@ def planes(tmp_path):
 
 
 def test_captures_by_a_camera(board, folder, tmp_path, camera, planes):
-    """At every plane, and not before the focus stands there; meanwhile the hologram is shown."""
+    """A capture at every plane waits until the focus has stopped there, while the hologram is shown."""
     board.firmware.speed = 1000
     words = [
         "--driver",

@@ -51,7 +51,7 @@ class Device:
         self.closed.append(finish)
 
     def in_order(self, count, of_one=5):
-        """Whether pictures 0 to `count` were shown, each once and the right one."""
+        """Assert that pictures 0 to `count` were shown, each once and the right one."""
         return self.shown == [(number, number % of_one) for number in range(count)]
 
 
@@ -242,7 +242,7 @@ def test_never_there():
 
 
 def test_the_time_away_is_no_reason_to_drop(at_once, clock):
-    """With a rate, and a device that drops: the schedule begins anew where it goes on."""
+    """The schedule of a device that drops starts again after a loss."""
     device = Device(lost(3), drops=True)
     counts = stream(made(), device, rate=200, loops=2, patience=SOON)
     assert device.in_order(10) and counts.dropped == 0
@@ -393,7 +393,7 @@ def test_no_trigger_for_what_is_dropped():
 @pytest.mark.parametrize("number", [0, 3, 4])
 @pytest.mark.parametrize("threaded", [False, True])
 def test_a_trigger_that_raises_ends_it(number, threaded):
-    """With its error, also at the last picture; in a thread of the device's too."""
+    """An error of the trigger ends the streaming, also at the last picture and in a thread of the device."""
 
     def trigger(now):
         pulses.append(now)
@@ -508,7 +508,7 @@ def test_device_that_keeps_time():
 
 
 def test_device_that_keeps_time_lost(at_once):
-    """What it had taken but not shown is sent again, and counted once, though an old thread tells of it late."""
+    """Pictures not shown are sent again and counted once, even if an old thread reports them late."""
     device, old = Clockwork(lost(9)), []
     counts = stream(
         made(), device, loops=4, patience=SOON, progress=lambda counts: old.append(device.told(0, SHOWN))
@@ -538,7 +538,7 @@ def test_a_still_is_there_when_it_returns(rate):
 
 
 def test_a_still_in_the_bits_of_channels():
-    """What is around it is half a turn; of two frames in a picture both are the same."""
+    """A checkerboard of half a turn surrounds a still; both holograms of a picture are the same."""
     pictures = []
     device = Device(width=4, height=4, bits=8, channels=3)
     device.show = lambda number, picture: pictures.append(picture)

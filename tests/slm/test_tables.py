@@ -112,7 +112,7 @@ def test_a_makers_table_of_voltages(tmp_path):
     st.booleans(),
 )
 def test_exact_or_refused(tmp_path_factory, bits, turns, named, scale, line, falling):
-    """Whatever unit a person means: the phases that are meant, or a sentence."""
+    """A table of any unit gives the intended phases, or a refusal."""
     meant = np.linspace(0, turns * TURN, 2**bits) * (-1 if falling else 1)
     scale = named[1] if named else scale
     lines = [line.format(level, repr(float(phase))) for level, phase in enumerate(meant / scale)]

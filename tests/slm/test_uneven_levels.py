@@ -56,7 +56,7 @@ def test_phases_are_levels(name, method, field):
 
 @pytest.mark.slow
 def test_what_measured_levels_gain(field):
-    """Over even ones, and over the nearest of them for phases that are free."""
+    """Gain over even levels, and over the nearest levels of free phases."""
     gains = {}
     for name in RESPONSES:
         device, even = calibration(name), slm.Calibration(bits=RESPONSES[name][0])
@@ -130,7 +130,7 @@ def test_what_a_correction_costs(field):
 
 
 def test_the_device_shows_exactly_what_was_encoded(field):
-    """On a larger panel that is mirrored, moved and bent."""
+    """The calibration of a larger panel that is mirrored, moved and bent."""
     height, width = field.hologram.height, field.hologram.width
     device = replace(
         calibration("plm"),
@@ -156,7 +156,7 @@ def test_a_correction_of_another_size(field):
 
 
 def thickness(height, width):
-    """How many times its mean response each pixel makes, as where a cell is thinner at one side."""
+    """Factors of the response of pixels, as in a cell that is thinner at one side."""
     y, x = np.mgrid[:height, :width] / max(height, width)
     return 1 + 0.25 * (x - 0.5) + 0.1 * np.sin(5 * y)
 
@@ -167,7 +167,7 @@ def thickness(height, width):
     ("name", "gain", "loss"), [("plm", 2, 0.8), pytest.param("bent", 5, 1.2, marks=pytest.mark.slow)]
 )
 def test_a_response_that_varies_over_the_panel(name, gain, loss, field):
-    """On a larger panel, mirrored, moved and bent: little is lost where it is known, decibels where it is not."""
+    """A known variation of a larger panel, mirrored, moved and bent, costs little, an unknown one decibels."""
     height, width = field.hologram.height, field.hologram.width
     plain = calibration(name)
     device = replace(

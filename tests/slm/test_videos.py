@@ -72,7 +72,7 @@ def test_a_video_for_each_color(program, tmp_path):
 
 
 def test_colors_in_the_channels(program, tmp_path):
-    """Of a rate that is no whole number, and two rounds."""
+    """A video of two rounds, with a rate that is not a whole number."""
     levels = levels_of(3, 1, WAVELENGTHS)
     sequence = Sequence(film_of(levels), Calibration(bits=8), "colour")
     stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=59.94, loops=2)

@@ -60,7 +60,7 @@ def decibels(picture, ideal):
 
 
 def ideal_of(hologram, bits=8, distances=DISTANCES):
-    """What the engine sees of these levels, shape (distance, y, x, wavelength)."""
+    """The engine's view of these levels, shape (distance, y, x, wavelength)."""
     field = hologram.field(engine.Modulator(bits=bits))
     return engine.reconstruct(field, field.mapping.z_to_depth(distances))
 
@@ -151,7 +151,7 @@ def test_order_of_channels_matters(hologram):
 
 
 def test_several_rounds_are_averaged(hologram):
-    """What was shown twice counts once; after `expose` only what came since."""
+    """Pictures shown twice count once; `expose` clears them."""
     bench = VirtualDriver(hologram)
     stream(Sequence([hologram]), bench, loops=3)
     assert decibels(seen(bench), ideal_of(hologram)) > 100
@@ -215,7 +215,7 @@ def test_focus_moves(hologram):
 
 
 def test_focus_at_first_is_the_middle(hologram):
-    """In world meters, as the formula of the depths has it."""
+    """The focus is in world meters, by the formula of the depths."""
     bench = VirtualDriver(hologram)
     beta = (NEAR - FAR) * 0.5
     assert bench.focus == pytest.approx(beta / ((FAR + NEAR) / 2 - FAR))
@@ -248,7 +248,7 @@ def flat(level=0):
     ],
 )
 def test_modulator(level, options, ratio):
-    """On a flat hologram: light of amplitude F (sqrt(1 - u) exp(i phase) + sqrt(u))."""
+    """A flat hologram gives light of amplitude F (sqrt(1 - u) exp(i phase) + sqrt(u))."""
     plain = seen(shown(flat(level)))
     limited = seen(shown(flat(level), modulator=engine.Modulator(**options)))
     np.testing.assert_allclose(limited, plain * ratio, rtol=1e-3, atol=1e-4 * plain.max())
@@ -302,7 +302,7 @@ def aberration(height, width):
 
 
 def curve():
-    """Of 1.3 turns at 532 nm, bent."""
+    """A bent response of 1.3 turns at 532 nm."""
     share = np.linspace(0, 1, 17)
     return tuple(
         zip(
@@ -366,7 +366,7 @@ def test_the_right_calibration(bench, hologram):
     "lacks", ["all", "flip_x", "flip_y", "shift", "responses", "correction", "correction_wavelength"]
 )
 def test_a_wrong_calibration(lacks, bench, hologram):
-    """Without any of it the picture is clearly worse."""
+    """The picture is clearly worse without any part of the calibration."""
     names = NONE if lacks == "all" else {lacks: NONE[lacks]}
     if lacks == "correction":
         names = {"correction": None, "correction_wavelength": None}
