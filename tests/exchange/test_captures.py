@@ -69,8 +69,8 @@ def test_depths_in_all_units_are_one_scene(backend, photo, name, numbers, option
     """All of these files give the same depth at each pixel's center."""
     path = write(photo.with_name(name), numbers)
     built = open_capture(photo, CaptureOptions(str(path), **options)).build((SIDE, SIDE))
-    seen = engine.depth_map(built.scene, built.camera, SIDE, SIDE)
-    np.testing.assert_allclose(seen, DEPTH, rtol=5e-3)  # 8 bits are within 0.4 %
+    view = engine.depth_map(built.scene, built.camera, SIDE, SIDE)
+    np.testing.assert_allclose(view, DEPTH, rtol=5e-3)  # 8 bits are within 0.4 %
 
 
 def test_the_depth_that_holopath_writes_can_be_read(photo):
@@ -102,8 +102,8 @@ def test_a_larger_picture_is_made_smaller(backend, tmp_path):
     built = open_capture(tmp_path / "photo.exr", CaptureOptions(str(depth), "m", fov=40)).build((SIDE, SIDE))
     assert built.scene.shapes()[0].primitive_count() < 2 * 45**2
     assert math.tan(built.camera.fov_x / 2) == pytest.approx(99 / 101 * math.tan(math.radians(20)))
-    seen = engine.depth_map(built.scene, built.camera, 33, 33)
-    assert (seen[:, :16] < 0.51).all() and (seen[:, 17:] > 1.99).all()
+    view = engine.depth_map(built.scene, built.camera, 33, 33)
+    assert (view[:, :16] < 0.51).all() and (view[:, 17:] > 1.99).all()
 
 
 def cloud(count=500):
@@ -174,9 +174,9 @@ def test_the_way_through_the_command_line(backend, photo, tmp_path, capfd, kind)
         path = ply(tmp_path / "p.ply", *cloud(2000), "ascii")
         words = [str(path), "--axes", "z-up", f"--resolution={SIDE}x{SIDE}"]
     assert cli.main(["plan", *words, "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["hologram"]["width"] == SIDE
-    assert any("field of view" in note["feature"] for note in told["export_notes"]) == (kind == "points")
+    messages = json.loads(capfd.readouterr().out)
+    assert messages["hologram"]["width"] == SIDE
+    assert any("field of view" in note["feature"] for note in messages["export_notes"]) == (kind == "points")
     out = tmp_path / "out"
     assert cli.main(["render", *words, "--out", str(out), "--compare-reference", "--focus=1m"]) == 0
     report = output.read_report(out)
@@ -241,8 +241,8 @@ def test_what_pictures_refuse(photo, monkeypatch, capfd, depth, words, text):
 def refused(words, text, capfd):
     """Assert a refusal in one line, with status 2 and nothing written."""
     assert cli.main(["render", *words, "--out", "out", "--quiet"]) == 2
-    told = capfd.readouterr().err.strip().splitlines()
-    assert len(told) == 1 and text in told[0], told
+    messages = capfd.readouterr().err.strip().splitlines()
+    assert len(messages) == 1 and text in messages[0], messages
     from pathlib import Path
 
     assert not Path("out").exists()
@@ -317,11 +317,11 @@ def test_a_quilt_that_its_views_do_not_fill(backend, tmp_path):
     views = open_capture(write(tmp_path / "b_qs3x2a1.33333.png", wider), options)
     expected = open_capture(whole, options)
     np.testing.assert_array_equal(views.views, expected.views)
-    told, before = ([note["effect"] for note in each.build((16, 12)).notes] for each in (views, expected))
-    assert len(told) == len(before) + 1
+    messages, before = ([note["effect"] for note in each.build((16, 12)).notes] for each in (views, expected))
+    assert len(messages) == len(before) + 1
     assert any(
         "each has 16 x 12 pixels, from the lower left" in text and "2 at the right and 1 at the top" in text
-        for text in told
+        for text in messages
     )
 
 
@@ -402,9 +402,9 @@ def test_views_go_the_way_through_the_command_line(backend, tmp_path, capfd, kin
             "30",
         ]
     assert cli.main(["plan", *words, "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert (told["hologram"]["width"], told["hologram"]["height"]) == (16, 12)
-    features = [note["feature"] for note in told["export_notes"]]
+    messages = json.loads(capfd.readouterr().out)
+    assert (messages["hologram"]["width"], messages["hologram"]["height"]) == (16, 12)
+    features = [note["feature"] for note in messages["export_notes"]]
     assert ("one row of views" in features) == (kind == "quilt")
     out = tmp_path / "out"
     more = ["--out", str(out), "--frames=1", "--quality=draft", "--wavelengths=516.5", "--focus=1m"]

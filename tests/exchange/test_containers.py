@@ -82,9 +82,9 @@ def test_compounds_that_are_no_complex_numbers_are_left_out(tmp_path):
 def test_what_is_refused(name, says, tmp_path):
     np.save(tmp_path / "pickle.npy", np.array([{"a": 1}], object), allow_pickle=True)
     np.savez(tmp_path / "empty.npz", words=np.array(["a", "b"]))
-    with pytest.raises(InvalidInput, match=says) as told:
+    with pytest.raises(InvalidInput, match=says) as output:
         exchange.read(tmp_path / name)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(output.value)
 
 
 def test_a_library_that_lacks_is_named(tmp_path, monkeypatch):

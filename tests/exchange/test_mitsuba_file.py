@@ -56,7 +56,7 @@ def written(backend, tmp_path):
     return write
 
 
-def seen(path, size=None):
+def view(path, size=None):
     """The engine's path-traced view, as large as the file's hologram or as `size`, and the notes."""
     source = sources.open_source(str(path))
     hologram = source.hologram_from()
@@ -92,7 +92,7 @@ OFFSET = '<float name="principal_point_offset_x" value="0.1"/><float name="princ
 def test_film_and_crop_window(written, parts):
     """A hologram has the size that Mitsuba's picture has, and shows the same."""
     path = written(**parts)
-    picture, notes = seen(path)
+    picture, notes = view(path)
     near(picture, by_mitsuba(path))
     assert notes == []
 
@@ -101,7 +101,7 @@ def test_film_and_crop_window(written, parts):
 def test_another_shape_than_the_film(written, axis):
     """It is as Mitsuba has it with a film of that size, and that is said."""
     more = f'<string name="fov_axis" value="{axis}"/>'
-    picture, [note] = seen(written(size=sized(30, 20), more=more), (20, 24))
+    picture, [note] = view(written(size=sized(30, 20), more=more), (20, 24))
     near(picture, by_mitsuba(written("other.xml", size=sized(20, 24), more=more)))
     assert note["object"] == "film" and mitsuba_file._AXES[axis] in note["effect"]
 
@@ -109,11 +109,11 @@ def test_another_shape_than_the_film(written, axis):
 def test_a_crop_window_of_another_size(written):
     """It shows the same with more pixels, and where it has another shape its middle stays."""
     path = written(size=sized(30, 20, 12, 2, 16, 14))
-    small, _ = seen(path)
-    large, notes = seen(path, (32, 28))
+    small, _ = view(path)
+    large, notes = view(path, (32, 28))
     near(large.reshape(14, 2, 16, 2, 3).mean((1, 3)), small)
     assert notes == []
-    wide, [note] = seen(path, (16, 10))
+    wide, [note] = view(path, (16, 10))
     near(wide, small[2:12])
     assert note["object"] == "crop window" and "the width" in note["effect"]
 
@@ -141,8 +141,8 @@ OLD = {"film": "ldrfilm", "sampler": "sobol", "rfilter": "wiener", "size": sized
 def test_unknown_films_integrators_samplers_and_filters_stop_no_scene(written):
     head = '<integrator type="bdpt"><integer name="maxDepth" value="3"/><boolean name="hideEmitters" value="true"/>'
     old = written(**OLD, version="0.6.0", head=f"{head}</integrator>")
-    assert "hide_emitters" in [note["feature"] for note in seen(old)[1]]
-    near(seen(old)[0], by_mitsuba(written("plain.xml", size=sized(30, 20))))
+    assert "hide_emitters" in [note["feature"] for note in view(old)[1]]
+    near(view(old)[0], by_mitsuba(written("plain.xml", size=sized(30, 20))))
     source = sources.open_source(str(old))
     assert source.settings.max_depth == 3 and not source.load(30, 20).camera.sees_sky
 
@@ -248,8 +248,10 @@ def test_the_definitions_of_a_render_are_found_again(written, tmp_path, capfd):
     out = tmp_path / "out"
     words = ["--wavelengths", "516.5", "--quality", "draft", "--frames", "2", "--focus", "1m"]
     assert cli.main(["render", str(path), *words, "-D", "width=24", "--out", str(out)]) == 0
-    said = capfd.readouterr().err
-    assert "24 x 20 pixels, the size of the film in scene.xml; --resolution WxH for another one." in said
+    attributes = capfd.readouterr().err
+    assert (
+        "24 x 20 pixels, the size of the film in scene.xml; --resolution WxH for another one." in attributes
+    )
     assert sources.output.read_report(out)["opened"]["define"] == {"width": "24"}
     field = sources.output.stored_field(out)
     assert (field.hologram.width, field.hologram.height) == (24, 20)

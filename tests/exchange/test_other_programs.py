@@ -32,9 +32,9 @@ def phases():
 
 
 def psnr(image):
-    wanted = picture()
-    scale = (image * wanted).sum() / (image**2).sum()
-    return -10 * math.log10(np.mean((scale * image - wanted) ** 2))
+    target = picture()
+    scale = (image * target).sum() / (image**2).sum()
+    return -10 * math.log10(np.mean((scale * image - target) ** 2))
 
 
 def alike(one, other):

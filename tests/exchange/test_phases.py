@@ -13,8 +13,8 @@ RAMP = np.linspace(0, 1, 100, endpoint=False).reshape(1, 1, 10, 10)
 BYTES = np.arange(256).reshape(1, 1, 16, 16)
 
 
-def radians(array, *said):
-    return radians_of(array, *said)(array)
+def radians(array, *attributes):
+    return radians_of(array, *attributes)(array)
 
 
 @pytest.mark.parametrize(
@@ -40,10 +40,10 @@ def test_units_are_as_said_and_radians_where_they_fill_a_turn(units, turn, start
     ],
 )
 def test_other_ranges_are_refused_with_what_they_can_be(array, ways):
-    with pytest.raises(InvalidInput) as told:
+    with pytest.raises(InvalidInput) as output:
         radians_of(array)
-    assert all(way in str(told.value) for way in ways)
-    assert str(told.value).count("--") == len(ways)
+    assert all(way in str(output.value) for way in ways)
+    assert str(output.value).count("--") == len(ways)
 
 
 def test_each_layer_is_to_fill_a_turn():
@@ -54,7 +54,7 @@ def test_each_layer_is_to_fill_a_turn():
 
 
 @pytest.mark.parametrize(
-    ("array", "said", "turn"),
+    ("array", "attributes", "turn"),
     [
         (BYTES.astype("u1"), (), 256),
         ((BYTES << 8).astype("u2"), (), 65536),  # 8 bits at the top are the same phases
@@ -72,8 +72,8 @@ def test_each_layer_is_to_fill_a_turn():
         (0 * BYTES, (), 1),
     ],
 )
-def test_levels(array, said, turn):
-    np.testing.assert_allclose(radians(array, *said), array * (TURN / turn), atol=1e-12)
+def test_levels(array, attributes, turn):
+    np.testing.assert_allclose(radians(array, *attributes), array * (TURN / turn), atol=1e-12)
 
 
 @pytest.mark.parametrize("bits", [4, 10, 12])
@@ -88,7 +88,7 @@ def test_stretched_levels_are_found(bits, rounded):
 
 
 @pytest.mark.parametrize(
-    ("array", "said", "says"),
+    ("array", "attributes", "says"),
     [
         (BYTES.astype("u2"), (), "Give --bits 8 for 256 levels or --bits 16 for 65536"),
         (BYTES.astype("u2"), (None, 6), "up to 255, and --bits 6 has 0 to 63. Give --bits 8 or more"),
@@ -106,9 +106,9 @@ def test_stretched_levels_are_found(bits, rounded):
         (RAMP, ("gradians",), "Expected units radians, turns, pi, degrees, levels, got"),
     ],
 )
-def test_what_is_refused(array, said, says):
+def test_what_is_refused(array, attributes, says):
     with pytest.raises(InvalidInput, match=says):
-        radians_of(array, *said)
+        radians_of(array, *attributes)
 
 
 def test_words_of_files():

@@ -43,9 +43,12 @@ def test_on_the_command_line(folder, tmp_path, capsys):
     file, again = tmp_path / "a.png", tmp_path / "again.png"
     words = ["export", str(folder), str(file), "--interference", "--frame", "1", "--wavelength", "455"]
     assert cli.main([*words, "--dpi", "3175"]) == 0
-    told = capsys.readouterr().err
+    messages = capsys.readouterr().err
     # sin(angle) = 455.4 nm / (4 x 8 µm)
-    assert "0.384 x 0.256 mm at 3175 dots per inch" in told and "0.815 and 0 degrees to the right" in told
+    assert (
+        "0.384 x 0.256 mm at 3175 dots per inch" in messages
+        and "0.815 and 0 degrees to the right" in messages
+    )
     optics = engine.Optics(carrier="auto")
     stored = output.stored_field(folder)
     expected = engine.interference(

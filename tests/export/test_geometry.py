@@ -379,10 +379,10 @@ def test_linked_libraries(stage, tmp_path):
     bpy.data.libraries.write(path, {collection}, fake_user=True)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     again = type(stage)()
-    with bpy.data.libraries.load(path, link=True) as (_, wanted):
-        wanted.collections = ["library things"]
+    with bpy.data.libraries.load(path, link=True) as (_, target):
+        target.collections = ["library things"]
     empty = again.link(bpy.data.objects.new("instance", None))
-    empty.instance_type, empty.instance_collection = "COLLECTION", wanted.collections[0]
+    empty.instance_type, empty.instance_collection = "COLLECTION", target.collections[0]
     empty.location.x = 2
     scene = again.export().scene
     assert bounds(scene)[:, 0] == pytest.approx((1.5, 2.5), abs=1e-4)

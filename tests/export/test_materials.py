@@ -512,8 +512,8 @@ def test_textures_are_upright(stage, socket):
     image = stage.mitsuba(spp=64)
     near, far = 13, 19
     corners = image[near, near], image[near, far], image[far, near], image[far, far]
-    for color, seen in zip(QUADRANTS.values(), corners, strict=True):
-        assert seen == pytest.approx(color, abs=0.05)
+    for color, view in zip(QUADRANTS.values(), corners, strict=True):
+        assert view == pytest.approx(color, abs=0.05)
     assert stage.ratio((slice(9, 23), slice(9, 23)), spp=64) == pytest.approx(np.ones(3), abs=0.02)
 
 

@@ -159,9 +159,9 @@ def test_of_two_that_find_a_stale_claim_at_once_one_takes_it_over(tmp_path, monk
 
         def overtaken(*found):
             monkeypatch.setattr(slow, "_seconds_alive", left)
-            told = left(*found)
+            output = left(*found)
             assert taken.__enter__()
-            return told
+            return output
 
         monkeypatch.setattr(slow, "_seconds_alive", overtaken)
         with slow.claim("unit") as held:

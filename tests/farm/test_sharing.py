@@ -97,9 +97,9 @@ def start(blend, out, *more, code=None):
 
 def ended(*others):
     """Output of processes, which must succeed."""
-    told = [other.communicate(timeout=NEVER)[1] for other in others]
-    assert [other.returncode for other in others] == [0] * len(others), told
-    return told
+    messages = [other.communicate(timeout=NEVER)[1] for other in others]
+    assert [other.returncode for other in others] == [0] * len(others), messages
+    return messages
 
 
 def refused(status, error, says):
@@ -129,17 +129,17 @@ def wait_for(found, process=None):
         time.sleep(0.002)
 
 
-def made(told):
+def made(messages):
     """Frames that processes say that they made."""
-    return sum(int(re.search(r"Done: (\d+) frame", each)[1]) for each in told)
+    return sum(int(re.search(r"Done: (\d+) frame", each)[1]) for each in messages)
 
 
 @pytest.mark.slow  # two share what a third has left when it was killed, below
 @pytest.mark.parametrize("count", [2, 4])
 def test_processes_share_an_animation(count, alone, blend, tmp_path):
-    told = ended(*(start(blend, tmp_path / "out") for _ in range(count)))
+    messages = ended(*(start(blend, tmp_path / "out") for _ in range(count)))
     assert fields(tmp_path / "out") == alone
-    assert made(told) == len(FRAMES)  # none twice
+    assert made(messages) == len(FRAMES)  # none twice
 
 
 def stop(process, found):
@@ -175,8 +175,8 @@ def test_killed_in_the_middle_of_a_frame_others_go_on(times, alone, blend, tmp_p
         other.communicate()
         assert json.loads((out / "job.json").read_text())["unfinished"] == FRAMES
     left = len(FRAMES) - len(list(out.glob("frame_*")))
-    told = ended(start(blend, out), start(blend, out))
-    assert fields(out) == alone and made(told) == left  # none twice
+    messages = ended(start(blend, out), start(blend, out))
+    assert fields(out) == alone and made(messages) == left  # none twice
     assert json.loads((out / "job.json").read_text())["unfinished"] == []
 
 
@@ -224,8 +224,8 @@ def begun(blend, tmp_path, capfd):
     """A folder with one frame done and one that was begun."""
     out = tmp_path / "out"
     assert cli.main([*words(blend, out), "--frame-range", "1"]) == 0
-    told = json.loads((out / "job.json").read_text())
-    (out / "job.json").write_text(json.dumps({**told, "unfinished": FRAMES[1:2]}))
+    messages = json.loads((out / "job.json").read_text())
+    (out / "job.json").write_text(json.dumps({**messages, "unfinished": FRAMES[1:2]}))
     capfd.readouterr()
     return out
 
@@ -292,8 +292,8 @@ def test_nothing_is_left_where_no_frame_can_be_made(blend, tmp_path, capfd):
 
 
 def test_a_frame_of_another_machine_is_taken_over_when_its_heart_stops(blend, begun, capfd):
-    told = json.loads((begun / "job.json").read_text())
-    with Claims(begun, told["digest"]) as elsewhere, elsewhere.claim(FRAMES[1]):
+    messages = json.loads((begun / "job.json").read_text())
+    with Claims(begun, messages["digest"]) as elsewhere, elsewhere.claim(FRAMES[1]):
         file = begun / claims.FOLDER / FRAMES[1]
         claim = json.loads(file.read_text())
         file.write_text(json.dumps({**claim, "host": "elsewhere", "place": "elsewhere"}))

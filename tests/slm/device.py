@@ -100,11 +100,11 @@ class Firmware:
                 return []
             self.goes_on = 1
         self.session = session
-        said = struct.pack(
+        described = struct.pack(
             "<BBHHHIiHHBB", self.version, self.goes_on, self.longest, self.window, self.expected, self.frames,
             self._now(), *self.size, self.bits, self.can,
         )  # fmt: skip
-        return [self._packet(129, said + b"Test device")]
+        return [self._packet(129, described + b"Test device")]
 
     def _do(self, kind, payload):
         if kind == 2:

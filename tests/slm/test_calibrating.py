@@ -54,9 +54,9 @@ def test_a_display_is_seen_as_the_bench_has_it(pitch):
     bench = slm.Bench(setup.model, setup.phases(8), setup.sensor, shape, pitch, full_well=1e9, read_noise=0.0)
     light = DisplayLight(setup.model, shape, pitch, FOCI[0])
     picture = light.picture(light.spectra(setup.phases(8)[levels]), FOCI[0])
-    seen = np.minimum(setup.sensor.predict(picture, shape, GRID, FOCI[0], pitch), 1)
-    difference = bench.capture(levels, FOCI[0]) / 255 - seen
-    assert np.std(difference) < 0.01 * np.std(seen)
+    view = np.minimum(setup.sensor.predict(picture, shape, GRID, FOCI[0], pitch), 1)
+    difference = bench.capture(levels, FOCI[0]) / 255 - view
+    assert np.std(difference) < 0.01 * np.std(view)
 
 
 def test_levels_in_the_middle_of_a_larger_device():
@@ -163,14 +163,14 @@ def test_the_sign_of_the_panel_is_found(sign, monkeypatch):
     """Both are tried; of a panel whose phase falls the curve falls."""
     monkeypatch.setattr("holopath_addon.slm.fitting.STAGES", STAGES[:1])
     monkeypatch.setattr("holopath_addon.slm.calibrating.MIN_EXPLAINED", -99)
-    window, foci, told = slm.PatternWindow(16, PITCH, GREEN), FOCI[:2], []
+    window, foci, reports = slm.PatternWindow(16, PITCH, GREEN), FOCI[:2], []
     rising, _ = slm.perturbed_bench(start_of(window, foci), window, 3)
     point = replace(rising.model, size=0.0, bandwidth=0.0)
     bench = replace(rising, model=point, phases=sign * rising.phases)
     found = slm.calibrate(
-        bench.capture_values, window, foci, (0.95, 0.95), 20, progress=lambda done, _: told.append(done)
+        bench.capture_values, window, foci, (0.95, 0.95), 20, progress=lambda done, _: reports.append(done)
     )
-    assert told == sorted(told)
+    assert reports == sorted(reports)
     assert sign * slm.calibration_of(found, window).phases(GREEN)[-1] > 0
 
 
@@ -183,7 +183,7 @@ def test_what_the_model_gains():
     volume = engine.Hologram(40, 40, PITCH, (GREEN,), depth_far=2e-3, depth_near=7e-3)
     data = smooth(4, shape=(40, 40)).astype(np.complex64)
     field = engine.WaveField(data, volume, engine.Camera(np.eye(4), 0.6), 0.5)
-    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(4.5e-3))])[0]
+    target = engine.reconstruct(field, [float(field.mapping.z_to_depth(4.5e-3))])[0]
     curve = tuple(enumerate(map(float, truth.phases(8))))
     known = slm.Calibration(
         responses=(slm.Response(GREEN, curve=curve),), models=(truth.model,), sensors=(truth.sensor,)
@@ -193,8 +193,8 @@ def test_what_the_model_gains():
         levels = {} if not calibration.models else {"levels": calibration.levels_of(volume)}
         phase = engine.encode(field, "joint", display=calibration.display([GREEN]), **levels)
         shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
-        seen = np.mean([bench.picture(phases, 4.5e-3) for phases in shown], axis=0)
-        return metrics.psnr(seen[..., None], wanted, border=4)
+        view = np.mean([bench.picture(phases, 4.5e-3) for phases in shown], axis=0)
+        return metrics.psnr(view[..., None], target, border=4)
 
     assert decibels(known) > decibels(slm.Calibration()) + 5
 
@@ -208,8 +208,8 @@ def test_file(tmp_path):
     )
     calibration.save(tmp_path / "my.json")
     again = slm.Calibration.load(tmp_path / "my.json")
-    said = again.display([GREEN])[0].to_dict()
-    assert all(said[name] == pytest.approx(value) for name, value in truth.model.to_dict().items())
+    described = again.display([GREEN])[0].to_dict()
+    assert all(described[name] == pytest.approx(value) for name, value in truth.model.to_dict().items())
     assert again.sensor(GREEN).to_dict() == truth.sensor.to_dict()
     with pytest.raises(engine.InvalidInput, match=r"calibrated \(520 nm\), got 640 nm"):
         again.display([GREEN, 640e-9])
@@ -222,9 +222,9 @@ def test_file(tmp_path):
 def test_files_that_say_what_cannot_be(change, tmp_path):
     _, truth = slm.perturbed_bench(start_of(SMALL), SMALL, 7)
     slm.Calibration(models=(truth.model,), sensors=(truth.sensor,)).save(tmp_path / "my.json")
-    said = json.loads((tmp_path / "my.json").read_text())
-    said["displays"][0] |= change
-    (tmp_path / "my.json").write_text(json.dumps(said))
+    described = json.loads((tmp_path / "my.json").read_text())
+    described["displays"][0] |= change
+    (tmp_path / "my.json").write_text(json.dumps(described))
     with pytest.raises(engine.InvalidInput, match="my.json"):
         slm.Calibration.load(tmp_path / "my.json")
 

@@ -124,11 +124,11 @@ def test_a_response_that_was_written_modulo_a_turn():
     """It is that of a panel which goes on; few or irregular phases are taken as they are."""
     going_on = np.linspace(0.3, 1.4 * TURN, 33)
     at = np.linspace(0, 255, 33)
-    shown, wanted = (
+    shown, target = (
         Response(GREEN, curve=tuple(zip(at, phases, strict=True))).phases(8)
         for phases in (np.mod(going_on, TURN), going_on)
     )
-    np.testing.assert_allclose(shown, wanted, atol=1e-9)
+    np.testing.assert_allclose(shown, target, atol=1e-9)
     few = Response(GREEN, curve=((0, 0.0), (128, 5.0), (255, 6.2)))
     assert few.phases(8)[64] == pytest.approx(2.5)
     table = engine.Levels(np.mod(np.linspace(0, 1.4 * TURN, 256), TURN))
@@ -166,8 +166,8 @@ def test_falling_is_the_conjugate_and_not_the_complement():
 
 def test_a_response_in_a_table_beside_the_file(tmp_path):
     (tmp_path / "green.csv").write_text("level;phase (pi)\n0;0\n128;1,1\n255;2,2\n")
-    said = {"format": FORMAT, "responses": [{"wavelength_nm": 516.5, "file": "green.csv"}]}
-    (tmp_path / "mine.json").write_text(json.dumps(said))
+    data = {"format": FORMAT, "responses": [{"wavelength_nm": 516.5, "file": "green.csv"}]}
+    (tmp_path / "mine.json").write_text(json.dumps(data))
     assert response_files(tmp_path / "mine.json")["table 0"] == tmp_path / "green.csv"
     shown = Calibration.load(tmp_path / "mine.json").phases(516.5e-9)
     assert shown[128] == pytest.approx(1.1 * math.pi) and shown[255] == pytest.approx(2.2 * math.pi)
@@ -207,12 +207,12 @@ def test_nearest_measurement_is_taken():
 
 def test_correction_is_added_before_the_level_is_chosen():
     """A flat hologram: the levels are those of what lacks, scaled to the wavelength."""
-    wanted = np.arange(64).reshape(8, 8)  # levels
-    correction = wanted * (TURN / 256) * 450 / 633
+    target = np.arange(64).reshape(8, 8)  # levels
+    correction = target * (TURN / 256) * 450 / 633
     calibration = Calibration(correction=correction, correction_wavelength=633e-9)
-    np.testing.assert_array_equal(calibration.levels(np.zeros((8, 8)), 450e-9), wanted)
+    np.testing.assert_array_equal(calibration.levels(np.zeros((8, 8)), 450e-9), target)
     tilt = np.full((8, 8), TURN * 200 / 256, np.float32)
-    np.testing.assert_array_equal(calibration.levels(tilt, 450e-9), (wanted + 200) % 256)
+    np.testing.assert_array_equal(calibration.levels(tilt, 450e-9), (target + 200) % 256)
 
 
 @pytest.mark.parametrize("what", [0.7, 1.6, "1.6 turns", "0.7 turns, falling"])
@@ -225,9 +225,9 @@ def test_correction_and_response_together(what):
         responses=(response,), correction=correction, correction_wavelength=RED, size=(20, 24)
     )
     shown = phases_by_hand(response, 8, BLUE)
-    wanted = phases + correction.astype(np.float32) * RED / BLUE
-    best = np.min([apart(phase, wanted) for phase in used(shown)], axis=0)
-    assert (apart(shown[calibration.levels(phases, BLUE)], wanted) - best).max() <= STEP + 3e-5
+    target = phases + correction.astype(np.float32) * RED / BLUE
+    best = np.min([apart(phase, target) for phase in used(shown)], axis=0)
+    assert (apart(shown[calibration.levels(phases, BLUE)], target) - best).max() <= STEP + 3e-5
 
 
 # Where pixels land
@@ -287,15 +287,15 @@ def test_seen_reverses_levels(what):
         correction_wavelength=RED,
     )
     phases = some_phases((18, 28)) + np.float32(0.01)  # not 0, as what is beside the panel
-    seen = calibration.shown_phases(calibration.levels(phases, GREEN), GREEN, (18, 28))
-    assert seen.min() >= 0 and seen.max() <= np.float32(TURN)
+    view = calibration.shown_phases(calibration.levels(phases, GREEN), GREEN, (18, 28))
+    assert view.min() >= 0 and view.max() <= np.float32(TURN)
     # moved by 9 to the right of 1 pixel's margin, and mirrored: 8 columns lie beside it, the first ones
     there = np.zeros((18, 28), bool)
     there[: 18 - 3, 8:] = True  # by 4 up of 1
-    assert not seen[~there].any()
+    assert not view[~there].any()
     steps = np.sort(np.mod(phases_by_hand(calibration.responses[0], 8, GREEN), TURN))
     widest = max(np.diff(steps).max(), TURN - steps[-1] + steps[0])
-    assert apart(seen, phases)[there].max() <= widest / 2 + STEP + 1e-4
+    assert apart(view, phases)[there].max() <= widest / 2 + STEP + 1e-4
 
 
 def test_seen_by_the_formula():
@@ -441,9 +441,9 @@ def test_round_trip(folder):
     assert {path.name for path in folder.iterdir()} == {"device.json", "device.correction.npy"}
 
 
-def write(folder, **said):
+def write(folder, **data):
     path = folder / "foreign.json"
-    path.write_text(json.dumps({"format": FORMAT} | said), encoding="utf-8")
+    path.write_text(json.dumps({"format": FORMAT} | data), encoding="utf-8")
     return path
 
 
@@ -545,7 +545,7 @@ def test_pictures_that_are_no_correction(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("said", "says"),
+    ("data", "says"),
     [
         ({"format": "another"}, "another format"),
         ({"format_version": 2}, "newer"),
@@ -561,9 +561,9 @@ def test_pictures_that_are_no_correction(tmp_path):
         ({"correction": {"file": "map.npy", "wavelength_nm": 0}}, "wavelength"),
     ],
 )
-def test_files_that_are_refused(said, says, tmp_path):
+def test_files_that_are_refused(data, says, tmp_path):
     np.save(tmp_path / "map.npy", np.zeros((2, 3), np.float32))
-    path = write(tmp_path, **said)
+    path = write(tmp_path, **data)
     with refused(says) as _:
         Calibration.load(path)
     with pytest.raises(engine.InvalidInput, match=re.escape(str(path))):
@@ -606,12 +606,12 @@ def test_any_json_is_read_or_refused(folder):
     np.save(folder / "map.npy", np.zeros((2, 3), np.float32))
 
     @settings(quick, max_examples=200)
-    @given(json_values | near_values.map(lambda said: {"format": FORMAT} | said))
+    @given(json_values | near_values.map(lambda data: {"format": FORMAT} | data))
     @example({"format": FORMAT, "bits": math.inf})
     @example({"format": FORMAT, "responses": [{"wavelength_nm": 10**400}]})
     @example({"format": FORMAT, "responses": [{"wavelength_nm": 532, "curve": [[0, 0], [255, 10**400]]}]})
-    def check(said):
-        (folder / "any.json").write_text(json.dumps(said), encoding="utf-8")
+    def check(data):
+        (folder / "any.json").write_text(json.dumps(data), encoding="utf-8")
         try:
             found = Calibration.load(folder / "any.json")
         except engine.InvalidInput as error:

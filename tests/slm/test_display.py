@@ -58,7 +58,7 @@ def screenshot(left, top=0, width=WIDTH, height=HEIGHT):
     return np.asarray(grabbed)[..., 2::-1]
 
 
-class Told:
+class Reports:
     """Takes in what a driver tells."""
 
     def __init__(self):
@@ -114,7 +114,7 @@ def test_choose():
 
 
 @pytest.mark.parametrize(
-    "found, wanted, message",
+    "found, target, message",
     [
         ([LEFT, RIGHT], "A", "the primary monitor, where you work"),
         ([LEFT], None, "no monitor for the SLM"),
@@ -124,9 +124,9 @@ def test_choose():
         ([LEFT, RIGHT, SMALL], None, "several monitors for the SLM"),
     ],
 )
-def test_no_choice(found, wanted, message):
+def test_no_choice(found, target, message):
     with pytest.raises(InvalidInput, match=message) as error:
-        choose(found, wanted)
+        choose(found, target)
     assert all(str(monitor) in str(error.value) for monitor in found)
 
 
@@ -141,8 +141,8 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
     before = screenshot(0)
     if renderer:
         monkeypatch.setenv("SDL_RENDER_DRIVER", renderer)
-    driver, told = DisplayDriver(), Told()
-    driver.open(60, told)
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(60, reports)
     assert renderer is None or f"({renderer})" in driver.info.note
     try:
         assert (driver.info.name, driver.info.width, driver.info.height) == (SECOND, WIDTH, HEIGHT)
@@ -150,7 +150,7 @@ def test_every_pixel(two_monitors, monkeypatch, renderer):
         sent = pictures(4)
         for number, which in enumerate((0, 1, 2, 0, 3)):  # one of them again
             show(driver, number, sent[which])
-            told.wait(number)
+            reports.wait(number)
             pixels = sent[which].pixels
             np.testing.assert_array_equal(
                 screenshot(WIDTH), pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, 2)
@@ -185,21 +185,21 @@ def test_a_hologram(two_monitors):
 
 def test_sixty_a_second(two_monitors):
     """The schedule is kept, whatever comes late or is left out: `python -m benchmarks slm` says how many do."""
-    driver, told = DisplayDriver(), Told()
-    driver.open(60, told)
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(60, reports)
     sent = pictures(6)
     start = time.monotonic()
     for number in range(60):
         show(driver, number, sent[number % len(sent)])
     finish(driver)
     assert 0.9 < time.monotonic() - start < SOON
-    assert sorted(told.what) == list(range(60))
-    assert Counter(told.what.values())["dropped"] < 60  # how many are in time is the machine's doing
+    assert sorted(reports.what) == list(range(60))
+    assert Counter(reports.what.values())["dropped"] < 60  # how many are in time is the machine's doing
 
 
 def test_rate_below_the_monitors(two_monitors):
-    driver, told = DisplayDriver(), Told()
-    driver.open(20, told)
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(20, reports)
     assert driver.info.rate == pytest.approx(
         20, rel=0.05
     )  # whatever a busy machine measures of the monitor's
@@ -212,10 +212,10 @@ def test_rate_below_the_monitors(two_monitors):
 
 def test_a_crash_of_the_window(two_monitors):
     """An error within two seconds; the streamer opens another and shows the rest, each once."""
-    driver, told, sent = DisplayDriver(), Told(), pictures(4)
-    driver.open(60, told)
+    driver, reports, sent = DisplayDriver(), Reports(), pictures(4)
+    driver.open(60, reports)
     show(driver, 0, sent[0])
-    told.wait(0)
+    reports.wait(0)
     os.kill(window_of(driver), signal.SIGKILL)
     start = time.monotonic()
     with pytest.raises(DeviceLost, match="window has crashed"):
@@ -308,20 +308,20 @@ def test_stopped_at_any_rate(two_monitors, rate, loops):
 
 def test_a_talkative_graphics_driver(two_monitors):
     """A window that writes a lot to standard error is not blocked."""
-    driver, told = DisplayDriver(), Told()
-    driver.open(60, told)
+    driver, reports = DisplayDriver(), Reports()
+    driver.open(60, reports)
     os.write(driver._window._errors.fileno(), b"warning: this card is old\n" * 10000)
     show(driver, 0, pictures(1)[0])
-    told.wait(0)
+    reports.wait(0)
     driver.close()
 
 
 def test_no_room_for_the_ring(monkeypatch, tmp_path):
     """Asked for before it is used: a program that writes where there is none would die."""
-    asked = []
+    request = []
 
     def full(file, size):
-        asked.append((Path(file.name) if isinstance(file.name, str) else file.name, size))
+        request.append((Path(file.name) if isinstance(file.name, str) else file.name, size))
         raise OSError(28, "No space left on device")
 
     before = set(os.listdir("/dev/shm")) if Path("/dev/shm").exists() else set()
@@ -329,7 +329,7 @@ def test_no_room_for_the_ring(monkeypatch, tmp_path):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(InvalidInput, match="no room"):
         display._allocate_ring(1 << 20)
-    assert {size for _, size in asked} == {64 << 20, 3 << 20}
+    assert {size for _, size in request} == {64 << 20, 3 << 20}
     assert not list(tmp_path.iterdir()) and (not before or set(os.listdir("/dev/shm")) <= before)
 
 

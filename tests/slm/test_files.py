@@ -97,10 +97,17 @@ def test_raw(bits, tmp_path):
     data = (tmp_path / "out" / "pictures.raw").read_bytes()
     numbers = [int(level) for level in levels.flat]
     assert data == (bytes(numbers) if bits == 8 else struct.pack(f"<{len(numbers)}H", *numbers))
-    said = said_of(tmp_path / "out")
-    assert (said["pictures"], said["width"], said["height"], said["channels"]) == (3, 6, 5, 1)
-    assert said["bytes_per_level"] == (1 if bits == 8 else 2)
-    assert said["pictures"] * said["width"] * said["height"] * said["bytes_per_level"] == len(data)
+    described = said_of(tmp_path / "out")
+    assert (described["pictures"], described["width"], described["height"], described["channels"]) == (
+        3,
+        6,
+        5,
+        1,
+    )
+    assert described["bytes_per_level"] == (1 if bits == 8 else 2)
+    assert described["pictures"] * described["width"] * described["height"] * described[
+        "bytes_per_level"
+    ] == len(data)
 
 
 def test_raw_in_color(tmp_path):

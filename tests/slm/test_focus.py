@@ -148,7 +148,7 @@ def test_readable(folder):
 
 
 @pytest.mark.parametrize(
-    ("said", "says"),
+    ("data", "says"),
     [
         (FORMAT | {"format": "another", "planes": []}, "another format"),
         (FORMAT | {"format_version": 2, "planes": []}, "newer"),
@@ -162,8 +162,8 @@ def test_readable(folder):
         (FORMAT | {"planes": 5}, "cannot be read"),
     ],
 )
-def test_files_that_are_refused(said, says, tmp_path):
-    (tmp_path / "planes.json").write_text(json.dumps(said))
+def test_files_that_are_refused(data, says, tmp_path):
+    (tmp_path / "planes.json").write_text(json.dumps(data))
     with refused(says):
         FocusPlanes.load(tmp_path / "planes.json")
     with pytest.raises(engine.InvalidInput, match="The focus planes .*planes.json"):
@@ -194,12 +194,12 @@ near_files = st.fixed_dictionaries({"planes": json_values | st.lists(near_rows |
 
 def test_any_json_is_read_or_refused(folder):
     @settings(quick, max_examples=200)
-    @given(json_values | near_files.map(lambda said: FORMAT | said))
+    @given(json_values | near_files.map(lambda data: FORMAT | data))
     @example(FORMAT | {"planes": [{"distance_mm": 80, "position": math.inf}]})
     @example(FORMAT | {"planes": [{"distance_mm": 10**400}]})
     @example(FORMAT | {"planes": "ab"})
-    def check(said):
-        (folder / "any.json").write_text(json.dumps(said), encoding="utf-8")
+    def check(data):
+        (folder / "any.json").write_text(json.dumps(data), encoding="utf-8")
         try:
             planes = FocusPlanes.load(folder / "any.json")
         except engine.InvalidInput as error:
@@ -215,15 +215,15 @@ def test_any_json_is_read_or_refused(folder):
 
 def test_sweep():
     """Moves, then takes a picture, at each in its turn."""
-    done, told = [], []
+    done, reports = [], []
     sweep(
         some(5, None, 7),
         lambda number: done.append(("move", number)),
         lambda number: done.append(("capture", number)),
-        lambda share, message: told.append((share, message)),
+        lambda share, message: reports.append((share, message)),
     )
     assert done == [(what, number) for number in range(3) for what in ("move", "capture")]
-    assert [share for share, _ in told] == pytest.approx([0, 1 / 3, 2 / 3]) and "81 mm" in told[1][1]
+    assert [share for share, _ in reports] == pytest.approx([0, 1 / 3, 2 / 3]) and "81 mm" in reports[1][1]
 
 
 def test_sweep_stopped():
@@ -265,18 +265,18 @@ class Motor(Firmware):
 @pytest.mark.parametrize("target", [300, -300])
 def test_returns_when_the_motion_has_ended(target):
     """Not before, and not long after; meanwhile it says where it is."""
-    firmware, seen = Motor(speed=300), []
+    firmware, view = Motor(speed=300), []
     with Board(firmware) as board:
         controller = Controller(board.path)
         controller.open()
         start = time.monotonic()
-        controller.focus(target, seen.append)
+        controller.focus(target, view.append)
         end = time.monotonic()
         assert firmware.positions == [target] and controller.position() == target
         controller.close()
     assert end >= firmware.arrivals[0] >= start + 0.9
     assert end - firmware.arrivals[0] < SOON
-    steps = [abs(position) for position in seen]
+    steps = [abs(position) for position in view]
     assert len(steps) > 1 and steps == sorted(steps) and 0 <= steps[0] < steps[-1] <= 300
 
 

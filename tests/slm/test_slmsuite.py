@@ -110,12 +110,12 @@ def found(tmp_path_factory):
 @pytest.mark.parametrize(("bits", "side"), [(8, 16), (10, 32)])
 def test_levels_are_shown_as_they_are(found, bits, side):
     """All of them, also where slmsuite has a correction of its own."""
-    seen = found[str(bits)]
+    view = found[str(bits)]
     levels = np.arange(2**bits).reshape(side, side)
-    np.testing.assert_array_equal(seen["shown"], levels)
-    np.testing.assert_array_equal(seen["corrected"], levels)
-    assert seen["type"] == ("uint8" if bits == 8 else "uint16") and seen["closed"]
-    name, *rest = seen["info"]
+    np.testing.assert_array_equal(view["shown"], levels)
+    np.testing.assert_array_equal(view["corrected"], levels)
+    assert view["type"] == ("uint8" if bits == 8 else "uint16") and view["closed"]
+    name, *rest = view["info"]
     assert "SimulatedSLM" in name and rest == [side, side, bits, None, True, 1]
 
 

@@ -96,11 +96,11 @@ def everything(folder):
 
 def one_line(capfd, status, says, expected_status=2):
     """An error is one line that says what is wrong."""
-    said = capfd.readouterr()
-    lines = [line for line in said.err.splitlines() if line.startswith("holopath: ")]
-    assert status == expected_status and len(lines) == 1 and "Traceback" not in said.err, said.err
+    described = capfd.readouterr()
+    lines = [line for line in described.err.splitlines() if line.startswith("holopath: ")]
+    assert status == expected_status and len(lines) == 1 and "Traceback" not in described.err, described.err
     assert re.search(says, lines[0]), lines[0]
-    assert "a bug in HoloPath" not in lines[0] and said.out == ""
+    assert "a bug in HoloPath" not in lines[0] and described.out == ""
 
 
 def read(path):
@@ -117,8 +117,8 @@ def test_files(folder, capfd):
     assert len(list(pictures.iterdir())) == 5
     for n, levels in enumerate(levels_of().reshape(4, HEIGHT, WIDTH)):
         np.testing.assert_array_equal(read(pictures / f"picture_{n:06d}.png"), levels)
-    said = capfd.readouterr()
-    assert re.search(r"100% Done: 4 shown.*0 late, 0 dropped", said.err) and said.out == ""
+    described = capfd.readouterr()
+    assert re.search(r"100% Done: 4 shown.*0 late, 0 dropped", described.err) and described.out == ""
 
 
 def test_the_output_folder_stays_holopaths_own(folder):
@@ -133,8 +133,8 @@ def test_files_of_many_kinds(folder, tmp_path):
     levels = levels_of()
     words = ["--driver", "files", "--packing", "colour", "--order", "GBR", "--kind", "raw", "--loops", "2"]
     assert run(folder / "hologram", *words, "--rate", "500", "--out", tmp_path / "raw", "--quiet") == 0
-    said = json.loads((tmp_path / "raw" / "pictures.json").read_text())
-    assert (said["pictures"], said["channels"], said["rate_hz"]) == (8, 3, 500)
+    described = json.loads((tmp_path / "raw" / "pictures.json").read_text())
+    assert (described["pictures"], described["channels"], described["rate_hz"]) == (8, 3, 500)
     data = np.frombuffer((tmp_path / "raw" / "pictures.raw").read_bytes(), np.uint8)
     data = data.reshape(8, HEIGHT, WIDTH, 3)
     shown = levels.reshape(4, HEIGHT, WIDTH)
@@ -165,8 +165,17 @@ def test_ten_bits_of_channels_and_back(packing, folder, tmp_path):
     assert run(folder, "--driver", "files", *words, "--quiet") == 0
     pictures = [str(path) for path in sorted((tmp_path / "o").glob("*.png"))]
     assert len(pictures) == 4
-    said = ["--packing", packing, "--pitch", "8", "--wavelengths", "640", "--out", str(tmp_path / "again")]
-    assert cli.main(["import", pictures[0], *said, "--quiet"]) == 0
+    described = [
+        "--packing",
+        packing,
+        "--pitch",
+        "8",
+        "--wavelengths",
+        "640",
+        "--out",
+        str(tmp_path / "again"),
+    ]
+    assert cli.main(["import", pictures[0], *described, "--quiet"]) == 0
     levels = engine.PhaseHologram.load(tmp_path / "again" / "hologram").data[0, 0] * (1024 / (2 * math.pi))
     away = np.mod(levels * 1.25 / 4 - levels_of()[0, 0] + 128, 256) - 128
     assert np.abs(away).max() <= 0.5 * 1.25 / 4 + 0.01  # half a level of 1024, in levels of 256
@@ -323,8 +332,8 @@ def test_interrupted(loops, board, folder, capfd):
     status = run(folder, "--driver", "serial", "--port", board.path, "--loops", loops, "--rate", "50")
     assert time.monotonic() - start < SOON
     if loops == "0":
-        said = capfd.readouterr().err
-        assert status == 0 and re.search(r"Done: \d+ shown", said) and "holopath: " not in said
+        described = capfd.readouterr().err
+        assert status == 0 and re.search(r"Done: \d+ shown", described) and "holopath: " not in described
     else:
         one_line(capfd, status, r"Cancelled: \d+ shown", expected_status=1)
     shown = [number for number, *_ in board.firmware.shown]

@@ -52,9 +52,9 @@ def encoded(field, calibration):
 def on_the_bench(bench, field, calibration, phase, distance=4.5e-3):
     """PSNR in dB of the picture without the camera."""
     shown = [bench.phases[calibration.levels(frame[0], GREEN)] for frame in phase.data]
-    seen = np.mean([bench.picture(phases, distance) for phases in shown], axis=0)
-    wanted = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
-    return metrics.psnr(seen[..., None], wanted, border=4)
+    view = np.mean([bench.picture(phases, distance) for phases in shown], axis=0)
+    target = engine.reconstruct(field, [float(field.mapping.z_to_depth(distance))])[0]
+    return metrics.psnr(view[..., None], target, border=4)
 
 
 def test_where_the_camera_looks_there_and_back(bench):
@@ -76,8 +76,8 @@ def test_what_the_model_does_not_know_is_made_up_for(bench):
     before = [on_the_bench(bench, field, calibration, phase, z) for z in (4.5e-3, 3e-3)]
     tuned = slm.tune(phase, field, bench.capture_values, calibration, GREEN, rounds=8)
     after = [on_the_bench(bench, field, calibration, tuned, z) for z in (4.5e-3, 3e-3)]
-    seen = tuned.report["tuned"][0]["psnr_db"]
-    assert len(seen) == 9 and max(seen) > seen[0] + 0.7
+    view = tuned.report["tuned"][0]["psnr_db"]
+    assert len(view) == 9 and max(view) > view[0] + 0.7
     assert after[0] > before[0] + 0.7 and after[1] > before[1]
     assert tuned.data.dtype == np.float32 and tuned.method == phase.method
 

@@ -41,8 +41,8 @@ def decibels(field, phase, calibration, sent=None):
     bench = VirtualDriver(phase, calibration)
     slm.stream(slm.Sequence([phase], sent or calibration), bench)
     bench.focus_at(2e-3)
-    wanted = engine.reconstruct(field, [bench.focus])[0]
-    return metrics.psnr(bench.capture(), wanted, border=4)
+    target = engine.reconstruct(field, [bench.focus])[0]
+    return metrics.psnr(bench.capture(), target, border=4)
 
 
 @pytest.mark.parametrize("name", RESPONSES)
@@ -142,8 +142,8 @@ def test_the_device_shows_exactly_what_was_encoded(field):
     )
     phase = engine.encode(field, "dpac", levels=device.levels_of(field.hologram))
     levels = slm.Sequence([phase], device).picture(0).pixels
-    seen = device.shown_phases(levels, GREEN, (height, width))
-    assert np.abs(np.exp(1j * seen) - np.exp(1j * phase.data[0, 0])).max() < 1e-5
+    view = device.shown_phases(levels, GREEN, (height, width))
+    assert np.abs(np.exp(1j * view) - np.exp(1j * phase.data[0, 0])).max() < 1e-5
     assert len(np.unique(phase.data)) > 1000 and len(np.unique(levels)) == 16
 
 
@@ -192,9 +192,9 @@ def test_a_response_that_varies_over_the_panel(name, gain, loss, field):
     assert found[0] > found[1] + gain and found[0] > found[2] - loss, found
     if name == "plm":  # 16 levels of which none is missed: the device shows exactly what was encoded
         levels = slm.Sequence([known], device).picture(0).pixels
-        seen = device.shown_phases(levels, GREEN, (height, width))
+        view = device.shown_phases(levels, GREEN, (height, width))
         # two levels a turn apart may be as near: to what the device's table resolves
-        assert np.abs(np.exp(1j * seen) - np.exp(1j * known.data[0, 0])).max() < 0.01
+        assert np.abs(np.exp(1j * view) - np.exp(1j * known.data[0, 0])).max() < 0.01
 
 
 def test_files_of_a_response_that_varies(field, tmp_path, capsys):

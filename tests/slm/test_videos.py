@@ -43,12 +43,12 @@ def shown(program, file, size=(34, 21)):
     """All pictures of a video, and its rate."""
     command = [program, "-nostdin", "-i", str(file), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(command, capture_output=True, check=True)
-    said = done.stderr.decode()
-    rate = float(said.partition(" fps,")[0].rpartition(" ")[2])
+    described = done.stderr.decode()
+    rate = float(described.partition(" fps,")[0].rpartition(" ")[2])
     return np.frombuffer(done.stdout, np.uint8).reshape(-1, *size[::-1], 3), rate
 
 
-def told(folder):
+def reports(folder):
     return json.loads((folder / "pictures.json").read_text())["videos"]
 
 
@@ -63,7 +63,7 @@ def test_a_video_for_each_color(program, tmp_path):
         expected = np.tile(levels[:, :, k], (1, 3, 1, 1)).reshape(-1, 21, 34)
         for channel in range(3):
             np.testing.assert_array_equal(pictures[..., channel], expected)
-        assert rate == 180 and told(tmp_path / "out")[name] == {
+        assert rate == 180 and reports(tmp_path / "out")[name] == {
             "wavelength_nm": pytest.approx(WAVELENGTHS[k] * 1e9),
             "pictures": 24,
             "pictures_of_a_hologram": 12,
@@ -78,7 +78,7 @@ def test_colors_in_the_channels(program, tmp_path):
     stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=59.94, loops=2)
     pictures, rate = shown(program, tmp_path / "out" / "pictures.mkv")
     np.testing.assert_array_equal(pictures, np.tile(np.moveaxis(levels[:, 0], 1, -1), (2, 1, 1, 1)))
-    assert rate == 59.94 and told(tmp_path / "out")["pictures.mkv"]["pictures"] == 6
+    assert rate == 59.94 and reports(tmp_path / "out")["pictures.mkv"]["pictures"] == 6
 
 
 def test_colors_one_after_the_other(program, tmp_path):
@@ -87,7 +87,7 @@ def test_colors_one_after_the_other(program, tmp_path):
     stream(sequence, FilesDriver(tmp_path / "out", "video", sequence), rate=60.0)
     pictures, _ = shown(program, tmp_path / "out" / "pictures.mkv")
     np.testing.assert_array_equal(pictures[..., 1], levels.reshape(-1, 21, 34))
-    assert told(tmp_path / "out")["pictures.mkv"]["seconds_of_a_hologram"] == pytest.approx(0.1)
+    assert reports(tmp_path / "out")["pictures.mkv"]["seconds_of_a_hologram"] == pytest.approx(0.1)
 
 
 def test_cancelled(program, tmp_path, monkeypatch):
@@ -140,5 +140,5 @@ def test_what_a_video_cannot_have(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(video.shutil, "which", lambda name: None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert cli.main([*words, "--rate", "60", "--out", str(tmp_path / "out")]) == 1
-    assert "install it, or `pip install holopath[video]`, or choose --kind png" in capfd.readouterr().err
+    assert "Install it, or run `pip install holopath[video]`, or choose --kind png" in capfd.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["hologram"]
