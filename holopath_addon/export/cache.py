@@ -34,7 +34,7 @@ class ExportCache:
     """
 
     def __init__(self):
-        self._moved, self._changed = set(), set()
+        self._transforms, self._changes = set(), set()
         self.clear()
 
     def begin(self, depsgraph):
@@ -48,9 +48,9 @@ class ExportCache:
         if not _listen(self) or context != self._context:
             self.clear()
         self._context = context
-        moved, changed = self._moved, self._changed
-        self._moved, self._changed = set(), set()
-        self.appearances.forget(moved | changed)
+        transforms, changed = self._transforms, self._changes
+        self._transforms, self._changes = set(), set()
+        self.appearances.forget(transforms | changed)
         self._meshes = {key: mesh for key, mesh in self._meshes.items() if not mesh.sources & changed}
 
     def mesh(self, key, sources):
@@ -71,7 +71,7 @@ class ExportCache:
         entry = self._meshes.get(key)
         return entry if entry is not None and sources <= entry.sources else CachedMesh()
 
-    def end(self, meshes, joined):
+    def end(self, meshes, joined_meshes):
         """Store the meshes of an export, and drop all others.
 
         Parameters
@@ -80,7 +80,7 @@ class ExportCache:
         joined : dict
             Joined meshes by their pieces.
         """
-        self.joined = joined
+        self.joined_meshes = joined_meshes
         self._meshes = {key: mesh for key, mesh in meshes.items() if mesh.is_tracked}
         self.appearances.drop_unused()
 
@@ -91,11 +91,11 @@ class ExportCache:
 
     def changed(self, uid, moved_only):
         """Record that Blender has evaluated a datablock again."""
-        (self._moved if moved_only else self._changed).add(uid)
+        (self._transforms if moved_only else self._changes).add(uid)
 
     def clear(self):
         """Clear the cache."""
-        self._meshes, self.joined, self._context = {}, {}, None
+        self._meshes, self.joined_meshes, self._context = {}, {}, None
         self.appearances = Appearances()
 
     def close(self):
@@ -310,8 +310,8 @@ def _context(depsgraph):
 def _handlers():
     handlers = bpy.app.handlers
     return {
-        _updated: (handlers.depsgraph_update_post, handlers.frame_change_post),
-        _forget: (handlers.undo_post, handlers.redo_post, handlers.load_post),
+        _on_update: (handlers.depsgraph_update_post, handlers.frame_change_post),
+        _on_reload: (handlers.undo_post, handlers.redo_post, handlers.load_post),
     }
 
 
@@ -335,7 +335,7 @@ def _detach():
 
 
 @bpy.app.handlers.persistent
-def _updated(scene, depsgraph):
+def _on_update(scene, depsgraph):
     if baking.busy():
         return
     for update in depsgraph.updates:
@@ -346,6 +346,6 @@ def _updated(scene, depsgraph):
 
 
 @bpy.app.handlers.persistent
-def _forget(*_):
+def _on_reload(*_):
     for cache in _listening:
         cache.clear()

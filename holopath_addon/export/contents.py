@@ -98,7 +98,7 @@ class Contents:
         self.emits = False
         self.smooth = {}
         self.meshes = {}
-        self.joined = {}
+        self.joined_meshes = {}
         self._depsgraph = depsgraph
         self._scale = scale
         self._origin = tuple(map(float, origin))
@@ -111,13 +111,13 @@ class Contents:
         self._flats = {}
         self._objects_noted = set()
         self._placements = []
-        self._copied, self._copies_left = {}, MAX_COPIED_TRIANGLES
+        self._is_copied, self._copies_left = {}, MAX_COPIED_TRIANGLES
         self._own_bakes = Counter()
         self._instance_readers = {}
         self._evaluated_metaballs = set()
         self._hair = []
         self._override = depsgraph.view_layer.material_override
-        self._shown = _render_visible(depsgraph)
+        self._visible_uids = _render_visible(depsgraph)
         self._faces, self._strands = depsgraph.view_layer.use_solid, depsgraph.view_layer.use_strand
         self._render = depsgraph.scene.render
         try:
@@ -145,8 +145,8 @@ class Contents:
             object = instance.object
             original = object.original
             owner = instance.parent.original if instance.is_instance else original
-            hidden = owner.hide_render or (original.hide_render and not _scattered(instance, owner))
-            if owner.session_uid in self._shown and not hidden:
+            hidden = owner.hide_render or (original.hide_render and not _is_scattered(instance, owner))
+            if owner.session_uid in self._visible_uids and not hidden:
                 yield instance, object, owner
 
     def _add(self, instance, object, owner):
@@ -287,8 +287,8 @@ class Contents:
             return looks
         if object.type in MESH_MAKERS or not (_held_elsewhere(object) or len(object.data.polygons) > 0):
             return [get(material, False) for material in materials]
-        placed = self._finite(matrix, object.name)
-        corners = np.array(object.bound_box) @ placed[:3, :3].T + placed[:3, 3]
+        to_world = self._finite(matrix, object.name)
+        corners = np.array(object.bound_box) @ to_world[:3, :3].T + to_world[:3, 3]
         pixel = self._pixel(corners.min(0), corners.max(0))
         read = matrix, replace(values, color=tuple(object.color), index=object.pass_index)
         if bake and _same(bake.sources, looks) and bake.read == read and bake.pixel <= 1.5 * pixel:
@@ -296,7 +296,7 @@ class Contents:
             return bake.looks
         try:
             generated = any(material is not None and reads_generated(material) for material in materials)
-            flat = baking.Flat(object, self._layout(object, placed, pixel), *read, generated)
+            flat = baking.Flat(object, self._layout(object, to_world, pixel), *read, generated)
             if flat.stretched:
                 self._notes.add(
                     object.name,
@@ -319,8 +319,8 @@ class Contents:
                     f"The mesh of object '{object.name}' has vertices that are not finite numbers. "
                     "Repair or hide it."
                 )
-            placed = vertices @ matrix[:3, :3].T
-            a, b, c = (placed[triangles[:, k]] for k in range(3))
+            points = vertices @ matrix[:3, :3].T
+            a, b, c = (points[triangles[:, k]] for k in range(3))
             area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
             size = np.nan_to_num(2 * np.sqrt(area) / max(pixel, 1e-30), posinf=MAX_TEXELS)
             if size > 4 * MAX_TEXELS:
@@ -372,7 +372,7 @@ class Contents:
         A mesh is read only if the cache lacks some of its shapes, which are then made at once, while its arrays are in
         the processor's cache.
         """
-        remaining = Counter(placed.key for placed in self._placements)
+        remaining = Counter(placement.key for placement in self._placements)
         counts = dict(remaining)
         objects = enumerate(
             object
@@ -381,13 +381,13 @@ class Contents:
         )
         made: dict = {key: {} for key in self.meshes}
         surfaces, groups, shapes = {}, {}, []
-        for number, placed in enumerate(self._placements):
-            key, looks = placed.key, self._slots[placed.key]
+        for number, placement in enumerate(self._placements):
+            key, looks = placement.key, self._slots[placement.key]
             entry = self.meshes[key]
             if key[1] == "META" and key[0] in self._evaluated_metaballs:
                 continue  # since Blender 5 it is listed again as its evaluated mesh
 
-            def surface(slot, number=number, key=key, name=placed.name):
+            def surface(slot, number=number, key=key, name=placement.name):
                 if key not in surfaces:
                     object = next(object for position, object in objects if position == number)
                     surfaces[key] = self._read(key, object)
@@ -396,27 +396,27 @@ class Contents:
             if entry.triangles is None:
                 surface(0)
             if counts[key] == remaining[key]:
-                self._note_mesh(entry, looks, placed.name)
+                self._note_mesh(entry, looks, placement.name)
             copied = self._copied_slots(key, counts[key])
             if len(copied) < len(entry.slots):
                 if key not in groups:
                     groups[key] = self._cached_group(key)
                     if groups[key] is None:
                         slots = [slot for slot in entry.slots if slot not in copied]
-                        groups[key] = _group({slot: surface(slot) for slot in slots}, looks, placed.name)
+                        groups[key] = _group({slot: surface(slot) for slot in slots}, looks, placement.name)
                     made[key]["group"] = looks, groups[key]
                     shapes.append(groups[key])
-                shapes.append(self._instance(groups[key], placed))
+                shapes.append(self._instance(groups[key], placement))
             done = {}
             for slot in copied:
-                done[slot] = placed.done.get(slot)
+                done[slot] = placement.done.get(slot)
                 if done[slot] is None:
-                    surface_in_scene = surface(slot).transform(self._to_meters(placed))
-                    done[slot] = self._shapes_of(surface_in_scene, looks[slot], placed.name)
+                    surface_in_scene = surface(slot).transform(self._to_meters(placement))
+                    done[slot] = self._shapes_of(surface_in_scene, looks[slot], placement.name)
                 shapes += done[slot]
                 if looks[slot].emission is not None:
                     self.emits = self.emits or not isinstance(done[slot][0], Piece)
-            made[key][placed.name, placed.matrix, self._scale, self._origin] = looks, done
+            made[key][placement.name, placement.matrix, self._scale, self._origin] = looks, done
             remaining[key] -= 1
             if not remaining[key]:
                 surfaces.pop(key, None)
@@ -425,7 +425,7 @@ class Contents:
         for surface, look, name in self._hair:
             shapes += self._shapes_of(surface, look, name)
             self.emits = self.emits or look.emission is not None
-        shapes, self.joined = assemble(shapes, self._cache.joined)
+        shapes, self.joined_meshes = assemble(shapes, self._cache.joined_meshes)
         return shapes
 
     def _read(self, key, object):
@@ -462,11 +462,11 @@ class Contents:
     def _copied_slots(self, key, count):
         """Slots that are copied for every instance; the others are shared."""
         entry, looks = self.meshes[key], self._slots[key]
-        if key not in self._copied:
+        if key not in self._is_copied:
             triangles = count * entry.triangles if count > 1 else 0
-            self._copied[key] = triangles <= self._copies_left
-            self._copies_left -= triangles if self._copied[key] else 0
-        if self._copied[key]:
+            self._is_copied[key] = triangles <= self._copies_left
+            self._copies_left -= triangles if self._is_copied[key] else 0
+        if self._is_copied[key]:
             return entry.slots
         return [slot for slot in entry.slots if looks[slot].emission is not None]
 
@@ -488,14 +488,18 @@ class Contents:
             for side in surface.sides()
         ]
 
-    def _instance(self, group, placed):
+    def _instance(self, group, placement):
         import mitsuba as mi
 
-        return {"type": "instance", "to_world": mi.ScalarTransform4f(self._to_meters(placed)), "group": group}
+        return {
+            "type": "instance",
+            "to_world": mi.ScalarTransform4f(self._to_meters(placement)),
+            "group": group,
+        }
 
-    def _to_meters(self, placed):
+    def _to_meters(self, placement):
         """Matrix from object to Mitsuba's scene, meters."""
-        matrix = self._finite(placed.matrix, placed.name)
+        matrix = self._finite(placement.matrix, placement.name)
         matrix[:3] *= self._scale
         matrix[:3, 3] -= self._origin
         return matrix
@@ -573,7 +577,7 @@ class Contents:
         scene, layer = self._depsgraph.scene.original, self._depsgraph.view_layer
         layer = scene.view_layers[layer.name]
         for thing in layer.objects:
-            if thing.session_uid in self._shown and not thing.hide_render:
+            if thing.session_uid in self._visible_uids and not thing.hide_render:
                 if (
                     thing.type in MESH_TYPES | {"LIGHT"}
                     and not thing.hide_viewport
@@ -587,7 +591,7 @@ class Contents:
             self._notes.add(scene.name, "Is Viewport node", "true, as in the viewport: renders have it false")
 
 
-def _scattered(instance, owner):
+def _is_scattered(instance, owner):
     """Whether nodes or particles show an instance even of an object that is disabled in renders.
 
     Instances of collections, and of children at vertices and faces, respect that setting.

@@ -182,10 +182,10 @@ class Surface:
 
         Blender's emission shines from both sides of a face, Mitsuba's from the front only.
         """
-        weighted = np.repeat(self._area_normals(), 3, axis=0)
+        area_normals = np.repeat(self._area_normals(), 3, axis=0)
         corners = (self.faces if self.welded is None else self.welded[self.faces]).ravel()
-        summed = [np.bincount(corners, weighted[:, axis], len(self.points)) for axis in range(3)]
-        gap = SIDE_GAP * (1 + np.abs(self.points).max()) * _normalize(np.stack(summed, axis=1))
+        sums = [np.bincount(corners, area_normals[:, axis], len(self.points)) for axis in range(3)]
+        gap = SIDE_GAP * (1 + np.abs(self.points).max()) * _normalize(np.stack(sums, axis=1))
         back_normals = None if self.normals is None else -self.normals
         front, back = (self.points + gap).astype(np.float32), (self.points - gap).astype(np.float32)
         return (
@@ -224,7 +224,7 @@ class Surface:
         return mesh
 
 
-def joined(surfaces):
+def join_surfaces(surfaces):
     """Join surfaces with the same attributes to one, in their order.
 
     Parameters
@@ -352,9 +352,9 @@ def _cofactors(matrix):
 def _transform_normals(normals, matrix):
     """Transform `normals` by a matrix, and normalize them."""
     gram = matrix @ matrix.T
-    squared = gram[0, 0]
-    if squared > 0 and np.abs(gram - squared * _IDENTITY).max() < 1e-6 * squared:
-        return normals @ (matrix.T / math.sqrt(squared)).astype(np.float32)
+    square = gram[0, 0]
+    if square > 0 and np.abs(gram - square * _IDENTITY).max() < 1e-6 * square:
+        return normals @ (matrix.T / math.sqrt(square)).astype(np.float32)
     size = np.abs(matrix).max()
     return _normalize(normals @ (matrix.T / (size if size > 0 else 1.0)).astype(np.float32))
 
@@ -366,7 +366,7 @@ def _normalize(vectors):
 
 def _unit(normals):
     """Blender's normals as unit vectors, which they usually are."""
-    squared = np.einsum("ij,ij->i", normals, normals)
-    if squared.min() > 0.999 and squared.max() < 1.001:
+    square = np.einsum("ij,ij->i", normals, normals)
+    if square.min() > 0.999 and square.max() < 1.001:
         return normals
     return _normalize(_finite(normals))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.scene.meshes.joining import MAX_TRIANGLES, groups, joined_name
-from .geometry import Surface, joined
+from .geometry import Surface, join_surfaces
 
 
 @dataclass(eq=False)
@@ -99,4 +99,4 @@ def _mesh(group):
     for piece in group:
         piece.mesh = None
     name = joined_name([piece.name for piece in group])
-    return joined([piece.surface for piece in group]).to_mitsuba(name, group[0].look.bsdf)
+    return join_surfaces([piece.surface for piece in group]).to_mitsuba(name, group[0].look.bsdf)

@@ -50,8 +50,8 @@ def export_lamp(light, matrix, name, scale, notes, profile=None):
         color = color * np.array(light.temperature_color)
     falloff = 0
     if profile is None:
-        emitted, falloff, ignored = _emission(light)
-        color = color * emitted
+        emission, falloff, ignored = _emission(light)
+        color = color * emission
         for feature in ignored:
             notes.add(name, feature, "ignored")
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)

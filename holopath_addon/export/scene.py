@@ -147,11 +147,11 @@ def _note_settings(depsgraph, notes):
         notes.add(
             scene.name, "Fast GI Approximation", "ignored: light bounces as often as Max Path Depth says"
         )
-    limited = cycles and (
+    has_limit = cycles and (
         cycles.texture_limit_render != "OFF"
         or getattr(cycles, "texture_resolution_render", 1) != 1  # since Blender 5.2
     )
-    if limited and scene.render.use_simplify:
+    if has_limit and scene.render.use_simplify:
         notes.add(scene.name, "Texture Limit of Simplify", "ignored: images have their full size")
 
 
@@ -175,11 +175,11 @@ def _note_libraries(notes):
     import bpy
 
     for library in bpy.data.libraries:
-        lost = [thing for thing in library.users_id if thing.is_missing]
-        if not lost:
+        absent = [thing for thing in library.users_id if thing.is_missing]
+        if not absent:
             continue
         names = {True: [], False: []}  # of objects and collections; of what these consist of
-        for thing in lost:
+        for thing in absent:
             kind = thing.id_type.lower().replace("_", " ")
             names[kind in ("object", "collection")].append(f"{kind} {thing.name}")
         effects = [f"{_enumerate(names[True])} left out"] if names[True] else []
@@ -251,18 +251,18 @@ def read_parts(depsgraph, scale, pixel, notes, cache=None, origin=(0.0, 0.0, 0.0
         for number, part in enumerate([*contents.shapes(), *contents.emitters]):
             parts[f"part_{number}"] = part
         world = appearances.world(world_of(depsgraph), scene.frame_current_final, export_world)
-        cache.end(contents.meshes, contents.joined)
+        cache.end(contents.meshes, contents.joined_meshes)
     except BaseException:
         cache.clear()
         raise
     if len(parts) - len(contents.emitters) == 2 and world is None:
         import bpy
 
-        lost = [library.filepath for library in bpy.data.libraries if not is_there(library)]
+        absent = [library.filepath for library in bpy.data.libraries if not is_there(library)]
         advice = "add or unhide an object with faces"
         raise InvalidInput(
             f"The scene '{scene.name}' has nothing visible to render: "
-            + (f"its linked library {lost[0]} is missing." if lost else f"{advice}.")
+            + (f"its linked library {absent[0]} is missing." if absent else f"{advice}.")
         )
     if world is not None:
         parts["world"] = world

@@ -5,7 +5,7 @@ import numpy as np
 from .census import add_notes
 from .shading import baking
 from .shading.node_graph import Pin, follow, output_node, upstream, uses_nodes
-from .shading.textures import MAGENTA, ImageValue, decoded, missing, own_mapping, stand_in_effect
+from .shading.textures import MAGENTA, ImageValue, decode_srgb, missing, own_mapping, stand_in_effect
 
 # Texels over all directions of a world that is baked: 0.18 degrees, a third of the sun.
 WIDTH, HEIGHT = 2048, 1024
@@ -87,8 +87,8 @@ def _radiance(image, owner, notes):
     finer = min(MAX_REFINED // max(width, 2 * height), MAX_FINER)
     finer -= finer % 2 == 0  # an odd number, so that the centers of texels are among the places
     if finer > 1:
-        return decoded(_refine(_refine(pixels, 0, finer), 1, finer))
-    linear = decoded(pixels)
+        return decode_srgb(_refine(_refine(pixels, 0, finer), 1, finer))
+    linear = decode_srgb(pixels)
     excess = _excess(pixels, linear)
     if excess > MAX_EXCESS:
         notes.add(
@@ -101,7 +101,7 @@ def _radiance(image, owner, notes):
 
 def _excess(pixels, linear):
     """Relative excess of the mean between neighboring texels that are decoded before interpolation."""
-    between = decoded((pixels[:, 1:] + pixels[:, :-1]) / 2).mean(dtype=float)
+    between = decode_srgb((pixels[:, 1:] + pixels[:, :-1]) / 2).mean(dtype=float)
     return float(
         (linear[:, 1:].mean(dtype=float) + linear[:, :-1].mean(dtype=float)) / 2 / max(between, 1e-9) - 1
     )

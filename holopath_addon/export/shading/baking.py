@@ -280,7 +280,7 @@ def bake_surface(flat, slots, frame):
         thing = studio.object(flat)
         image = studio.image(*flat.size)
         samples = int(np.clip(SAMPLES / (flat.size[0] * flat.size[1]), 1, 16))
-        looks = [_Evaluated(studio, material, outputs, image, flat) for material, outputs in slots]
+        looks = [_MaterialCopy(studio, material, outputs, image, flat) for material, outputs in slots]
         for number, look in enumerate(looks):
             if number < len(flat.mesh.materials):
                 flat.mesh.materials[number] = look.material
@@ -294,7 +294,7 @@ def bake_surface(flat, slots, frame):
         return [look.collect(pictures) for look in looks]
 
 
-class _Evaluated:
+class _MaterialCopy:
     """A private copy of a material that emits what its sockets carry, one color or three numbers a pass."""
 
     def __init__(self, studio, material, outputs, image, flat):
@@ -570,8 +570,8 @@ def bake_lamp(light, width, height, frame):
         copy.use_nodes = False
         plain = studio.bake(globe, image, "DIFFUSE", 1, {"DIRECT"})
         # of Blender's equirectangular longitudes, pi to -pi and bottom up, to 0 to 2 pi and top down
-        turned = (width // 2 - 1 - np.arange(width)) % width
-        return shone[::-1, turned, :3] / plain[..., :3].mean(dtype=float)
+        column_order = (width // 2 - 1 - np.arange(width)) % width
+        return shone[::-1, column_order, :3] / plain[..., :3].mean(dtype=float)
 
 
 def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):
@@ -603,13 +603,13 @@ def _globe(studio, image, left=0.0, right=1.0, bottom=0.0, top=1.0):
 def _silence():
     """Suppress the output of Blender's C code about each bake."""
     sys.stdout.flush()
-    saved, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    stdout_copy, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nothing, 1)
         yield
     finally:
-        os.dup2(saved, 1)
-        os.close(saved)
+        os.dup2(stdout_copy, 1)
+        os.close(stdout_copy)
         os.close(nothing)
 
 

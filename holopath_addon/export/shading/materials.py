@@ -160,7 +160,7 @@ class _ShaderReader:
         settings = getattr(material, "holopath", None)  # there once the properties are registered
         self._abbe = settings.abbe_number if settings else 0.0
         self._disperses = False
-        self._displaced = False
+        self._has_displacement = False
         self._emission_pressing = False  # emission of more than one texture
 
     # -- the material
@@ -179,8 +179,8 @@ class _ShaderReader:
             self._note("Volume", "ignored: clear")
             if first_link(output.inputs["Surface"]) is None:
                 return _clear()
-        self._displaced = first_link(output.inputs["Displacement"]) is not None
-        if self._displaced and self._material.displacement_method != "BUMP":
+        self._has_displacement = first_link(output.inputs["Displacement"]) is not None
+        if self._has_displacement and self._material.displacement_method != "BUMP":
             self._note("Displacement", "shown as bumps: the surface is not moved")
         self._textures.read_alphas(*(Pin(output.inputs[name]) for name in ("Surface", "Displacement")))
         look = self._linked_shader(Pin(output.inputs["Surface"]))
@@ -222,7 +222,7 @@ class _ShaderReader:
         if look.bsdf is None or pin is None:
             return look
         if not follow(pin).socket.is_output:
-            if not self._displaced:
+            if not self._has_displacement:
                 return look
             pin = None
         normals = self._textures.normal(pin, self._name)
@@ -245,7 +245,7 @@ class _ShaderReader:
         transmission = self._number(node, "Transmission Weight", 0.0)
         gloss = self._microfacets(node, 0.5)
         gloss |= self._burley_anisotropy(node, "Anisotropic", "Anisotropic Rotation")
-        tint = self._textured(node, "Specular Tint", _WHITE)
+        tint = self._texture_value(node, "Specular Tint", _WHITE)
         ior = max(self._constant(node, "IOR", 1.5), MIN_PRINCIPLED_IOR)
         self._note_thin_film(node, "Principled ")
         if self._deviates(node, "Thin Wall", False):
@@ -274,7 +274,7 @@ class _ShaderReader:
             if look.emission is not None:
                 self._note("Emission under sheen", "as bright as without")
             fuzz = self._fuzz(
-                self._textured(node, "Sheen Tint", _WHITE), self._number(node, "Sheen Roughness", 0.5)
+                self._texture_value(node, "Sheen Tint", _WHITE), self._number(node, "Sheen Roughness", 0.5)
             )
             look = self._over(look, Appearance(fuzz), sheen)
         return self._blend(_clear(), self._bumpy(node, look), self._number(node, "Alpha", 1.0))
@@ -294,19 +294,19 @@ class _ShaderReader:
         coat = Appearance(
             self._dielectric(ior, _WHITE, {"roughness": roughness}), smooth=_limit(roughness, SMOOTH)
         )
-        coated = self._over(look, coat, weight)
+        result = self._over(look, coat, weight)
         kept = 1 - np.full(3, dr.slice(mi.fresnel_diffuse_reflectance(ior)))
         if self._deviates(node, "Coat Tint", _WHITE):
-            tint = self._textured(node, "Coat Tint", _WHITE)
-            coated.bsdf |= {"tint": self._build(tint, limit=1), "int_ior": ior}
+            tint = self._texture_value(node, "Coat Tint", _WHITE)
+            result.bsdf |= {"tint": self._build(tint, limit=1), "int_ior": ior}
             kept *= self._textures.mean_color(tint)
         # the mean over all directions; Blender's emission is dimmed by what the coat reflects this way
         if isinstance(weight, ImageValue) and np.ptp(kept) == 0:
-            dimmed = self._product(look.emission, _rest(weight.scaled(1 - kept[0])))
+            emission_below = self._product(look.emission, _rest(weight.scaled(1 - kept[0])))
         else:
             share = float(self._textures.mean_color(weight).mean())
-            dimmed = _times(look.emission, 1 - share * (1 - kept))
-        return replace(coated, emission=dimmed)
+            emission_below = _times(look.emission, 1 - share * (1 - kept))
+        return replace(result, emission=emission_below)
 
     def _read_BsdfDiffuse(self, node):
         roughness = self._number(node, "Roughness", 0.0)
@@ -360,7 +360,7 @@ class _ShaderReader:
         gloss = self._microfacets(node, 0.5) | self._burley_anisotropy(node, "Anisotropy", "Rotation")
         if node.node.fresnel_type == "F82":
             return self._metal(
-                self._color(node, "Base Color"), self._textured(node, "Edge Tint", _WHITE), gloss
+                self._color(node, "Base Color"), self._texture_value(node, "Edge Tint", _WHITE), gloss
             )
         index, extinction = (
             np.broadcast_to(self._textures.constant(node.input(name), self._name, fallback), 3)
@@ -376,9 +376,9 @@ class _ShaderReader:
 
     def _read_AddShader(self, node):
         first, second = (self._linked_shader(Pin(socket, node.groups)) for socket in node.node.inputs)
-        added = self._mixture(first, second, mode="add") if first.bsdf and second.bsdf else None
+        sum_bsdf = self._mixture(first, second, mode="add") if first.bsdf and second.bsdf else None
         return Appearance(
-            added or first.bsdf or second.bsdf,
+            sum_bsdf or first.bsdf or second.bsdf,
             self._sum(first.emission, second.emission),
             first.transmissive or second.transmissive,
             first.smooth or second.smooth,
@@ -433,7 +433,7 @@ class _ShaderReader:
         if by_angle and emits and not isinstance(weight, ImageValue):
             self._note("Emission mixed by the angle", "as bright from all sides")
             mean = weight * _mean_by_angle(**by_angle)
-        mixed = Appearance(
+        result = Appearance(
             emission=self._sum(
                 self._product(first.emission, _rest(mean)), self._product(second.emission, mean)
             ),
@@ -442,8 +442,8 @@ class _ShaderReader:
         )
         if first.bsdf or second.bsdf:
             share = self._build(weight, gray=True, limit=1)
-            mixed.bsdf = self._mixture(first, second, weight=share, **by_angle)
-        return mixed
+            result.bsdf = self._mixture(first, second, weight=share, **by_angle)
+        return result
 
     def _over(self, below, above, weight=1.0):
         """A look below a reflecting closure with a weight."""
@@ -532,19 +532,19 @@ class _ShaderReader:
 
     def _glass(self, transmittance, reflectance, gloss, ior, tint):
         colors = [self._build(color, limit=1) for color in (transmittance, reflectance)]
-        tinted = not _is_white(tint)
+        has_tint = not _is_white(tint)
         ior, roughness = _refracting(ior), gloss["roughness"]
         smooth = _limit(roughness, SMOOTH)
         if smooth and self._abbe:
             self._disperses = True
-            if tinted:
+            if has_tint:
                 self._note("Specular Tint of dispersive glass", "ignored")
             bsdf = dict(zip(("specular_transmittance", "specular_reflectance"), colors, strict=True))
             bsdf |= {"type": "dispersive_dielectric", "int_ior": ior, "ext_ior": 1.0, "abbe": self._abbe}
             return Appearance(bsdf, transmissive=True, smooth=True)
         bsdf = dict(zip(("transmittance", "reflectance"), colors, strict=True))
         bsdf |= {"type": "glass", "ior": ior, **self._rough(roughness)}
-        if tinted:
+        if has_tint:
             bsdf["specular_tint"] = self._build(tint, limit=1)
         if not smooth and "distribution" in gloss:
             bsdf["distribution"] = gloss["distribution"]
@@ -553,10 +553,10 @@ class _ShaderReader:
     # -- values
 
     def _color(self, node, name):
-        return self._textured(node, name, tuple(self._material.diffuse_color)[:3])
+        return self._texture_value(node, name, tuple(self._material.diffuse_color)[:3])
 
     def _number(self, node, name, default):
-        return self._gray(self._textured(node, name, default))
+        return self._gray(self._texture_value(node, name, default))
 
     @staticmethod
     def _gray(value):
@@ -572,7 +572,7 @@ class _ShaderReader:
         socket = follow(pin).socket
         return socket.is_output or not np.allclose(_first(socket.default_value, neutral), neutral)
 
-    def _textured(self, node, name, fallback):
+    def _texture_value(self, node, name, fallback):
         return self._textures.value(node.input(name), self._name, fallback)
 
     def _constant(self, node, name, default):

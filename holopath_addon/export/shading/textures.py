@@ -36,7 +36,7 @@ _PLACE = ("location", "rotation_", "scale", "matrix_", "delta_", "dimensions", "
 _CONSTANT = ("ShaderNodeRGB", "ShaderNodeValue")
 _LINEAR_SPACES = ("Non-Color", "Raw", "Linear", "Linear Rec.709", "scene_linear")
 _NO_NEGATIVE = "negative values, as of colors outside Rec.709, are shown as zero"
-_ANIMATED = ("SEQUENCE", "MOVIE")
+_ANIMATION_SOURCES = ("SEQUENCE", "MOVIE")
 # Files whose color Cycles takes to be multiplied by their alpha, whatever the image's alpha mode.
 _ASSOCIATED_FILES = ("OPEN_EXR", "OPEN_EXR_MULTILAYER", "HDR")
 # Files whose color Cycles multiplies by their alpha. Of others it depends on the file.
@@ -190,24 +190,27 @@ def missing(node, owner, frame, notes):
         notes.add(owner, "Image Texture without an image", "shown in magenta")
         return True
     what = "Image file"
-    if image.source not in (*_ANIMATED, "TILED") or image.packed_files:
-        lost = not (image.size[0] * image.size[1] and image.channels)
+    if image.source not in (*_ANIMATION_SOURCES, "TILED") or image.packed_files:
+        is_missing = not (image.size[0] * image.size[1] and image.channels)
     elif image.source == "TILED":
         path = _path(image)
         tiles = [tile.number for tile in image.tiles if not os.path.isfile(_tile_path(path, tile.number))]
         if image.is_dirty or not image.filepath:  # made here and not saved
             tiles = []
-        lost = len(tiles) == len(image.tiles)
-        for number in () if lost else tiles:
+        is_missing = len(tiles) == len(image.tiles)
+        for number in () if is_missing else tiles:
             notes.add(image.name, f"UDIM tile {number}", "missing: shown in magenta")
     elif image.source == "SEQUENCE":
         number = frame_shown(node.image_user, frame)
-        what, lost = f"Frame {number} of a sequence", not os.path.isfile(_frame_path(_path(image), number))
+        what, is_missing = (
+            f"Frame {number} of a sequence",
+            not os.path.isfile(_frame_path(_path(image), number)),
+        )
     else:
-        lost = not os.path.isfile(_path(image))
-    if lost:
+        is_missing = not os.path.isfile(_path(image))
+    if is_missing:
         notes.add(image.name, what, "missing: shown in magenta")
-    return lost
+    return is_missing
 
 
 def _path(image):
@@ -264,7 +267,7 @@ def stored(image, notes):
     StoredImage
     """
     width, height = image.size
-    if image.source in _ANIMATED:
+    if image.source in _ANIMATION_SOURCES:
         notes.add(image.name, "Image sequence or movie", "only the frame loaded now is used")
     elif image.source == "TILED":
         notes.add(image.name, "UDIM tiles", "only the first tile is used")
@@ -300,9 +303,9 @@ def stored(image, notes):
         _is_from_file(image) and image.alpha_mode == "STRAIGHT" and image.file_format in _ASSOCIATED_FILES
     )
     if associated and (srgb or as_it_is):
-        color[:] = _divided(color, alpha)
+        color[:] = _divide_alpha(color, alpha)
     if srgb:
-        color[:] = _encoded(color)
+        color[:] = _encode(color)
         if associated and not as_it_is:
             color *= alpha
     return StoredImage(pixels, srgb, associated)
@@ -344,18 +347,18 @@ def _as_float(pixels):
     return pixels * np.float32(1 / 255) if pixels.dtype == np.uint8 else pixels
 
 
-def _divided(color, alpha):
+def _divide_alpha(color, alpha):
     """Color without the factor of its alpha, as Cycles divides."""
     return color / np.where(alpha == 0, np.float32(1), alpha)
 
 
-def decoded(color):
+def decode_srgb(color):
     """Linear values of sRGB's (IEC 61966-2-1)."""
     return np.where(color <= 0.04045, color / 12.92, ((np.maximum(color, 0) + 0.055) / 1.055) ** 2.4)
 
 
-def _encoded(color):
-    """Inverse of `decoded`."""
+def _encode(color):
+    """Inverse of `decode_srgb`."""
     return np.where(color <= 0.0031308, color * 12.92, 1.055 * np.maximum(color, 0) ** (1 / 2.4) - 0.055)
 
 
@@ -415,7 +418,7 @@ class Textures:
     def __init__(self, notes):
         self._notes = notes
         self._stored = {}
-        self._built = {}
+        self._cache = {}
         self._reading = MaterialReading(None)
         self.frame = 0.0  # of the scene
 
@@ -520,7 +523,7 @@ class Textures:
         node, image = source.node, source.node.image
         return (
             node.projection == "FLAT"
-            and image.source not in ("TILED", *_ANIMATED)
+            and image.source not in ("TILED", *_ANIMATION_SOURCES)
             and self.is_known(image)
             and self._reads_uv(source.input("Vector"))
             and self._is_flat(source)
@@ -551,7 +554,7 @@ class Textures:
         )
 
     def constant(self, pin, owner, fallback):
-        """Like `value`, for parameters that take no texture; what varies is noted and replaced."""
+        """Constant value that feeds a socket, for parameters without textures; others are noted and replaced."""
         source = pin and follow(pin)
         if source and source.socket.is_output and source.node.bl_idname not in _CONSTANT:
             feature = f"{source.node.bl_label} node into {pin.socket.name}"
@@ -647,11 +650,11 @@ class Textures:
         """Mean linear color of a value, shape (3,)."""
         if not isinstance(value, ImageValue):
             return np.broadcast_to(np.asarray(value, float), 3)
-        color = self._scaled(self._linear_color(value), value)
+        color = self._scale(self._linear_color(value), value)
         return np.maximum(color, 0).reshape(-1, 3).mean(0, float)
 
     @staticmethod
-    def _scaled(color, value):
+    def _scale(color, value):
         color = np.maximum(color, 0) ** np.float32(value.power)
         return color * np.array(value.scale, np.float32) + np.array(value.offset, np.float32)
 
@@ -665,9 +668,9 @@ class Textures:
             return np.repeat(pixels[..., 3:], 3, axis=2)
         color = pixels[..., :3]
         if value.alpha_read and kept.associated:
-            color = _divided(color, pixels[..., 3:])
+            color = _divide_alpha(color, pixels[..., 3:])
         if kept.srgb:
-            color = decoded(color)
+            color = decode_srgb(color)
         return (
             np.repeat((color @ LUMINANCE.astype(np.float32))[..., None], 3, axis=2) if value.gray else color
         )
@@ -711,14 +714,14 @@ class Textures:
         import mitsuba as mi
 
         key = (replace(value, image=None), value.image.name_full, gray, limit)
-        if key not in self._built:
+        if key not in self._cache:
             linear = self._is_linear(value)
             parts, to_uv = self._bitmap_parts(value, gray, limit) if linear else self._picture(value, limit)
             texture = made(parts | {"to_uv": mi.ScalarTransform3f(to_uv)})
             if isinstance(value.image, RawImage):  # which is read once, and then no more
                 return texture
-            self._built[key] = texture
-        return self._built[key]
+            self._cache[key] = texture
+        return self._cache[key]
 
     def _picture(self, value, limit):
         """Arguments of `engine.scene.images` to sample an image as Cycles does, and the 3x3 transform of UVs."""
@@ -756,7 +759,7 @@ class Textures:
             x, y = width / (width + 2), height / (height + 2)
             frame = np.array([[x, 0, 1 / (width + 2)], [0, y, 1 / (height + 2)], [0, 0, 1]])
             to_uv = frame @ to_uv
-        color = np.clip(self._scaled(color, value), 0, limit)
+        color = np.clip(self._scale(color, value), 0, limit)
         if gray:
             color = (color @ LUMINANCE.astype(np.float32))[..., None]
         # Mitsuba's v = 0 is the bitmap's first row, Blender's first row is the bottom, where v = 0
