@@ -66,7 +66,7 @@ class ExportCache:
 
         Returns
         -------
-        KeptMesh
+        CachedMesh
         """
         entry = self._meshes.get(key)
         return entry if entry is not None and sources <= entry.sources else CachedMesh()
@@ -76,7 +76,7 @@ class ExportCache:
 
         Parameters
         ----------
-        meshes : dict of KeptMesh
+        meshes : dict of CachedMesh
         joined : dict
             Joined meshes by their pieces.
         """

@@ -268,7 +268,7 @@ def test_the_scheduler_dies_and_the_same_goes_on(tmp_path):
                 process.kill()
 
         request.look = kill
-        with pytest.raises(errors.FarmFailed, match="^The Dask scheduler is gone: what is done is in"):
+        with pytest.raises(errors.FarmFailed, match="^The Dask scheduler is gone. Finished units are in"):
             request.on(address)
     (tmp_path / "scheduler.json").unlink()
     request.look, before = (lambda: None), set(names(results)) - {".claims"}
